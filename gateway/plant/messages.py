@@ -108,8 +108,9 @@ class Form(Protocol):
     """How values, availability and results become messages, and received messages become commands.
 
     For each connection the calls are: `will`; the connection is made; `early_subscriptions`; as soon as `is_held` is
-    False `born`, then `late_subscriptions`; then any of the others; `ended`, if there is time for it. A new birth at
-    any time starts with `born` again. Between connections nothing is called.
+    False `command_subscriptions`, then `born`; then any of the others; `ended`, if there is time for it. A new birth at
+    any time starts with `born` again. Between connections nothing is called. `received` may be called from the first
+    subscription on.
     """
 
     @property
@@ -124,10 +125,10 @@ class Form(Protocol):
         """What the broker publishes when the connection is lost. Starts a new session."""
 
     def early_subscriptions(self) -> Sequence[str]:
-        """Topics (filters) to subscribe to before the birth."""
+        """Topics (filters) to subscribe to even if the birth is held: nothing that comes from there is written."""
 
-    def late_subscriptions(self) -> Sequence[str]:
-        """Topics (filters) to subscribe to after the birth."""
+    def command_subscriptions(self) -> Sequence[str]:
+        """Topics (filters) of what writes: subscribed to right before the birth, which tells that commands arrive."""
 
     def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
         """What to publish at first: all devices with their availability and last readings, each when it is taken."""

@@ -38,10 +38,10 @@ class PlainForm:
         return Message(self._topics.status, OFFLINE, retain=True)
 
     def early_subscriptions(self) -> Sequence[str]:
-        """None: nothing is asked for before it is known what there is."""
+        """None: a birth is never held."""
         return ()
 
-    def late_subscriptions(self) -> Sequence[str]:
+    def command_subscriptions(self) -> Sequence[str]:
         """What sets points, if any could be written: also what can never work, so that it gets a result."""
         return (self._topics.settings,) if self._has_settable else ()
 

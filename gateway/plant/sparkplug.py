@@ -47,7 +47,7 @@ _TYPES: Final = {
 
 
 class Sparkplug:
-    """A form of messages: see `Form`. `node` is unique in its `group`.
+    """A form of messages: see `Form`. `node` is unique in its `group`; `devices` are those that are published.
 
     With a `primary_host` nothing is published before that host says that it is online, and the session ends when it
     goes offline. `withdrawals` take back what was announced in another form: once in each session, after the births,
@@ -58,7 +58,12 @@ class Sparkplug:
     leaves_with_will: Final = True
 
     def __init__(
-        self, group: str, node: str, primary_host: str | None = None, withdrawals: Sequence[Message] = ()
+        self,
+        group: str,
+        node: str,
+        devices: Sequence[PublishedDevice],
+        primary_host: str | None = None,
+        withdrawals: Sequence[Message] = (),
     ) -> None:
         self._topics = SparkplugTopics(group, node)
         self._host = None if primary_host is None else self._topics.state(primary_host)
@@ -66,7 +71,7 @@ class Sparkplug:
         self._host_is_online = primary_host is None
         self._session = _NUMBERS - 1
         self._sequence = 0
-        self._devices: dict[str, PublishedDevice] = {}
+        self._devices = devices
         self._is_born = False
         self._born: set[str] = set()
         self._withdrawals = withdrawals
@@ -91,11 +96,11 @@ class Sparkplug:
         """The state of the primary host, and commands for the node, which write nothing."""
         return [*([] if self._host is None else [self._host]), self._topics.of("NCMD")]
 
-    def late_subscriptions(self) -> Sequence[str]:
+    def command_subscriptions(self) -> Sequence[str]:
         """Commands for devices that have something to write."""
         return [
             self._topics.of("DCMD", device.name)
-            for device in self._devices.values()
+            for device in self._devices
             if any(point.is_writable for point in device.points)
         ]
 
@@ -110,7 +115,6 @@ class Sparkplug:
         )
         yield self._message(self._topics.of("NBIRTH"), Payload(metrics, at, self._next()))
         for state in states:
-            self._devices[state.device.name] = state.device
             if state.is_available:
                 yield self._birth(state, at)
         yield from self._not_withdrawn
@@ -148,7 +152,7 @@ class Sparkplug:
         if delivery.topic == self._topics.of("NCMD"):
             is_wanted = any(metric.name == _REBIRTH and metric.value is True for metric in metrics)
             return [Rebirth()] if is_wanted and not self.is_held else []
-        for device in self._devices.values():
+        for device in self._devices:
             if delivery.topic == self._topics.of("DCMD", device.name):
                 return list(_commands(device, metrics, delivery))
         return []
@@ -175,7 +179,6 @@ class Sparkplug:
     def _birth(self, state: DeviceState, at: float) -> Message:
         """The birth of a device: all of its metrics with their types, and values if they are known."""
         self._born.add(state.device.name)
-        self._devices[state.device.name] = state.device
         metrics = _metrics(state.device.points, state.readings, at)
         return self._message(self._topics.of("DBIRTH", state.device.name), Payload(metrics, at, self._next()))
 

@@ -206,4 +206,4 @@ def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
     if plan.sparkplug is None:
         return PlainForm(plan.site, plan.devices, announcements)
     names = plan.sparkplug
-    return Sparkplug(names.group, names.node or plan.site, names.primary_host or None, announcements)
+    return Sparkplug(names.group, names.node or plan.site, plan.devices, names.primary_host or None, announcements)

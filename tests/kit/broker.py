@@ -28,12 +28,13 @@ class FakeBroker:
         )
 
     def connect(self) -> list[str]:
-        """Connect and take the birth; the topics that are subscribed to afterwards."""
+        """Connect and take the birth; the topics of commands that were subscribed to before it."""
         publisher = self.driver.publisher
         publisher.will(self.driver.now())
         publisher.connected(self.driver.now())
+        topics = list(publisher.form.command_subscriptions())
         self.take()
-        return list(publisher.form.late_subscriptions())
+        return topics
 
     def lose(self) -> None:
         """The connection is lost."""

@@ -12,6 +12,7 @@ from gateway.plant import broker as module
 from gateway.plant.broker import Broker
 from gateway.plant.client import STEP_TIME
 from gateway.plant.commands import CarriedOut
+from gateway.plant.messages import Delivery
 from gateway.plant.reasons import SubscriptionRefusedError
 from gateway.service.publication import reading
 from kit.device import SimulatedDevice, SimulatedLine
@@ -42,13 +43,17 @@ class FakeConnection:
     made: ClassVar[list["FakeConnection"]] = []
     refusal = ""
     refused_topics = ""
+    #: Where a command is sent, and upon what: a subscription to it, or the word that the gateway is there.
+    command: ClassVar[tuple[str, str] | None] = None
 
     def __init__(self, settings, version, will, *, deliver, confirmed, unix) -> None:
         self.in_flight = 0
         self.most_in_flight = 20
         self.deadline = None
         self.messages = []
+        self.topics = []
         self.lost = asyncio.get_running_loop().create_future()
+        self._deliver = deliver
         self._confirmed = confirmed
         self.made.append(self)
 
@@ -56,9 +61,13 @@ class FakeConnection:
         """It is open at once."""
 
     async def subscribe(self, topics) -> None:
-        """Any topic, unless the broker refuses all."""
+        """Any topic, unless the broker refuses all; it takes a while."""
         if topics and self.refused_topics:
             raise SubscriptionRefusedError(self.refused_topics)
+        await asyncio.sleep(0.01)
+        self.topics += topics
+        if topics:
+            self._send("subscribed")
 
     def publish(self, message) -> None:
         """Take a message."""
@@ -69,6 +78,13 @@ class FakeConnection:
         self.in_flight += 1
         if self.refusal is not None:
             loop.call_soon(self._confirm, message)
+        if message.topic == "modbus/plant/status" and message.payload == b"online":
+            self._send("online")
+
+    def _send(self, occasion) -> None:
+        """Somebody sends a command, if this is the occasion; it is lost unless the gateway has subscribed to it."""
+        if self.command is not None and self.command[1] == occasion and "modbus/plant/+/+/set" in self.topics:
+            self._deliver(Delivery(self.command[0], b"7", asyncio.get_running_loop().time()))
 
     def _confirm(self, message) -> None:
         self.in_flight -= 1
@@ -149,3 +165,20 @@ async def test_values_are_published_although_the_broker_refuses_to_let_them_be_s
         assert [type(event) for event in told] == [BrokerRefused, BrokerUp]
         assert told[0].reason == "may not subscribe"
         assert broker.counts.confirmed > 0
+
+
+@pytest.mark.parametrize("occasion", ["subscribed", "online"])
+async def test_a_command_is_carried_out_as_soon_as_the_gateway_says_that_it_is_there(
+    connections, monkeypatch, occasion
+):
+    """Who waits for that word may send at once. A result comes after it, also that of a command that came before."""
+    topic = "modbus/plant/silo-1/state"
+    monkeypatch.setattr(FakeConnection, "command", (f"{topic}/set", occasion))
+    async with publishing() as (_, device, _):
+        await asyncio.sleep(5.0)
+        assert device.holding[2] == 7
+        [connection] = connections
+        said = [(message.topic, message.payload) for message in connection.messages]
+        [result] = [payload for where, payload in said if where == f"{topic}/result"]
+        assert json.loads(result)["result"] == "ok"
+        assert said.index((f"{topic}/result", result)) > said.index(("modbus/plant/status", b"online"))

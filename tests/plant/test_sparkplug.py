@@ -66,7 +66,7 @@ def tck(*names):
 
 
 def connected(primary_host=None):
-    node = Sparkplug("plant", "gw", primary_host)
+    node = Sparkplug("plant", "gw", (SCALE, DRIVE), primary_host)
     node.will(AT)
     return node
 
@@ -132,7 +132,7 @@ def test_each_requirement_is_tested_or_left_out_for_a_reason():
     "payloads-ndeath-will-message-retain",
 )
 def test_the_will_is_the_death_of_the_node():
-    will = Sparkplug("plant", "gw").will(AT)
+    will = Sparkplug("plant", "gw", (SCALE, DRIVE)).will(AT)
     assert (will.topic, will.qos, will.retain) == ("spBv1.0/plant/NDEATH/gw", 1, False)
     assert decode(will.payload) == Payload((Metric("bdSeq", 0, DataType.INT64, AT),), AT, None)
 
@@ -148,7 +148,7 @@ def test_the_will_is_the_death_of_the_node():
     "payloads-ndeath-bdseq",
 )
 def test_birth_and_death_have_the_number_of_their_connection():
-    node = Sparkplug("plant", "gw")
+    node = Sparkplug("plant", "gw", (SCALE, DRIVE))
     numbers = []
     for _ in range(258):
         will = node.will(AT)
@@ -403,9 +403,9 @@ def test_a_device_that_answers_again_is_born_again():
 
 @tck("message-flow-edge-node-ncmd-subscribe", "message-flow-device-dcmd-subscribe")
 def test_commands_are_subscribed_to():
-    node = born()
+    node = connected()  # and not born yet
     assert node.early_subscriptions() == ["spBv1.0/plant/NCMD/gw"]
-    assert node.late_subscriptions() == ["spBv1.0/plant/DCMD/gw/drive-1"]
+    assert node.command_subscriptions() == ["spBv1.0/plant/DCMD/gw/drive-1"]
 
 
 @tck(
