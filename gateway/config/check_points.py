@@ -115,8 +115,9 @@ def _check_names(tables: Iterable[PointTable], taken: Mapping[str, str]) -> Iter
 def _names(tables: Iterable[PointTable]) -> dict[str, str]:
     """The names of points, and their sources."""
     return {
-        name: table.source or "a built-in profile"
+        name: source
         for table in tables
+        for source in (table.source or "a built-in profile",)
         for area, addresses in table.places
         for name in names_of(table, area, addresses)
     }

@@ -1,6 +1,7 @@
 """The points of every unit."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
 
 from gateway.config.plan import Plan
 from gateway.config.points import points_of
@@ -21,10 +22,14 @@ def points_of_units(
 
     So has a mirror of its device; what is only written goes through to that.
     """
-    of_profiles = {name: points_of(table.points) for name, table in config.profile.items()}
+
+    @cache  # most of the built-in profiles are not in use
+    def of_profile(name: str) -> tuple[Point, ...]:
+        return points_of(config.profile[name].points)
+
     for image in images:
-        yield image.unit, _points_in(image.areas, of_profiles[image.profile.name])
-    of_devices = {name: (unit, points) for name, unit, points in _device_points(config, of_profiles)}
+        yield image.unit, _points_in(image.areas, of_profile(image.profile.name))
+    of_devices = {name: (unit, points) for name, unit, points in _device_points(config, of_profile)}
     for mirror in mirrors:
         _, points = of_devices.get(mirror.of, (0, ()))
         in_mirror = _points_in(mirror.areas, points)
@@ -43,15 +48,15 @@ def own_points(plan: Plan) -> tuple[Point, ...]:
 
 
 def _device_points(
-    config: Config, of_profiles: Mapping[str, tuple[Point, ...]]
+    config: Config, of_profile: Callable[[str], tuple[Point, ...]]
 ) -> Iterator[tuple[str, int, tuple[Point, ...]]]:
     """Name, unit and points of each device. On a line that is apart units are not those of the clients."""
     for line in config.line:
         if line.role == "client" and line.devices is None and not config.is_apart(line):
-            points = of_profiles[line.profile]
+            points = of_profile(line.profile)
             yield from ((f"{line.label}/{unit}", unit, points) for unit in passing_units(config))
         for row in line.devices or ():
-            points = (*of_profiles[row.profile or line.profile], *points_of(row.points))
+            points = (*of_profile(row.profile or line.profile), *points_of(row.points))
             named = zip(line.device_names(row), row.client_units, strict=True)
             yield from ((name, unit, points) for name, unit in named)
 

@@ -28,18 +28,19 @@ class Event:
     name: ClassVar[str]
     #: The names of its fields, in the order of the values that make it.
     field_names: ClassVar[tuple[str, ...]] = ()
+    _known: ClassVar[frozenset[str]] = frozenset()
 
     def __init_subclass__(cls) -> None:
         cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
         cls.field_names = tuple(cls.__annotations__)
+        cls._known = frozenset(cls.field_names)
 
     def __init__(self, *values: object, **named: object) -> None:
         told, names = self.__dict__, self.field_names
         told.update(zip(names, values, strict=False), **named)
-        if len(told) != len(values) + len(named) or not told.keys() <= set(names):
+        if len(told) != len(values) + len(named) or not told.keys() <= self._known:
             raise TypeError(f"{type(self).__name__} has the fields {names}, and not {values} and {named}")
-        missing = [name for name in names if name not in told and not hasattr(self, name)]
-        if missing:
+        if len(told) < len(names) and (missing := [name for name in names if not hasattr(self, name)]):
             raise TypeError(f"{type(self).__name__} lacks {missing}")
 
     def __setattr__(self, name: str, value: object) -> None:

@@ -28,12 +28,15 @@ READING_TIME: Final = 60.0
 #: How long it may take to end once it is killed, in seconds.
 _ENDING_TIME: Final = 1.0
 
-#: With the modules of this process, wherever it has them from. The arguments are those of config_reader.main.
+#: With the modules of this process, wherever it has them from. The arguments are those of config_reader.main. It ends
+#: without taking apart what was loaded, for which the gateway would wait at its start.
 _PROGRAM: Final = """\
-import sys
+import os, sys
 sys.path[:] = sys.argv.pop().split(":")
 from gateway.service.config_reader import main
 main()
+sys.stdout.flush()
+os._exit(0)
 """
 #: What an answer begins with. The process runs what is installed now, the gateway what was installed at its start.
 ANSWER: Final = f"\0config of modbus-gateway {__version__}\n".encode()

@@ -73,7 +73,7 @@ class Api:
         self._streams = streams
         self._downloads = Downloads()
         self._may_write = may_write
-        self._document = document(answers.types, guard.cookie)
+        self._document: dict[str, Any] | None = None
         #: The status that was written last, and its text.
         self._written: Status | None = None
         self._text = ""
@@ -107,6 +107,8 @@ class Api:
 
     async def openapi(self, _request: web.Request) -> web.Response:
         """The document of this API."""
+        if self._document is None:  # made for who asks for it: it takes 10 ms
+            self._document = document(self._answers.types, self._guard.cookie)
         return _json(self._document)
 
     async def session(self, request: web.Request) -> web.Response:
