@@ -82,6 +82,7 @@ for (const row of [...body.rows]) {
   const fact = JSON.parse(row.dataset.fact), made = rowOf(fact);
   newest = Math.max(newest, fact.time);
   made.dataset.fact = row.dataset.fact;
+  made.querySelector("details").open = row.querySelector("details").open; // by somebody who was quicker than this module
   row.replaceWith(made);
 }
 
