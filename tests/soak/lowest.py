@@ -15,9 +15,18 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 CHECKOUT = Path(__file__).resolve().parents[2]
-#: Whatever imports a library, and the whole gateway once.
-TESTS = ("tests/cli", "tests/config", "tests/modbus", "tests/observe", "tests/oracle", "tests/ports")
-REAL_TIME = ("tests/system/test_demo.py", "tests/system/test_serial_pty.py", "tests/system/test_web.py")
+#: Whatever imports a library, and the whole gateway once. Of the web page and the fleet only what meets its library.
+TESTS = (
+    *(f"tests/{each}" for each in ("cli", "config", "modbus", "observe", "oracle", "plant", "ports")),
+    *(f"tests/fleet/test_{each}.py" for each in ("bucket", "connection", "serving")),
+    *(
+        f"tests/web/test_{each}.py"
+        for each in ("access", "api", "connections", "hostile_requests", "streams", "writing")
+    ),
+)
+REAL_TIME = tuple(
+    f"tests/system/test_{each}.py" for each in ("demo", "fleet_connection", "mqtt_connection", "serial_pty", "web")
+)
 
 
 def lowest(text: str) -> str:
