@@ -25,13 +25,14 @@ _REAL_TIME = frozenset({"system", "bench"})
 #: Files that take longest, in that order: none of these shall begin last.
 _LONGEST = (
     *("test_accepted_configs", "test_systemd", "test_pages_in_browser", "test_web_api", "test_tutorials", "test_fleet"),
+    *("test_standby", "test_standing_still", "test_upstream"),
     *("test_doctor", "test_history", "test_tls", "test_demo", "test_traffic_page", "test_kiosk", "test_flood"),
     *("test_logins_in_browser", "test_overview_page", "test_scan", "test_tcp", "test_writing_page", "test_strip"),
     *("test_moving_listeners", "test_read_write", "test_plant_forms", "test_run", "test_control", "test_store"),
     *("test_device_server", "test_trace", "test_release_checks", "test_go", "test_mqtt", "test_bench"),
 )
 #: Files whose tests share nothing, and wait long: with `--dist loadfile` each of these tests goes to the next worker.
-_APART = frozenset({"test_tutorials", "test_fleet", "test_doctor", "test_history"})
+_APART = frozenset({"test_tutorials", "test_fleet", "test_doctor", "test_scan"})
 
 #: Processes run the gateway that the tests import: that of the checkout, or a compiled one that is installed.
 os.environ["PYTHONPATH"] = str(Path(gateway.__file__).parents[1])

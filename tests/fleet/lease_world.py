@@ -10,8 +10,7 @@ answer to that may come late, unless that other one has said how long that is.
 """
 
 from collections.abc import Iterator
-from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
@@ -21,6 +20,7 @@ from gateway.fleet.lease_settings import LeaseSettings
 SETTINGS = LeaseSettings("hall-a", ttl=20.0, guard=3.0, late=4.0)
 #: How long time may pass without anything else, in seconds.
 STEPS = (1.0, 4.0, 15.0)
+_PASSES = tuple(f"pass {step:g}" for step in STEPS)
 #: By how much the fastest clock is too fast: a silence is counted by that of the next holder.
 _FASTEST = 1.1
 #: Questions that nobody waits for any more, of one gateway.
@@ -80,7 +80,7 @@ class World:
 
     def copy(self) -> "World":
         """Another world in the same state."""
-        there = copy(self)
+        there = _twin(self)
         there.gateways = [one and _copied(one) for one in self.gateways]
         there.gone = list(self.gone)
         there.past = dict(self.past)
@@ -88,8 +88,7 @@ class World:
 
     def happenings(self) -> Iterator[str]:
         """What may happen now."""
-        for step in STEPS:
-            yield f"pass {step:g}"
+        yield from _PASSES
         if self.value is not None:
             yield "wipe 0"
             yield from (f"roll back {older}" for older in _OLDER if self._may_roll_back(self.revision - older))
@@ -116,15 +115,15 @@ class World:
         )
 
     def _picture_of(self, one: Gateway) -> tuple[Any, ...]:
-        clock = self._clock(one)
+        clock, long_ago = self._clock(one), -2 * SETTINGS.ttl
         lease = tuple(
-            max(value - clock, -2 * SETTINGS.ttl) if isinstance(value, float) and name not in _PERIODS else value
+            max(value - clock, long_ago) if isinstance(value, float) and name not in _PERIODS else value
             for part in (one.lease, one.lease._store, one.lease._writes)
             for name, value in vars(part).items()
             if name not in _LEFT_OUT
         )
         sent = tuple((beat, at - clock) for beat, at in one.lease._writes.sent.items())
-        owed = (max(one.wrote - self.now, -2 * SETTINGS.ttl), one.owes)
+        owed = (max(one.wrote - self.now, long_ago), one.owes)
         return (str(lease), sent, one.is_stopped, one.asked, one.answer, one.stray, one.is_cut, one.saw, owed)
 
     def _entry(self, value: bytes | None) -> bytes | None:
@@ -277,10 +276,17 @@ def _happenings(one: Gateway) -> Iterator[str]:
             yield "release"
 
 
+def _twin(one: Any) -> Any:
+    """What `copy` makes of an object with a `__dict__`, in a third of its time."""
+    there = object.__new__(type(one))
+    there.__dict__.update(one.__dict__)
+    return there
+
+
 def _copied(one: Gateway) -> Gateway:
-    there = replace(one)
-    there.lease = copy(one.lease)
-    there.lease._store = copy(one.lease._store)
-    there.lease._writes = copy(one.lease._writes)
+    there = _twin(one)
+    there.lease = _twin(one.lease)
+    there.lease._store = _twin(one.lease._store)
+    there.lease._writes = _twin(one.lease._writes)
     there.lease._writes.sent = dict(one.lease._writes.sent)
     return there

@@ -1,6 +1,7 @@
 """Everything that may happen to a lease, in every order: no two gateways may ever write at once."""
 
 import random
+from functools import cache
 
 import pytest
 
@@ -21,13 +22,18 @@ WEIGHTS = {
 RATES = [(1.0, 1.0), (0.92, 1.08), (1.08, 0.92), (1.0, 0.9, 1.05)]
 
 
+@cache
+def weight(happening: str) -> float:
+    return WEIGHTS.get(happening.rpartition(" ")[0], 1.0)
+
+
 def walk(world: World, seed: int, steps: int) -> list[str]:
     """Let so much happen by chance, until something is wrong; what has happened."""
     choose = random.Random(seed)
     story: list[str] = []
     while len(story) < steps and not world.wrong:
         may = list(world.happenings())
-        weights = [WEIGHTS.get(one.rpartition(" ")[0], 1.0) for one in may]
+        weights = [weight(one) for one in may]
         story += choose.choices(may, weights)
         world.do(story[-1])
     return story

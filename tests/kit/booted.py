@@ -32,6 +32,8 @@ _CODE = "/opt/modbus-gateway"
 _LIBRARIES = "/opt/libraries"
 #: Where what was compiled of both is kept. Without it each start would compile all of it again: nobody may write there.
 _BYTECODE = "/opt/bytecode"
+#: The same here, for the next system.
+_KEPT_BYTECODE = Path(sys.prefix, "booted-bytecode")
 #: A line, and an address that no machine has.
 _ELSEWHERE = """
 [[listen]]
@@ -50,6 +52,13 @@ set -e
 while [ "$1" != -- ]; do echo $$ > "$1/cgroup.procs"; shift; done
 shift
 exec setpriv --pdeathsig TERM "$@"
+"""
+#: What makes units of other files takes half of each daemon-reload, and there are no such files: systemd.generator(7).
+_MASK_GENERATORS = """
+mkdir /run/systemd/system-generators
+for generator in /usr/lib/systemd/system-generators/*; do
+    ln -s /dev/null "/run/systemd/system-generators/${generator##*/}"
+done
 """
 #: Where control groups are mounted, by their name in /proc/PID/cgroup; the first of them that is there.
 _HIERARCHIES = {"": ("unified", ""), "name=systemd": ("systemd",)}
@@ -82,6 +91,7 @@ class BootedSystem:
         self.leader = leader
         self.root = Path(f"/proc/{leader}/root")
         self._since = 0.0
+        self._is_overridden = False
 
     def run(self, *words: str) -> subprocess.CompletedProcess[str]:
         """Run a command in it, as root."""
@@ -102,8 +112,15 @@ class BootedSystem:
 
     def override(self, unit: str, text: str) -> None:
         """What `systemctl edit` does."""
+        self._is_overridden = True
         self.write(f"/run/systemd/system/{unit}.d/test.conf", text)
         self.done("systemctl", "daemon-reload")
+
+    def end_overrides(self) -> None:
+        """Have all units as they are installed again."""
+        if self._is_overridden:
+            self.done("sh", "-c", "rm -r /run/systemd/system/modbus-gateway.*; systemctl daemon-reload")
+            self._is_overridden = False
 
     def show(self, name: str, unit: str = SERVICE) -> str:
         """A property of a unit."""
@@ -176,6 +193,7 @@ def booted_bare(folder: Path, tree: Path) -> Iterator[BootedSystem]:
     Raises:
         CannotBootError: this machine does not allow it.
     """
+    _KEPT_BYTECODE.mkdir(exist_ok=True)
     with _control_groups() as groups, (folder / "console").open("w+") as console:
         nspawn = subprocess.Popen(
             ["sh", "-c", _JOIN, "sh", *map(str, groups), "--", *_nspawn(tree)],
@@ -214,6 +232,7 @@ def _nspawn(tree: Path) -> list[str]:
         "--bind=/dev/pts:/dev/hostpts",
         f"--bind-ro={Path(gateway.__file__).parent}:{_CODE}/gateway",
         f"--bind-ro={sysconfig.get_path('purelib')}:{_LIBRARIES}",
+        f"--bind={_KEPT_BYTECODE}:{_BYTECODE}",
     ]
 
 
@@ -239,6 +258,7 @@ def _installed(system: BootedSystem) -> BootedSystem:
     (system.root / "usr/bin/modbus-gateway").chmod(0o755)
     for unit in UNITS.iterdir():
         system.write(f"/etc/systemd/system/{unit.name}", unit.read_text())
+    system.done("sh", "-c", _MASK_GENERATORS)
     system.done("systemctl", "daemon-reload")
     _compile(system)
     return system

@@ -4,10 +4,12 @@ import asyncio
 import json
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from functools import cache
 from http.client import HTTPResponse
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest.mock import patch
 from urllib.parse import urlencode
 
 from gateway.observe.fan_out import FanOut
@@ -18,6 +20,7 @@ from gateway.service.running import Running
 from gateway.service.systemd import Notifier
 from gateway.service.web import _Answers
 from gateway.timing.history import History
+from gateway.web.assets import Assets
 from gateway.web.server import serving
 from gateway.web.settings import WebSettings
 from kit.gateway_bench import PATIENCE, GatewayBench, gateway_bench
@@ -206,8 +209,16 @@ async def web_bench(config: str, folder: Path, **settings: Any):
         asked = WebSettings("127.0.0.1", 8502, users=users, write=True)
         history = History()
         answers = _Answers(running, reloader, fan_out, history, lambda: CLOCK + loop.time())
-        async with serving(replace(asked, **settings), answers) as connect:
-            yield WebBench(home, running, fan_out, connect, users, history)
+        settles = patch("gateway.service.garbage.settle")  # after a reload: that looks at the objects of all tests
+        with settles, patch("gateway.web.server.Assets", _assets):
+            async with serving(replace(asked, **settings), answers) as connect:
+                yield WebBench(home, running, fan_out, connect, users, history)
+
+
+@cache
+def _assets() -> Assets:
+    """Read and packed once for all tests."""
+    return Assets()
 
 
 def _page(data: bytes, method: str) -> Page:

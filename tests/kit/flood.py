@@ -20,6 +20,7 @@ class Greedy(asyncio.Protocol):
     _addresses = itertools.count()
 
     def __init__(self, in_flight: int, unit: int) -> None:
+        self._identifiers = itertools.count()  # of requests with the same one only the latest is answered
         self._in_flight = in_flight
         self._unit = unit
         self._unread = b""
@@ -37,8 +38,11 @@ class Greedy(asyncio.Protocol):
         self._ask(answers)
 
     def _ask(self, times: int) -> None:
-        addresses = (next(self._addresses) % REGISTERS for _ in range(times))
-        self._transport.write(b"".join(struct.pack(">HHHBBHH", 1, 0, 6, self._unit, 3, each, 1) for each in addresses))
+        self._transport.write(b"".join(self._request() for _ in range(times)))
+
+    def _request(self) -> bytes:
+        identifier, address = next(self._identifiers) & 0xFFFF, next(self._addresses) % REGISTERS
+        return struct.pack(">HHHBBHH", identifier, 0, 6, self._unit, 3, address, 1)
 
 
 async def flood(port: int, connections: int, in_flight: int, unit: int) -> None:

@@ -81,6 +81,9 @@ class Client:
         while adu := self._from_gateway.next():
             self.responses.put_nowait((adu.transaction, adu.unit, adu.pdu.hex(" ").upper()))
 
+    def time(self) -> float:
+        return self._loop.time()
+
     def pause(self) -> None:
         pass
 

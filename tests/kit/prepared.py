@@ -1,13 +1,15 @@
 """Processes of the gateway's command that need not import it: they are forked off one that has imported all of it.
 
-    with Preparation() as preparation:
+    with Preparation("any-name") as preparation:
         process = preparation.start(["run", "gateway.toml"], stderr=subprocess.PIPE)
 
 A start takes a tenth of the time that Python needs otherwise. What a process does at its start is the same from
-`gateway.cli.main.main` on; tests of what comes before start one anew. The process in which a gateway reads its config
-at the start is forked off too; that of a reload, when the gateway has threads, is a new one.
+`gateway.cli.main.main` on; tests of what comes before start one anew. The processes in which a gateway reads its
+config, and the simulators of a demo, are forked off too.
 """
 
+import asyncio.unix_events
+import atexit
 import gc
 import importlib
 import json
@@ -22,28 +24,38 @@ import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 from struct import Struct
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any, Self
 
 #: The longest request, in bytes.
 _LONGEST = 1 << 18
 #: A process's number or exit code.
 _NUMBER = Struct("i")
+#: How long whoever wants it waits for the process that imports everything, and it for him, in seconds.
+_STARTING_TIME = 60.0
 
 
 class PreparedProcess:
     """A process as `subprocess.Popen` has them, as far as tests ask."""
 
-    def __init__(self, control: socket.socket, words: Sequence[str], env: Mapping[str, str], outputs: Sequence[int]):
+    def __init__(
+        self,
+        control: socket.socket,
+        words: Sequence[str],
+        env: Mapping[str, str],
+        outputs: Sequence[int],
+        *,
+        program: str = "command",
+    ) -> None:
         self._status, theirs = socket.socketpair()
-        request = json.dumps({"words": [*words], "env": {**env}, "folder": str(Path.cwd())}).encode()
+        request = {"program": program, "words": [*words], "env": {**env}, "folder": str(Path.cwd())}
         with theirs:
-            socket.send_fds(control, [request], [*outputs, theirs.fileno()])
+            socket.send_fds(control, [json.dumps(request).encode()], [*outputs, theirs.fileno()])
         self.pid = self._number()
         self.returncode: int | None = None
 
@@ -90,20 +102,24 @@ class PreparedProcess:
 
 
 class Preparation:
-    """The process that has imported everything. It ends with us, whatever becomes of us."""
+    """The process that has imported everything, one for all workers of the test run. It ends with the last of them."""
+
+    def __init__(self, name: str) -> None:
+        self._address = f"\0prepared {name}"
 
     def __enter__(self) -> Self:
-        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            words = [sys.executable, "-P", __file__, str(theirs.fileno())]
-            own = os.environ | {"PYDANTIC_DISABLE_PLUGINS": "__all__"}  # as the command does
-            self._process = subprocess.Popen(words, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, env=own)
-        return self
+        while True:
+            try:
+                self._control = _connected(self._address)
+            except ConnectionRefusedError:
+                own = os.environ | {"PYDANTIC_DISABLE_PLUGINS": "__all__"}  # as the command does
+                words = [sys.executable, "-P", __file__, self._address[1:]]
+                subprocess.run(words, stdin=subprocess.DEVNULL, env=own, timeout=_STARTING_TIME, check=True)
+            else:
+                return self
 
     def __exit__(self, *_: object) -> None:
         self._control.close()
-        self._process.kill()
-        self._process.wait()
 
     def start(
         self, words: Sequence[str], env: Mapping[str, str] | None = None, *, stdout: int = 1, stderr: int = 2
@@ -112,33 +128,55 @@ class Preparation:
         return PreparedProcess(self._control, words, os.environ if env is None else env, (stdout, stderr))
 
 
-class _Parent:
-    """What forks: `serve` returns in each child, with the words that are its command."""
+def _connected(address: str) -> socket.socket:
+    control = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        control.connect(address)
+    except OSError:
+        control.close()
+        raise
+    return control
 
-    def __init__(self, control: socket.socket) -> None:
+
+class _Parent:
+    """What forks: `serve` returns in each child, with what it shall do."""
+
+    def __init__(self, door: socket.socket) -> None:
         self._selector = selectors.DefaultSelector()
-        self._selector.register(control, selectors.EVENT_READ)
-        self._control = control
+        self._selector.register(door, selectors.EVENT_READ, self._accept)
+        self._door = door
+        self._controls: set[socket.socket] = set()
         self._running: dict[int, socket.socket] = {}
 
-    def serve(self) -> list[str] | None:
-        """The command in a child; None in the parent, once nobody is left to ask for more."""
+    def serve(self) -> Callable[[], int] | None:
+        """What a child has to do; None in the parent, once nobody is left to ask for more."""
         while True:
-            for key, _ in self._selector.select():
-                if key.fileobj is not self._control:
-                    key.data()
-                    continue
-                asked, descriptors, _, _ = socket.recv_fds(self._control, _LONGEST, 3)
-                if not asked:
-                    return None
-                if words := self._fork(json.loads(asked), descriptors):
-                    return words
+            for key, _ in self._selector.select(_STARTING_TIME):
+                if task := key.data():
+                    return task
+            if not self._controls:
+                return None
 
-    def _fork(self, request: dict[str, Any], descriptors: list[int]) -> list[str] | None:
+    def _accept(self) -> None:
+        control, _ = self._door.accept()
+        self._controls.add(control)
+        self._selector.register(control, selectors.EVENT_READ, lambda: self._take(control))
+
+    def _take(self, control: socket.socket) -> Callable[[], int] | None:
+        asked, descriptors, _, _ = socket.recv_fds(control, _LONGEST, 3)
+        if asked:
+            return self._fork(json.loads(asked), descriptors)
+        self._selector.unregister(control)
+        self._controls.remove(control)
+        control.close()
+        return None
+
+    def _fork(self, request: dict[str, Any], descriptors: list[int]) -> Callable[[], int] | None:
         pid = os.fork()
         if pid == 0:
             self._close()
-            return _become(request, descriptors)
+            _become(request, descriptors)
+            return partial(_PROGRAMS[request["program"]], request["words"])
         *outputs, number = descriptors
         for output in outputs:
             os.close(output)
@@ -170,12 +208,12 @@ class _Parent:
         for key in list(self._selector.get_map().values()):
             if isinstance(key.fileobj, int):
                 os.close(key.fileobj)
-        for each in (*self._running.values(), self._control, self._selector):
+        for each in (*self._running.values(), *self._controls, self._door, self._selector):
             each.close()
 
 
-def _become(request: dict[str, Any], descriptors: list[int]) -> list[str]:
-    """Be as if just started; the words of the command."""
+def _become(request: dict[str, Any], descriptors: list[int]) -> None:
+    """Be as if just started."""
     for number, output in enumerate(descriptors[:2], 1):
         os.dup2(output, number)
     for each in descriptors:
@@ -185,55 +223,118 @@ def _become(request: dict[str, Any], descriptors: list[int]) -> list[str]:
     os.chdir(request["folder"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
     random.seed()
-    return [str(word) for word in request["words"]]
 
 
-def _start_reader(words: Sequence[str], **how: Any) -> subprocess.Popen[bytes]:
-    """The process that reads a config, as `subprocess.Popen` starts it, but with what is imported here."""
-    if threading.active_count() > 1:  # whoever forks then may hang
-        return subprocess.Popen(words, **how)
-    *_, file, kind, limit, gateway, _ = words
-    read = partial(_read_config, file, kind, limit, gateway)
-    return subprocess.Popen(words, preexec_fn=read, **how)  # noqa: PLW1509 - there are no threads
+def _run_command(words: Sequence[str]) -> int:
+    from gateway.cli import main  # noqa: PLC0415 - of those that only start processes nobody needs it
+    from gateway.service import config_process  # noqa: PLC0415
+
+    _replace_popen(config_process, _Reader)
+    _replace_popen(asyncio.unix_events, _start_simulator)
+    sys.argv[:] = [str(main.__file__), *words]
+    return main.main()
 
 
-def _read_config(*words: str) -> None:
+def _replace_popen(module: ModuleType, popen: Callable[..., Any]) -> None:
+    vars(module)["subprocess"] = SimpleNamespace(**vars(subprocess) | {"Popen": popen})
+
+
+class _Reader(PreparedProcess):
+    """What reads a config, as `subprocess.Popen` starts it for config_process."""
+
+    def __init__(self, words: Sequence[str], **_: Any) -> None:
+        *_, file, kind, limit, _, _ = words
+        (out, its_out), (err, its_err) = os.pipe(), os.pipe()
+        try:
+            with closing(_connected(_parents[0])) as control:
+                super().__init__(control, [file, kind, limit], os.environ, [its_out, its_err], program="config")
+        finally:
+            os.close(its_out)
+            os.close(its_err)
+        self.stdout, self.stderr = os.fdopen(out, "rb"), os.fdopen(err, "rb")
+
+    def communicate(self, timeout: float) -> tuple[bytes, bytes]:
+        """All that it writes. `timeout` is in its own hands: it ends a second later."""
+        said = self.stdout.read(), self.stderr.read()
+        self.wait(timeout)
+        return said
+
+
+def _read_config(words: Sequence[str]) -> int:
     from gateway.service import config_reader  # noqa: PLC0415
 
+    os.setpgid(0, 0)
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
+    sys.argv[1:] = [*words, str(os.getppid())]
+    config_reader.main()
+    return 0
+
+
+def _start_simulator(words: Sequence[str], **how: Any) -> subprocess.Popen[bytes]:
+    """A simulator of a demo, as asyncio starts it: a process of its own, but with what is imported here."""
+    others = [each for each in threading.enumerate() if not each.name.removeprefix("asyncio-").startswith("waitpid-")]
+    if len(others) > 1:  # whoever forks then may hang
+        return subprocess.Popen(words, **how)
+    return subprocess.Popen(words, preexec_fn=partial(_simulate, words), **how)  # noqa: PLW1509 - threads only wait
+
+
+def _simulate(words: Sequence[str]) -> None:
+    """Run between fork and exec, which never comes."""
+    from gateway.cli import main  # noqa: PLC0415
+
     os.closerange(3, 1 << 16)  # one is open until another program is executed, and subprocess waits for that
-    sys.argv[1:] = words
+    signal.set_wakeup_fd(-1)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    sys.stdout = os.fdopen(1, "w", closefd=False)  # what is still in the other one the demo prints
     try:
-        config_reader.main()
-        sys.stdout.flush()
+        _leave(main.main(words[words.index("simulate") :]))
     except BaseException:  # noqa: BLE001 - as at the end of a program
         traceback.print_exc()
         os._exit(1)
-    os._exit(0)
 
 
 def _import_everything() -> None:
-    import gateway  # noqa: PLC0415 - of those that only start processes nobody needs it
+    import gateway  # noqa: PLC0415
 
     for module in pkgutil.walk_packages(gateway.__path__, "gateway."):
         with suppress(ModuleNotFoundError):  # a library that is needed for some tables of the config only
             importlib.import_module(module.name)
 
 
-def _run() -> int:
+def _leave(code: int) -> None:
+    """End as a program does, but leave what it has imported as it is: to take that apart costs 40 ms."""
+    vars(threading)["_shutdown"]()
+    vars(atexit)["_run_exitfuncs"]()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def prepare(name: str) -> None:
+    """Be the process that has imported everything, in the background, unless another one is it already."""
+    address = f"\0{name}"
+    door = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        door.bind(address)
+    except OSError:
+        return
+    door.listen(128)
+    if os.fork():
+        os._exit(0)
+    os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _parents.append(address)
     _import_everything()
     gc.collect()
     gc.freeze()
-    words = _Parent(socket.socket(fileno=int(sys.argv[1]))).serve()
-    if words is None:
-        return 0
-    from gateway.cli import main  # noqa: PLC0415
-    from gateway.service import config_process  # noqa: PLC0415
+    if task := _Parent(door).serve():
+        _leave(task())
 
-    vars(config_process)["subprocess"] = SimpleNamespace(**vars(subprocess) | {"Popen": _start_reader})
-    sys.argv[:] = [str(main.__file__), *words]
-    return main.main()
 
+#: The address of the process that has imported everything, in itself and in all that it forks off.
+_parents: list[str] = []
+_PROGRAMS = {"command": _run_command, "config": _read_config}
 
 if __name__ == "__main__":
-    sys.exit(_run())
+    prepare(sys.argv[1])

@@ -26,9 +26,12 @@ preparations: list[Preparation] = []
 
 
 @contextmanager
-def prepared() -> Iterator[None]:
-    """In its context a gateway and a command that is run to its end are forked off one that has imported everything."""
-    with Preparation() as preparation:
+def prepared(run: str) -> Iterator[None]:
+    """In its context a gateway and a command that is run to its end are forked off one that has imported everything.
+
+    It is one for all workers of this test run.
+    """
+    with Preparation(run) as preparation:
         preparations.append(preparation)
         try:
             yield
@@ -140,11 +143,11 @@ class GatewayProcess:
         status = Path(f"/proc/{self.pid}/status").read_text()
         return int(status.split("VmHWM:")[1].split()[0])
 
-    def wait_for(self, event: str) -> dict[str, Any]:
-        """The next event of this name."""
+    def wait_for(self, event: str, patience: float = PATIENCE) -> dict[str, Any]:
+        """The next event of this name, if there are `patience` seconds at most between events."""
         while True:
             try:
-                found = self._events.get(timeout=PATIENCE)
+                found = self._events.get(timeout=patience)
             except Empty:
                 raise AssertionError(f"no event {event}; log: {self.log}, {self.rest}") from None
             if found["event"] == event:

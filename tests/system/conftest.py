@@ -28,9 +28,9 @@ def _no_two_demos_want_one_port() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _processes_are_prepared() -> Iterator[None]:
+def _processes_are_prepared(testrun_uid: str) -> Iterator[None]:
     """Hundreds start."""
-    with prepared():
+    with prepared(testrun_uid):
         yield
 
 

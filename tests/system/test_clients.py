@@ -97,7 +97,8 @@ async def test_pymodbus_reads_and_writes_three_lines_and_an_image_at_once(gatewa
         async with AsyncModbusTcpClient("127.0.0.1", port=gateway.port, timeout=PATIENCE) as client:
             for turn in range(10):
                 read = await client.read_holding_registers(20 + turn, count=2, device_id=unit)
-                assert read.registers == [value + 20 + turn, value + 21 + turn] if unit != 200 else [0, 0]
+                right = [value + 20 + turn, value + 21 + turn] if unit != 200 else [0, 0]
+                assert read.registers == right, (unit, read, gateway.log)
                 written = await client.write_registers(50, [turn, unit], device_id=unit)
                 assert not written.isError()
                 read = await client.read_holding_registers(50, count=2, device_id=unit)

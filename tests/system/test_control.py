@@ -118,6 +118,7 @@ def test_a_broken_file_under_load_fails_no_transaction(tmp_path: Path, config: s
             with connected(gateway) as client:
                 while not stop.is_set():
                     answers.append(asked(client))
+                    stop.wait(0.01)
 
         polling = threading.Thread(target=poll)
         polling.start()

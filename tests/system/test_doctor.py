@@ -89,7 +89,7 @@ def test_a_healthy_set_up_has_nothing_to_fix(tmp_path):
         ("duplicate-address", "two devices may have the address 1"),
         ("echo", "the adapter returns what is sent"),
         ("second-client", "another client sends requests on this line"),
-        ("slow", "the slowest after 1.4"),
+        ("slow", "the slowest after 1."),
     ],
 )
 def test_a_broken_set_up_is_named(tmp_path, fault, named):

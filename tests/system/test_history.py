@@ -17,8 +17,8 @@ import pytest
 
 from gateway.modbus import mbap
 from gateway.service.history import FILE_NAME
-from kit import process
-from kit.process import PATIENCE, GatewayProcess, started_anew
+from kit import prepared, process
+from kit.process import PATIENCE, GatewayProcess
 
 CONFIG = """
 [[listen]]
@@ -33,14 +33,15 @@ devices = [{{ unit = 1, name = "silo" }}]
 bind = "http://127.0.0.1:0"
 history = {history}
 """
-#: The same program, which looks and writes so often that a test need not wait for a minute, and which a busy machine
-#: does not hurry at the end.
-QUICK = """
+#: What kit/prepared.py runs, for gateways that look and write so often that a test need not wait for a minute, and
+#: which a busy machine does not hurry at the end.
+QUICK = f"""
 import sys
+sys.path.append({str(Path(prepared.__file__).parents[1])!r})
 from gateway.service import history
 history.LOOK_EVERY, history.WRITE_EVERY, history.CLOSING_DEADLINE = 0.2, 0.4, 30.0
-from gateway.cli.main import main
-sys.exit(main(sys.argv[1:]))
+from kit.prepared import prepare
+prepare(sys.argv[1])
 """
 
 
@@ -70,13 +71,21 @@ class Gateway(GatewayProcess):
         return [event for event in self.log if event["event"] == name]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _gateways_are_quick(testrun_uid: str) -> Iterator[None]:
+    """They are forked off a process of their own."""
+    name = f"quick {testrun_uid} {os.getpid()}"
+    words = [sys.executable, "-P", "-c", QUICK, f"prepared {name}"]
+    subprocess.run(words, stdin=subprocess.DEVNULL, timeout=PATIENCE, check=True)
+    with process.prepared(name):
+        yield
+
+
 @pytest.fixture(autouse=True)
-def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "state"
     monkeypatch.setenv("STATE_DIRECTORY", str(folder))
-    monkeypatch.setattr(process, "COMMAND", [sys.executable, "-P", "-c", QUICK])
-    with started_anew():
-        yield folder
+    return folder
 
 
 def log_of(state: Path) -> Path:

@@ -11,7 +11,7 @@ import pytest
 
 from gateway.web.languages import LANGUAGES
 from kit.browser import PASSWORD, USERS
-from kit.chromium import CHROMIUM, MISSING, axe_findings, in_language, page_findings, until, watched
+from kit.chromium import CHROMIUM, MISSING, axe_findings, in_language, look_at_a_desk, page_findings, until, watched
 from kit.process import GatewayProcess
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
@@ -77,15 +77,22 @@ def change(users: Path, text: str) -> None:
     new.replace(users)
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("path", PAGES)
-def test_a_page_of_an_operator_is_accessible(browser, address, path, language):
-    with watched(browser, color_scheme="light", viewport={"width": 1280, "height": 900}) as page:
+@pytest.fixture(scope="module")
+def operators_page(browser, address):
+    """A page of anna's."""
+    with watched(browser) as page:
         log_in(page, address)
-        page.goto(f"{address}{in_language(path, language)}")
-        page.wait_for_timeout(500)
-        assert "anna" in page.locator("header").inner_text()
-        assert page_findings(page) == []
+        yield page
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_a_page_of_an_operator_is_accessible(operators_page, address, path):
+    for language in LANGUAGES:
+        look_at_a_desk(operators_page)
+        operators_page.goto(f"{address}{in_language(path, language)}")
+        operators_page.wait_for_timeout(500)
+        assert "anna" in operators_page.locator("header").inner_text()
+        assert page_findings(operators_page) == []
 
 
 def test_who_is_not_at_this_machine_logs_in_and_gets_to_the_page_that_was_asked_for(browser, address):
@@ -175,7 +182,9 @@ def test_a_page_whose_session_has_ended_leads_to_the_login_and_back(browser, add
     page = browser.new_page(extra_http_headers=REMOTE)
     log_in(page, address)
     change(folder / "users", USERS.replace("anna:operator", "anna:viewer"))
-    until(page, lambda: page.reload() and urlsplit(page.url).path == "/login")
+    until(page, lambda: urlsplit(page.request.get(page.url).url).path == "/login")
+    page.reload()
+    assert urlsplit(page.url).path == "/login"
     log_in(page, address)
     assert "anna (viewer)" in page.locator("header").inner_text()
     change(folder / "users", USERS)

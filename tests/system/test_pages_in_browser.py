@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from gateway.web.languages import LANGUAGES
-from kit.chromium import CHROMIUM, MISSING, axe_findings, in_language, page_findings, watched
+from kit.chromium import CHROMIUM, MISSING, axe_findings, in_language, look_at_a_desk, page_findings, watched
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
 
@@ -25,42 +25,54 @@ PAGES = {
 OTHERS = ("/images/UNIT",)
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("path", PAGES.values())
-def test_a_page_is_accessible_and_asks_nobody_else(browser, address, path, language):
-    with watched(browser, color_scheme="light", viewport={"width": 1280, "height": 900}) as page:
-        page.goto(f"{address}{in_language(path, language)}")
-        page.wait_for_timeout(1000)
-        assert page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
-        assert page.locator("h1").count() == 1
-        assert page_findings(page) == []
-
-
-@pytest.mark.parametrize("path", PAGES.values())
-def test_a_page_is_complete_and_accessible_without_javascript(browser, address, path):
+@pytest.fixture(scope="module")
+def plain_page(browser):
+    """A page without JavaScript."""
     with watched(browser, java_script_enabled=False) as page:
-        texts = []
-        for language in LANGUAGES:
-            page.goto(f"{address}{in_language(path, language)}")
-            assert page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
-            texts.append(page.locator("main").inner_text())
-        assert all(texts)
-        assert len(set(texts)) == len(texts)
-    with watched(browser) as page:  # axe-core itself needs JavaScript
+        yield page
+
+
+@pytest.fixture(scope="module")
+def unscripted_page(browser):
+    """A page that has none of its scripts; axe-core itself needs JavaScript."""
+    with watched(browser) as page:
         page.route("**/*.js*", lambda route: route.fulfill(content_type="text/javascript", body=""))
-        page.goto(address + path)
-        assert len(page.locator("main").inner_text()) > len(texts[0]) / 2
-        assert axe_findings(page) == []
+        yield page
 
 
-def test_each_page_that_another_leads_to_is_tested_here(browser, address):
+@pytest.mark.parametrize("path", PAGES.values())
+def test_a_page_is_accessible_and_asks_nobody_else(browser, address, path):
+    with watched(browser) as page:
+        for language in LANGUAGES:
+            look_at_a_desk(page)
+            page.goto(f"{address}{in_language(path, language)}")
+            page.wait_for_timeout(1000)
+            assert page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
+            assert page.locator("h1").count() == 1
+            assert page_findings(page) == []
+
+
+@pytest.mark.parametrize("path", PAGES.values())
+def test_a_page_is_complete_and_accessible_without_javascript(plain_page, unscripted_page, address, path):
+    texts = []
+    for language in LANGUAGES:
+        plain_page.goto(f"{address}{in_language(path, language)}")
+        assert plain_page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
+        texts.append(plain_page.locator("main").inner_text())
+    assert all(texts)
+    assert len(set(texts)) == len(texts)
+    unscripted_page.goto(address + path)
+    assert len(unscripted_page.locator("main").inner_text()) > len(texts[0]) / 2
+    assert axe_findings(unscripted_page) == []
+
+
+def test_each_page_that_another_leads_to_is_tested_here(plain_page, address):
     kinds = [re.compile(re.sub("[A-Z]+", "[^/]+", kind)) for kind in (*PAGES, *OTHERS)]
-    with watched(browser, java_script_enabled=False) as page:
-        found = set()
-        for path in PAGES.values():
-            page.goto(address + path)
-            addresses = [link.get_attribute("href") for link in page.locator("a[href]").all()]
-            found |= {urlsplit(link).path for link in addresses if link.startswith("/")}
+    found = set()
+    for path in PAGES.values():
+        plain_page.goto(address + path)
+        addresses = plain_page.locator("a[href]").evaluate_all("all => all.map((each) => each.getAttribute('href'))")
+        found |= {urlsplit(link).path for link in addresses if link.startswith("/")}
     pages = {path for path in found if not path.startswith("/api/")}
     assert len(pages) > len(PAGES)
     assert sorted(path for path in pages if not any(kind.fullmatch(path) for kind in kinds)) == []

@@ -3,17 +3,29 @@
 import subprocess
 import sys
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 
+from checking import contents, statements
 from checking.contents import check_sdist, check_wheel
 from checking.findings import Findings
 from checking.statements import check_provenance, check_sums, check_tags
-from releasing.commit import commit_id, export, version
+from releasing.commit import commit_id, committed, export, project, version
 from releasing.packages import Workshop
 from releasing.statements import write_provenance, write_sums
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _commit_is_read_once():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(contents, "committed", cache(committed))
+        patch.setattr(contents, "project", cache(project))
+        for module in (contents, statements):
+            patch.setattr(module, "version", cache(version))
+        yield
 
 
 @pytest.fixture(scope="module")

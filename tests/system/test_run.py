@@ -34,10 +34,14 @@ NOT_NEEDED = {
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def _as_an_operator_does() -> Iterator[None]:
     with started_anew():
         yield
+
+
+#: Tests of what comes before the command and after it; others begin at the command.
+as_an_operator_does = pytest.mark.usefixtures("_as_an_operator_does")
 
 
 @pytest.fixture
@@ -65,6 +69,7 @@ def processor_time(gateway: GatewayProcess) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+@as_an_operator_does
 def test_it_is_ready_serves_and_ends_with_status_0(tmp_path: Path, config: str) -> None:
     devices = SimulatedLine("rtu", SimulatedDevice(1))
     with (
@@ -81,6 +86,7 @@ def test_it_is_ready_serves_and_ends_with_status_0(tmp_path: Path, config: str) 
     assert gateway.rest == []
 
 
+@as_an_operator_does
 def test_nothing_is_loaded_that_is_not_needed_once_there_is_a_plan(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")  # each import is a line on standard error
     with GatewayProcess(
@@ -119,6 +125,7 @@ def test_a_request_under_way_is_answered_before_the_end(tmp_path: Path, config: 
         assert gateway.wait() == 0
 
 
+@as_an_operator_does
 def test_a_second_signal_does_not_wait_for_requests(tmp_path: Path, config: str) -> None:
     silent = SimulatedDevice(1)
     silent.silent = True
@@ -186,6 +193,7 @@ def responses_while_asking(client: socket.socket) -> int:
     return responses
 
 
+@as_an_operator_does
 def test_an_address_in_use_is_said_in_one_line(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = f"127.0.0.1:{taken.getsockname()[1]}"
@@ -199,6 +207,7 @@ def test_an_address_in_use_is_said_in_one_line(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@as_an_operator_does
 def test_a_config_with_errors_is_not_run(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     file.write_text('[[line]]\nport = "/dev/hall-a"\nbuad = 9600\n')

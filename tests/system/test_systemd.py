@@ -4,6 +4,7 @@ import os
 import socket
 import stat
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -68,6 +69,10 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BootedSystem]:
 
 @pytest.fixture
 def device() -> SimulatedDevice:
+    return holding_1234()
+
+
+def holding_1234() -> SimulatedDevice:
     device = SimulatedDevice(1)
     device.holding[0] = 0x1234
     return device
@@ -78,16 +83,26 @@ def system(machine: BootedSystem, device: SimulatedDevice, tmp_path: Path) -> It
     """A system with a config, a line with its device, and an empty log; nothing is started yet."""
     machine.forget_log()
     machine.write(FILE, CONFIG)
-    with VirtualPort(tmp_path / "hall-a") as port, SerialDevices({port: SimulatedLine("rtu", device)}):
+    with line_of(machine, device, tmp_path):
+        yield machine
+        stop(machine)
+
+
+@contextmanager
+def line_of(machine: BootedSystem, device: SimulatedDevice, folder: Path) -> Iterator[None]:
+    with VirtualPort(folder / "hall-a") as port, SerialDevices({port: SimulatedLine("rtu", device)}):
         give_to_dialout(Path(port.device))
         link = machine.root / "dev/hall-a"
         link.symlink_to(port.device.replace("/dev/pts", "/dev/hostpts"))
-        yield machine
-        machine.done("systemctl", "stop", SOCKET, SERVICE)
-        machine.run("systemctl", "reset-failed")
-        machine.done("sh", "-c", "rm -rf /run/systemd/system/modbus-gateway.* /var/lib/private/modbus-gateway")
-        machine.done("systemctl", "daemon-reload")
+        yield
         link.unlink()
+
+
+def stop(machine: BootedSystem) -> None:
+    """Leave nothing behind."""
+    machine.done("systemctl", "stop", SOCKET, SERVICE)
+    machine.done("sh", "-c", "systemctl reset-failed; rm -rf /var/lib/private/modbus-gateway")
+    machine.end_overrides()
 
 
 def give_to_dialout(node: Path) -> None:
@@ -104,13 +119,113 @@ def asked(client: socket.socket, request: bytes = READ) -> bytes:
     return client.recv(260)
 
 
-def test_active_means_that_every_address_is_bound_and_every_line_was_tried(system: BootedSystem) -> None:
-    start(system)
-    assert system.show("ActiveState") == "active"
-    assert system.show("StatusText") == "1 of 1 lines up, 0 clients"
-    for host in ("127.0.0.1", "::1"):
-        with system.connect(host) as client:
+class TestOneStart:
+    """These leave it running with the same config, so it is started once for all of them; the last one stops it."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def device(cls) -> SimulatedDevice:
+        return holding_1234()
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def running(
+        cls, machine: BootedSystem, device: SimulatedDevice, tmp_path_factory: pytest.TempPathFactory
+    ) -> Iterator[BootedSystem]:
+        machine.write(FILE, CONFIG)
+        with line_of(machine, device, tmp_path_factory.mktemp("line")):
+            yield machine
+            stop(machine)
+
+    @pytest.fixture
+    def system(self, running: BootedSystem) -> BootedSystem:
+        running.forget_log()
+        return running
+
+    def test_active_means_that_every_address_is_bound_and_every_line_was_tried(self, system: BootedSystem) -> None:
+        start(system)
+        assert system.show("ActiveState") == "active"
+        assert system.show("StatusText") == "1 of 1 lines up, 0 clients"
+        for host in ("127.0.0.1", "::1"):
+            with system.connect(host) as client:
+                assert asked(client) == RIGHT
+
+    def test_root_can_ask_it_how_it_is(self, system: BootedSystem) -> None:
+        start(system)
+        assert "hall-a" in system.done("modbus-gateway", "status")
+
+    def test_events_are_entries_of_the_journal_with_fields(self, system: BootedSystem) -> None:
+        start(system)
+        with system.connect() as client:
+            assert asked(client, bytes.fromhex("0001 0000 0006 2E 03 0000 0001"))[-2:] == b"\x83\x0b"
+        until(lambda: system.log("MODBUS_UNIT=46"), system.status)
+        entry = system.log("MODBUS_UNIT=46")[0]
+        assert (entry["MODBUS_EVENT"], entry["MODBUS_LINE"], entry["PRIORITY"]) == ("request_timeout", "hall-a", "4")
+        assert (entry["SYSLOG_IDENTIFIER"], entry["_SYSTEMD_UNIT"]) == ("modbus-gateway", SERVICE)
+        assert entry["MESSAGE"].startswith("request_timeout line=hall-a unit=46")
+
+    def test_the_journal_finds_what_is_about_one_machine(self, system: BootedSystem) -> None:
+        start(system)
+        with system.connect() as client:
+            assert asked(client, bytes.fromhex("0001 0000 0006 63 03 0000 0001"))[-2:] == b"\x83\x0a"
+        until(lambda: system.log("MODBUS_CLIENT_ADDRESS=127.0.0.1"), system.status)
+        assert system.log("MODBUS_CLIENT_ADDRESS=127.0.0.1")[0]["MODBUS_EVENT"] == "request_refused"
+
+    def test_reload_applies_a_good_file_and_fails_with_a_bad_one(self, system: BootedSystem) -> None:
+        start(system)
+        process = system.show("MainPID")
+        with system.connect() as client:
             assert asked(client) == RIGHT
+            system.write(FILE, CONFIG + "[[image]]\nunit = 201\nholding = 1\n")
+            system.done("systemctl", "reload", SERVICE)
+            assert asked(client, bytes.fromhex("0001 0000 0006 C9 03 0000 0001"))[-2:] == b"\0\0"
+            system.write(FILE, CONFIG + "[[image]]\n")
+            assert system.run("systemctl", "reload", SERVICE).returncode != 0
+            reason = system.wait_for("config_rejected")["MODBUS_REASON"]
+            assert reason == f"{FILE}:14:1: error: image[1].unit: unit is missing"
+            system.write(FILE, CONFIG.replace(":502", ":5020"))
+            assert "systemd has opened tcp://[::]:502, which no" in system.run("modbus-gateway", "reload").stdout
+            assert asked(client) == RIGHT
+            system.write(FILE, CONFIG)
+            system.done("systemctl", "kill", "--signal=HUP", SERVICE)
+            until(lambda: len(system.log("MODBUS_EVENT=config_applied")) == 2, system.status)
+            assert asked(client) == RIGHT
+        assert (system.show("ActiveState"), system.show("MainPID")) == ("active", process)
+
+    @pytest.mark.parametrize("end", [("kill", "--signal=KILL"), ("restart", "--no-block")])
+    def test_a_client_that_comes_while_it_restarts_waits_for_its_answer(
+        self, system: BootedSystem, end: tuple[str, ...]
+    ) -> None:
+        start(system)
+        process = system.show("MainPID")
+        system.done("systemctl", *end, SERVICE)
+        until(lambda: system.show("MainPID") != process, system.status)
+        with system.connect() as client:
+            assert asked(client) == RIGHT
+
+    def test_what_was_written_to_an_image_outlives_kill_in_the_state_directory(self, system: BootedSystem) -> None:
+        write, read = (bytes.fromhex(f"0001 0000 0006 C8 {pdu}") for pdu in ("06 0000 0007", "03 0000 0001"))
+        start(system)
+        with system.connect() as client:
+            assert asked(client, write) == write
+        restarts = str(int(system.show("NRestarts")) + 1)
+        system.done("systemctl", "kill", "--signal=KILL", SERVICE)
+        until(lambda: system.show("NRestarts") == restarts, system.status)
+        with system.connect() as client:
+            assert asked(client, read) == bytes.fromhex("0001 0000 0005 C8 03 02 0007")
+        assert (system.root / "var/lib/private/modbus-gateway").stat().st_uid >= 61184  # a dynamic user
+
+    def test_stop_answers_what_is_under_way_and_ends_well(self, system: BootedSystem, device: SimulatedDevice) -> None:
+        start(system)
+        device.delay = 0.5
+        known = len(device.heard)
+        with system.connect() as client:
+            client.sendall(READ)
+            until(lambda: len(device.heard) > known, system.status)
+            system.done("systemctl", "stop", SOCKET, SERVICE)
+            assert client.recv(260) == RIGHT
+            assert client.recv(260) == b""
+        assert (system.show("Result"), system.show("ExecMainStatus")) == ("success", "0")
 
 
 def test_for_ipv4_clients_only_it_takes_the_same_socket(system: BootedSystem) -> None:
@@ -161,48 +276,11 @@ def test_a_client_starts_it_and_stopping_the_socket_ends_both(system: BootedSyst
         client.connect(("127.0.0.1", 502))
 
 
-def test_root_can_ask_it_how_it_is(system: BootedSystem) -> None:
-    start(system)
-    assert "hall-a" in system.done("modbus-gateway", "status")
-
-
-def test_reload_applies_a_good_file_and_fails_with_a_bad_one(system: BootedSystem) -> None:
-    start(system)
-    process = system.show("MainPID")
-    with system.connect() as client:
-        assert asked(client) == RIGHT
-        system.write(FILE, CONFIG + "[[image]]\nunit = 201\nholding = 1\n")
-        system.done("systemctl", "reload", SERVICE)
-        assert asked(client, bytes.fromhex("0001 0000 0006 C9 03 0000 0001"))[-2:] == b"\0\0"
-        system.write(FILE, CONFIG + "[[image]]\n")
-        assert system.run("systemctl", "reload", SERVICE).returncode != 0
-        reason = system.wait_for("config_rejected")["MODBUS_REASON"]
-        assert reason == f"{FILE}:14:1: error: image[1].unit: unit is missing"
-        system.write(FILE, CONFIG.replace(":502", ":5020"))
-        assert "systemd has opened tcp://[::]:502, which no" in system.run("modbus-gateway", "reload").stdout
-        assert asked(client) == RIGHT
-        system.write(FILE, CONFIG)
-        system.done("systemctl", "kill", "--signal=HUP", SERVICE)
-        until(lambda: len(system.log("MODBUS_EVENT=config_applied")) == 2, system.status)
-        assert asked(client) == RIGHT
-    assert (system.show("ActiveState"), system.show("MainPID")) == ("active", process)
-
-
 def test_the_config_may_move_the_control_socket(system: BootedSystem) -> None:
     system.write(FILE, f'{CONFIG}[control]\nsocket = "/run/modbus-gateway/other.sock"\n')
     start(system)
     system.done("systemctl", "reload", SERVICE)
     assert "hall-a" in system.done("modbus-gateway", "status")
-
-
-@pytest.mark.parametrize("end", [("kill", "--signal=KILL"), ("restart", "--no-block")])
-def test_a_client_that_comes_while_it_restarts_waits_for_its_answer(system: BootedSystem, end: tuple[str, ...]) -> None:
-    start(system)
-    process = system.show("MainPID")
-    system.done("systemctl", *end, SERVICE)
-    until(lambda: system.show("MainPID") != process, system.status)
-    with system.connect() as client:
-        assert asked(client) == RIGHT
 
 
 def test_the_watchdog_restarts_it_when_it_hangs(system: BootedSystem) -> None:
@@ -324,55 +402,25 @@ def test_a_credential_that_nobody_hands_over_is_named(system: BootedSystem) -> N
     assert "server.key: permission denied" in system.wait_for("config_rejected")["MESSAGE"]
 
 
-def test_events_are_entries_of_the_journal_with_fields(system: BootedSystem) -> None:
-    start(system)
-    with system.connect() as client:
-        assert asked(client, bytes.fromhex("0001 0000 0006 2E 03 0000 0001"))[-2:] == b"\x83\x0b"
-    until(lambda: system.log("MODBUS_UNIT=46"), system.status)
-    entry = system.log("MODBUS_UNIT=46")[0]
-    assert (entry["MODBUS_EVENT"], entry["MODBUS_LINE"], entry["PRIORITY"]) == ("request_timeout", "hall-a", "4")
-    assert (entry["SYSLOG_IDENTIFIER"], entry["_SYSTEMD_UNIT"]) == ("modbus-gateway", SERVICE)
-    assert entry["MESSAGE"].startswith("request_timeout line=hall-a unit=46")
-
-
-def test_the_journal_finds_what_is_about_one_machine(system: BootedSystem) -> None:
-    start(system)
-    with system.connect() as client:
-        assert asked(client, bytes.fromhex("0001 0000 0006 63 03 0000 0001"))[-2:] == b"\x83\x0a"
-    until(lambda: system.log("MODBUS_CLIENT_ADDRESS=127.0.0.1"), system.status)
-    assert system.log("MODBUS_CLIENT_ADDRESS=127.0.0.1")[0]["MODBUS_EVENT"] == "request_refused"
-
-
-@pytest.mark.parametrize(
-    ("major", "reason"),
-    [
-        (60, "/dev/ttyTEST is not allowed for this service: allow it with DeviceAllow= in its unit"),
-        (188, "/dev/ttyTEST has no hardware behind it"),
-    ],
-)
-def test_devices_other_than_serial_ports_are_kept_from_it(system: BootedSystem, major: int, reason: str) -> None:
+def test_devices_other_than_serial_ports_are_kept_from_it(system: BootedSystem) -> None:
     """An adapter that is plugged in later has to be allowed too: 188 is ttyUSB, whose driver is not loaded here."""
-    node = system.root / "dev/ttyTEST"
-    os.mknod(node, stat.S_IFCHR, os.makedev(major, 0))
-    give_to_dialout(node)
+    reasons = {
+        60: "/dev/ttyTEST60 is not allowed for this service: allow it with DeviceAllow= in its unit",
+        188: "/dev/ttyTEST188 has no hardware behind it",
+    }
+    nodes = {major: system.root / f"dev/ttyTEST{major}" for major in reasons}
+    lines = [f'[[line]]\nport = "/dev/ttyTEST{major}"\ndevices = [{{ unit = {major} }}]\n' for major in reasons]
     try:
-        system.write(FILE, CONFIG.replace("/dev/hall-a", "/dev/ttyTEST"))
+        for major, node in nodes.items():
+            os.mknod(node, stat.S_IFCHR, os.makedev(major, 0))
+            give_to_dialout(node)
+        system.write(FILE, CONFIG + "".join(lines))
         start(system)
-        assert system.wait_for("line_lost")["MODBUS_REASON"] == reason
+        until(lambda: len(system.log("MODBUS_EVENT=line_lost")) >= len(reasons), system.status)
+        assert {entry["MODBUS_REASON"] for entry in system.log("MODBUS_EVENT=line_lost")} == set(reasons.values())
     finally:
-        node.unlink()
-
-
-def test_stop_answers_what_is_under_way_and_ends_well(system: BootedSystem, device: SimulatedDevice) -> None:
-    device.delay = 0.5
-    start(system)
-    with system.connect() as client:
-        client.sendall(READ)
-        until(lambda: device.heard, system.status)
-        system.done("systemctl", "stop", SOCKET, SERVICE)
-        assert client.recv(260) == RIGHT
-        assert client.recv(260) == b""
-    assert (system.show("Result"), system.show("ExecMainStatus")) == ("success", "0")
+        for node in nodes.values():
+            node.unlink()
 
 
 def test_it_can_use_an_image_that_root_has_made_by_hand(system: BootedSystem) -> None:
@@ -383,15 +431,3 @@ def test_it_can_use_an_image_that_root_has_made_by_hand(system: BootedSystem) ->
     system.done("systemd-run", "--unit=by-hand", "--property=Type=notify", "modbus-gateway", "run")
     system.done("systemctl", "stop", "by-hand.service")
     start(system)
-
-
-def test_what_was_written_to_an_image_outlives_kill_in_the_state_directory(system: BootedSystem) -> None:
-    write, read = (bytes.fromhex(f"0001 0000 0006 C8 {pdu}") for pdu in ("06 0000 0007", "03 0000 0001"))
-    start(system)
-    with system.connect() as client:
-        assert asked(client, write) == write
-    system.done("systemctl", "kill", "--signal=KILL", SERVICE)
-    until(lambda: system.show("NRestarts") == "1", system.status)
-    with system.connect() as client:
-        assert asked(client, read) == bytes.fromhex("0001 0000 0005 C8 03 02 0007")
-    assert (system.root / "var/lib/private/modbus-gateway").stat().st_uid >= 61184  # a dynamic user

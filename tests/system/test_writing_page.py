@@ -60,11 +60,25 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespac
         yield SimpleNamespace(address=address, device=device, log=running.log)
 
 
+@pytest.fixture(scope="module")
+def annas(gateway: SimpleNamespace, browser: Any) -> dict[str, Any]:
+    """What a browser needs in which anna is logged in; she did it without JavaScript."""
+    context = browser.new_context(java_script_enabled=False)
+    log_in(gateway, context.new_page(), "anna")
+    kept = {"storage_state": context.storage_state()}
+    context.close()
+    return kept
+
+
 @pytest.fixture(params=[True, False], ids=["with-javascript", "without-javascript"])
-def page(gateway: SimpleNamespace, browser: Any, request: pytest.FixtureRequest) -> Iterator[Any]:
+def page(
+    gateway: SimpleNamespace, browser: Any, annas: dict[str, Any], request: pytest.FixtureRequest
+) -> Iterator[Any]:
     """A page of anna's."""
-    context = browser.new_context(java_script_enabled=request.param)
-    yield log_in(gateway, context.new_page(), "anna")
+    context = browser.new_context(java_script_enabled=request.param, **annas)
+    page = context.new_page()
+    page.goto(f"{gateway.address}/units/press")
+    yield page
     context.close()
 
 
@@ -187,8 +201,9 @@ def test_points_and_values_are_read_when_somebody_asks(gateway, page):
     assert "77" in page.locator("[data-result]").inner_text()
 
 
-def test_an_open_page_reads_only_as_often_as_it_is_told(gateway, browser):
-    page = log_in(gateway, browser.new_page(), "anna")
+def test_an_open_page_reads_only_as_often_as_it_is_told(gateway, browser, annas):
+    page = browser.new_page(**annas)
+    page.goto(f"{gateway.address}/units/press")
     begin = len(gateway.device.heard)
     page.wait_for_timeout(6000)
     assert len(gateway.device.heard) == begin
@@ -202,15 +217,15 @@ def test_an_open_page_reads_only_as_often_as_it_is_told(gateway, browser):
     page.close()
 
 
-def test_a_value_of_an_image_that_changes_is_marked(gateway, browser):
-    page = log_in(gateway, browser.new_page(), "anna")
+def test_a_value_of_an_image_that_changes_is_marked(gateway, browser, annas):
+    page = browser.new_page(**annas)
     complaints: list[str] = []
     page.on("console", lambda message: complaints.append(message.text))
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.goto(f"{gateway.address}/images/shift")
     cell = page.locator("td[data-at='5']")
     assert cell.inner_text() == "0"
-    other = log_in(gateway, browser.new_page(), "anna")
+    other = browser.new_page(**annas)
     other.goto(f"{gateway.address}/images/shift")
     form = other.locator("form[action$='/writes']").last
     form.locator("[name=address]").fill("5")
