@@ -18,6 +18,7 @@ A frame with a damaged byte is no response. It counts as a request: the device m
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Final, Literal, NamedTuple
 
 from gateway.errors import RequestError
@@ -61,6 +62,8 @@ class Attribution:
         self.foreign: dict[int, deque[ForeignRequest]] = {}
         self.doubts: list[ForeignRequest] = []
         self.overheard = Overheard()
+        #: Whether another client, or a copy of our requests, was ever heard.
+        self.is_shared = False
         #: Called when another client's request was heard.
         self.heard_asker: Callable[[], None] | None = None
         #: Where our last request ended; NEVER while it is on the line.
@@ -107,6 +110,7 @@ class Attribution:
         """The owner of a frame. To be called once for each, in order."""
         if self._answers_request(token):
             return "the request"
+        self._count_copy(token)
         if self._answers_other_client(token):
             return "another client"
         if self._is_late(token):
@@ -128,11 +132,6 @@ class Attribution:
             return bool(self.foreign)
         return transaction.unit in self.foreign
 
-    @property
-    def is_shared(self) -> bool:
-        """Whether another client, or a copy of our requests, was ever heard."""
-        return self.overheard.requests + self.overheard.copies + self.echoes_in_a_row > 0
-
     def _answers_request(self, token: Token) -> bool:
         asked = self._asked
         if asked is None or not self._is_on_line or token.is_damaged:
@@ -145,16 +144,12 @@ class Attribution:
         return not self.doubts
 
     def _doubts_about(self, frame: Frame, asked: Transaction) -> list[ForeignRequest]:
-        """Other clients' requests that `frame` may answer. One that equals ours and came later has the same response.
-
-        Only the function counts: an exception fits any quantity, and another client may repeat with another one.
-        """
-        function = frame.pdu[0] & ~EXCEPTION_BIT
+        """Other clients' requests that `frame` may answer: not one that equals ours and came later."""
         return [
             request
             for unit in {frame.unit, asked.unit}
             for request in self.foreign.get(unit, ())
-            if request.asked.function == function
+            if _may_answer(frame.pdu, request.asked)
             and request.at + self._patience(request.asked, asked.device.answer_time) >= asked.sent_at
             and (request.end <= self._place or not asked.is_copy(request.frame))
         ]
@@ -168,9 +163,7 @@ class Attribution:
             if not is_repeated and not token.is_damaged and asked.accepts(frame.pdu):
                 self.foreign[frame.unit].remove(request)
                 self._drop_empty(frame.unit)
-                if self._asked is not None:
-                    patience = self._patience(asked, self._asked.device.answer_time)
-                    self._windows.extend(token, request.at + patience)
+                self._windows.extend(token, request.at, partial(self._patience, asked))
                 return True
         return False
 
@@ -181,25 +174,37 @@ class Attribution:
         return request is not None
 
     def _is_echo(self, token: Token) -> bool:
-        """Whether it is a copy of our request, of its response, or a response to a broadcast.
+        """Whether it is a copy of our request that came from the adapter, or a response to a broadcast.
 
-        A request has one echo: a copy that can be its response too, or comes so soon that nobody else can have sent it.
-        Any other copy is another client's request, unless the adapter is known to echo.
+        A request has one echo: a copy that comes so soon that nobody else can have sent it. Any other copy is another
+        client's request, unless the adapter is known to echo. That includes a second copy of a response that is equal
+        to its request (05, 06): if another client has sent it, one more follows.
         """
-        frame, asked = token.frame, self._asked
-        if asked is None or frame.pdu != asked.asked.data or asked.unit not in (frame.unit, BROADCAST_UNIT):
+        asked = self._asked
+        if asked is None or not _is_repeated(asked, token.frame):
             return False
-        is_echo_shaped = asked.asked.accepts(frame.pdu)
-        self._copies += self._is_on_line or is_echo_shaped
-        if is_echo_shaped:
-            return True
-        if token.start >= self.ended_at:
-            return False  # it may be another client's request
+        may_be_response = asked.asked.accepts(token.frame.pdu)
         is_first, self._had_echo = not self._had_echo, True
+        is_over = token.start >= self.ended_at
+        if may_be_response and not is_over:
+            return True  # it came too early for the response
+        if is_over and not may_be_response:
+            return False
         is_echo = is_first and token.at < self._echo_until
         if is_echo:
             self.overheard.count_copy(token.at)
         return is_echo
+
+    def _count_copy(self, token: Token) -> None:
+        """Count a copy of our request besides the response, whoever its owner is."""
+        asked = self._asked
+        if asked is None or not _is_repeated(asked, token.frame):
+            return
+        if self.doubts and token.end == self.ended_at:
+            return  # it may be the response
+        if self._is_on_line or asked.asked.accepts(token.frame.pdu):
+            self._copies += 1
+            self.is_shared = True
 
     def _is_request(self, token: Token) -> bool:
         frame = token.frame
@@ -214,9 +219,11 @@ class Attribution:
             self.overheard.count_copy(token.at)
         else:
             self.overheard.count_request(token.at)
+        self.is_shared = True
         request = ForeignRequest(token.at, token.end, frame, asked)
         self.foreign.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(request)
-        if self.heard_asker is not None:
+        may_be_response = is_copy and asked.accepts(frame.pdu)
+        if self.heard_asker is not None and not may_be_response:
             self.heard_asker()
         return True
 
@@ -246,3 +253,19 @@ class Attribution:
     def _drop_empty(self, unit: int) -> None:
         if not self.foreign[unit]:
             del self.foreign[unit]
+
+
+def _is_repeated(asked: Transaction, frame: Frame) -> bool:
+    """Whether `frame` is a copy of the request; of a broadcast, from any unit."""
+    return frame.pdu == asked.asked.data and asked.unit in (frame.unit, BROADCAST_UNIT)
+
+
+def _may_answer(response: bytes, asked: RequestPdu) -> bool:
+    """Whether another client may get this response.
+
+    Mostly its function alone counts: an exception fits any quantity, and another client may repeat its request with
+    another one. But where the response repeats the request (05, 06), it fits no other.
+    """
+    if response[0] != asked.function:
+        return response[0] == asked.function | EXCEPTION_BIT
+    return asked.data != asked.response_head or response == asked.data

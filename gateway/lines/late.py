@@ -5,6 +5,7 @@ the same shape. Until it has come, or the window ends, no request with the same 
 with other functions and to other units are.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -55,12 +56,13 @@ class LateResponse(NamedTuple):
 
 @dataclass
 class _Window:
-    """Until `ends_at`, `owed` late responses to `request` may come."""
+    """Until `ends_at`, `owed` late responses to `request` may come. See LateWindows.open for `patience`."""
 
     request: SentRequest
     expected: Expected
     ends_at: float
     owed: int
+    patience: float
 
     def forbids(self, other: Transaction) -> bool:
         """Whether a late response could be taken for the response to `other`.
@@ -94,9 +96,14 @@ class LateWindows:
         ends_at = max(now, transaction.fails_at) + self.length(transaction.limit, transaction.device.answer_time)
         return max(ends_at, transaction.ends_at + transaction.patience)
 
-    def open(self, request: SentRequest, expected: Expected, ends_at: float, owed: int = 1) -> None:
-        """Until `ends_at`, `owed` responses to `request` may come that look like `expected`."""
-        self.windows.append(_Window(request, expected, ends_at, owed))
+    def open(
+        self, request: SentRequest, expected: Expected, ends_at: float, owed: int = 1, patience: float = 0.0
+    ) -> None:
+        """Until `ends_at`, `owed` responses to `request` may come that look like `expected`.
+
+        An `Overdue` request does not tell its device: `patience` is for how many seconds any response may come from it.
+        """
+        self.windows.append(_Window(request, expected, ends_at, owed, patience))
 
     def overdue(self, now: float) -> list[Overdue]:
         """The open windows, for the next line on the same port."""
@@ -125,11 +132,13 @@ class LateWindows:
         requests = [window.request for window in self.windows if window.request.unit != unit]
         return [bytes((each.unit, each.asked.function | bit)) for each in requests for bit in (0, EXCEPTION_BIT)]
 
-    def extend(self, token: Token, until: float) -> None:
-        """Another response that looks like this one may come until then."""
+    def extend(self, token: Token, asked_at: float, patience: Callable[[AnswerTime], float]) -> None:
+        """Another client has asked then for a response like this one: it may still come for so many seconds."""
         for window in self.windows:
-            if window.request.accepts(token.frame):
-                window.ends_at = max(window.ends_at, until)
+            request = window.request
+            if request.accepts(token.frame):
+                lasts = window.patience if isinstance(request, Overdue) else patience(request.device.answer_time)
+                window.ends_at = max(window.ends_at, asked_at + lasts)
 
     def take(self, token: Token) -> SentRequest | None:
         """The oldest request that this is a late response to, or None. The last response closes its window."""

@@ -205,11 +205,14 @@ class Line:
         ]
         return self._windows.overdue(now) + others
 
-    def await_overdue(self, answers: Iterable[Overdue]) -> None:
-        """Open late windows for the requests of an earlier line on the port."""
+    def await_overdue(self, answers: Iterable[Overdue], patience: float) -> None:
+        """Open late windows for the requests of an earlier line on the port.
+
+        A response of any device comes within `patience` seconds of its request.
+        """
         for each in answers:
             expected = self._receiver.expected(each.answers_from, each.asked)
-            self._windows.open(each, expected, each.ends_at, each.owed)
+            self._windows.open(each, expected, each.ends_at, each.owed, patience)
 
     def change_rate(self, baud: int, now: float) -> None:
         """Devices and port change to another rate after the transaction on the line; nothing is sent for a moment."""

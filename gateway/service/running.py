@@ -168,7 +168,7 @@ class Running:
         overdue = [each for borrower in borrowers for each in borrower.overdue(now, line.patience)]
         successors = [each for each in self.gateway.lines if place_of(each.plan.port) == place]
         for successor in successors:
-            successor.driver.line.await_overdue(overdue)
+            successor.driver.line.await_overdue(overdue, successor.patience)
         if overdue and (self._is_ending or not successors):
             self._left_behind.leave(place, [*self._left_behind.at(place, now), *overdue], now)
 
@@ -270,7 +270,8 @@ class Running:
         now = asyncio.get_running_loop().time()
         for part in parts:
             if isinstance(part, GatewayLine):
-                part.driver.line.await_overdue(self._left_behind.at(place_of(part.plan.port), now))
+                overdue = self._left_behind.at(place_of(part.plan.port), now)
+                part.driver.line.await_overdue(overdue, part.patience)
             self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
 
     async def _retire_listener(self, listener: Listener) -> None:

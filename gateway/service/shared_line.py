@@ -86,7 +86,8 @@ class SharedPort:
             self._adopt_rate(*rate)
         late = state.get("late")
         if late is not None and is_entry(late):
-            self._line.driver.line.await_overdue(read_entry(late, -inf, self._line.now()))
+            answers = read_entry(late, -inf, self._line.now())
+            self._line.driver.line.await_overdue(answers, self._line.patience)
 
     def _adopt_addresses(self, moved: Mapping[str, tuple[int, int]]) -> None:
         line, plan = self._line, self._line.plan

@@ -13,6 +13,7 @@ from kit.line_bench import ASCII, LATENCY, LIMIT, READ, REQUEST_TIME, RESPONSE, 
 THEIRS = "03 00 30 00 01"
 LIE = "03 02 DE AD"
 WRITE = "06 00 01 00 05"
+OTHER_WRITE = "06 00 01 00 06"
 #: How long a request of another client to a unit with a time-out of 200 ms may be answered.
 PATIENCE = 3 * LIMIT
 
@@ -300,6 +301,25 @@ def test_our_late_answer_may_be_taken_for_theirs_so_the_window_lasts_as_long_as_
     assert bench.client.answers == ["83 0B"]
 
 
+def test_it_lasts_so_long_whichever_unit_we_ask_meanwhile() -> None:
+    """The slow unit may answer them for as long as it takes; the unit that we asked last is a quick one."""
+    bench = Bench()
+    bench.device(1, timeout=1.0)
+    bench.device(2, timeout=0.05)
+    bench.ask()
+    bench.pass_time(1.5)
+    bench.client.answers.clear()
+    assert is_believed(bench, unit=2)
+    bench.respond(THEIRS)
+    bench.pass_time(0.05)
+    bench.respond()
+    bench.pass_time(2.5)
+    bench.ask("03 00 20 00 01")
+    bench.pass_time(0.05)
+    bench.respond(LIE)
+    assert bench.client.answers[-1] == "83 0B"
+
+
 def test_while_another_unit_is_in_a_late_window(bench: Bench) -> None:
     bench.ask("04 00 10 00 01", unit=2)
     bench.pass_time(0.3)
@@ -437,11 +457,29 @@ def test_who_asks_the_same_as_we_did_last(bench: Bench) -> None:
     assert not is_believed(bench, THEIRS)
 
 
-def test_a_second_copy_of_a_writes_answer_is_nobodys_request(bench: Bench) -> None:
+def test_who_writes_what_we_wrote_last(bench: Bench) -> None:
+    assert is_believed(bench, WRITE, WRITE)
+    bench.respond(WRITE)
+    bench.pass_time(0.01)
+    assert not is_believed(bench, WRITE, WRITE)
+
+
+def test_a_second_copy_of_a_writes_answer_puts_only_the_same_write_in_doubt(bench: Bench) -> None:
     assert is_believed(bench, WRITE, WRITE)
     bench.respond(WRITE)
     bench.pass_time(0.01)
     assert is_believed(bench)
+    assert is_believed(bench, OTHER_WRITE, OTHER_WRITE)
+
+
+def test_nor_does_it_make_another_gateway_give_up_the_line(bench: Bench) -> None:
+    heard = []
+    bench.line.share(lambda: True, lambda: heard.append("asker"))
+    assert is_believed(bench, WRITE, WRITE)
+    bench.respond(WRITE)
+    assert heard == []
+    bench.respond(OTHER_WRITE)
+    assert heard == ["asker"]
 
 
 def test_an_answer_to_a_broadcast_is_nobodys_request(bench: Bench) -> None:

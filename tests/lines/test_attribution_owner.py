@@ -13,6 +13,7 @@ from kit.line_bench import READ, RESPONSE, Bench
 
 THEIRS = "03 00 30 00 01"
 WRITE = "06 00 01 00 05"
+OTHER_WRITE = "06 00 01 00 06"
 #: Of another client's request, in seconds; and when our request is sent, where, and until when a copy is an echo.
 PATIENCE = 2.0
 NOW = 100.0
@@ -153,7 +154,7 @@ def test_at_address_0_too_a_request_is_doubted_only_as_long_as_its_response_may_
 
 def overdue(table: Table, ends_at: float, since: int = 0, owed: int = 1, answers_from: int | None = 1) -> Overdue:
     request = Overdue(1, answers_from, bytes.fromhex(READ), owed, ends_at)
-    table.windows.open(request, Expected(answers_from, request.asked, since), ends_at, owed)
+    table.windows.open(request, Expected(answers_from, request.asked, since), ends_at, owed, PATIENCE)
     return request
 
 
@@ -236,11 +237,32 @@ def test_whoever_is_asked_at_address_0_may_repeat_what_was_sent(table: Table) ->
     assert table.owner(READ, unit=77) == "an echo"
 
 
-def test_a_second_copy_of_a_writes_response_is_an_echo(table: Table) -> None:
+@pytest.mark.parametrize(("at", "owner"), [(ECHO_UNTIL - 0.001, "an echo"), (ECHO_UNTIL, "another's request")])
+def test_a_second_copy_of_a_writes_response_is_an_echo_if_it_comes_so_soon(table: Table, at: float, owner: str) -> None:
     table.begin(WRITE)
     assert table.owner(WRITE) == "the request"
-    assert table.owner(WRITE) == "an echo"
+    assert table.owner(WRITE, at=at) == owner
     assert table.owner(WRITE, unit=2) == "another's request"
+
+
+def test_another_client_that_writes_what_we_wrote_last_waits_for_its_response(table: Table) -> None:
+    table.begin(WRITE)
+    assert table.owner(WRITE) == "the request"
+    assert table.owner(WRITE, at=ECHO_UNTIL) == "another's request"
+    table.begin(WRITE, now=ECHO_UNTIL + 0.1)
+    assert table.owner(WRITE, at=ECHO_UNTIL + 0.2) == "another client"
+    assert table.owner(WRITE, at=ECHO_UNTIL + 0.3) == "another's request"
+
+
+def test_the_response_of_another_write_cannot_be_theirs(table: Table) -> None:
+    """Only an exception can: it does not tell what it refuses."""
+    assert table.owner(WRITE) == "another's request"
+    table.begin(OTHER_WRITE)
+    assert table.owner(OTHER_WRITE) == "the request"
+    assert table.owner(WRITE) == "another client"
+    assert table.owner(WRITE) == "another's request"
+    table.begin(OTHER_WRITE)
+    assert table.owner("86 02") == "another client"
 
 
 def test_copies_besides_the_response_are_counted_request_by_request(table: Table) -> None:

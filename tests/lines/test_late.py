@@ -42,7 +42,7 @@ def succeed(bench: Bench) -> Bench:
     other = Bench()
     other.now = bench.now
     other.plug()
-    other.line.await_overdue(bench.line.overdue(bench.now, PATIENCE))
+    other.line.await_overdue(bench.line.overdue(bench.now, PATIENCE), PATIENCE)
     other.pass_time(0.01)
     return other
 
@@ -284,7 +284,7 @@ def test_one_late_response_closes_one_of_two_equal_windows(bench: Bench) -> None
     time_out(bench, unit=2)
     for _ in range(2):
         successor = succeed(bench)
-        successor.line.await_overdue(bench.line.overdue(bench.now, PATIENCE))
+        successor.line.await_overdue(bench.line.overdue(bench.now, PATIENCE), PATIENCE)
         assert successor.line.late_windows(successor.now) == 4
         successor.respond()
         assert successor.line.late_windows(successor.now) == 3

@@ -170,7 +170,7 @@ def _may_copy(world: World) -> bool:
 def _other_asks(unit: int, pdu: str) -> Letter:
     data = bytes.fromhex(pdu)
     return Letter(
-        lambda world: _may_speak(world) and world.wire.may_ask(),
+        lambda world: _may_speak(world) and world.wire.may_ask(unit, data),
         lambda world: world.hear(world.wire.other_asked(unit, data, world.now)),
         speaks=True,
     )
@@ -217,6 +217,7 @@ LETTERS: Final[dict[str, Letter]] = {
     "read from other unit": _asks("b", 3, "03 00 10 00 01"),
     "read, then other read": _asks("a", 1, "03 00 10 00 01", "other read"),
     "other write": _asks("b", 1, "06 00 31 00 00"),
+    "switch": _asks("a", 1, "05 00 30 FF 00"),
     "order to listen only": _asks("b", 1, "08 00 04 00 00"),
     "broadcast": _asks("b", 0, "06 00 30 00 00"),
     "client leaves": _leaves("a"),
@@ -234,6 +235,7 @@ LETTERS: Final[dict[str, Letter]] = {
     "foreign read with other function": _other_asks(1, "04 00 28 00 01"),
     "foreign read from other unit": _other_asks(3, "03 00 10 00 01"),
     "foreign write": _other_asks(1, "06 00 38 00 00"),
+    "same foreign switch": _other_asks(1, "05 00 30 FF 00"),
     "foreign answer": _answers(_rightly, ours=False),
     "newest foreign answer": _answers(_rightly, ours=False, newest=True),
     "foreign exception": _answers(_with_an_exception, ours=False),

@@ -33,6 +33,10 @@ ALPHABETS: Final[dict[str, tuple[str, ...]]] = {
         "read", "other read", "write", "answer", "exception", "foreign read", "other foreign read", "foreign write",
         "foreign answer", "newest foreign answer", "foreign exception", "silence", "limit", "window",
     ),
+    "switch": (
+        "switch", "write", "answer", "exception", "copy of answer", "same foreign switch", "foreign answer",
+        "foreign exception", "foreign write", "silence", "limit", "window",
+    ),
     "together": (
         "read", "other read", "answer", "copy of answer", "foreign read", "other foreign read", "foreign answer",
         "noise", "next two together", "silence", "limit",

@@ -6,7 +6,8 @@ Each request on the wire is answered once by its device, whoever has asked. What
 - No answer comes after its late window, which is twice the limit of its request.
 - No answer comes a second time while one of the same unit and function is still to come, to us or to another client.
 - Another client's request is heard whole, or its answer is not heard either; its functions have known sizes.
-- No other client writes what we write, or the same twice: a copy of such a request looks like its answer.
+- No other client writes what we write while an answer to that may come, or the same again when it was not answered: a
+  copy of such a request looks like its answer.
 - What comes is read at once: nothing is on its way when a request leaves.
 - An echo that the settings do not tell of comes before its request has left, on a real line.
 - No noise looks like a frame.
@@ -30,7 +31,9 @@ LATENCY: Final = 0.005
 #: Exception codes of devices, none of which the gateway answers with.
 _CODES: Final = (1, 2, 3, 4, 5, 8)
 #: Functions whose response is the request.
-_REPEATED: Final = frozenset({FunctionCode.WRITE_SINGLE_REGISTER, FunctionCode.DIAGNOSTICS})
+_REPEATED: Final = frozenset(
+    {FunctionCode.WRITE_SINGLE_COIL, FunctionCode.WRITE_SINGLE_REGISTER, FunctionCode.DIAGNOSTICS}
+)
 #: So many requests of other clients are unanswered at most.
 _OTHERS: Final = 2
 #: An answer comes at the latest so many seconds before its window ends.
@@ -81,21 +84,30 @@ class Wire:
         self._takes_time = takes_time
         self._encode = ascii_framing.encode if timing.mode == "ascii" else rtu.encode
         self._writes_of_others = 0
+        #: Other clients' requests without an answer that was heard whole.
+        self._unanswered: set[tuple[int, bytes]] = set()
 
     def asked(self, frame: bytes, questions: list[Any], now: float) -> Asking:
         """We have written a request for `questions`."""
         unit, pdu = self.decoded(frame)
         return self._add(unit, pdu, questions, now + len(frame) * self._timing.character, is_ours=True)
 
-    def may_ask(self) -> bool:
-        """Whether another client may ask now."""
-        return sum(each.is_owed and not each.is_ours for each in self.askings) < _OTHERS
+    def may_ask(self, unit: int, pdu: bytes) -> bool:
+        """Whether another client may ask this now."""
+        asked = unit, pdu
+        is_awaited = any(each.is_owed and each.is_ours and (each.unit, each.pdu) == asked for each in self.askings)
+        looks_like_answer = pdu[0] == FunctionCode.WRITE_SINGLE_COIL and (is_awaited or asked in self._unanswered)
+        return not looks_like_answer and sum(each.is_owed and not each.is_ours for each in self.askings) < _OTHERS
 
     def other_asked(self, unit: int, pdu: bytes, now: float) -> bytes:
-        """Another client has asked; its frame. Who asks the same as we do, after us, has the same answer as we."""
-        if pdu[0] in _REPEATED:
+        """Another client has asked; its frame. Who asks the same as we do, after us, has the same answer as we.
+
+        Each write of a register has a value of its own.
+        """
+        if pdu[0] == FunctionCode.WRITE_SINGLE_REGISTER:
             self._writes_of_others += 1
             pdu = pdu[:-1] + bytes((self._writes_of_others,))
+        self._unanswered.add((unit, pdu))
         same = [each for each in self.askings if each.is_ours and each.is_owed and (each.unit, each.pdu) == (unit, pdu)]
         self._add(unit, pdu, [question for each in same for question in each.questions], now, is_ours=False)
         return self._encode(unit, pdu)
@@ -112,6 +124,8 @@ class Wire:
         """The device answers; its frame."""
         asking.is_owed = False
         asking.delivered.append(pdu)
+        if not asking.is_ours:
+            self._unanswered.discard((asking.unit, asking.pdu))
         return self._encode(asking.unit, pdu)
 
     def begins(self, asking: Asking) -> bytes:
