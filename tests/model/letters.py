@@ -229,7 +229,7 @@ LETTERS: Final[dict[str, Letter]] = {
     "answer with wrong check sum": _answers(_with_a_wrong_check_sum),
     "answer with wrong unit": _answers(_with_a_wrong_unit),
     "answer with parity error": Letter(_answers(_rightly).may, _with_a_parity_error),
-    "copy of answer": Letter(_may_copy, lambda world: world.hear(world.last[1]), speaks=True),
+    "copy of answer": Letter(_may_copy, lambda world: world.hear(world.wire.again(world.last[1])), speaks=True),
     "foreign read": _other_asks(1, "03 00 10 00 01"),
     "other foreign read": _other_asks(1, "03 00 28 00 01"),
     "foreign read with other function": _other_asks(1, "04 00 28 00 01"),

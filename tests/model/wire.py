@@ -84,7 +84,7 @@ class Wire:
         self._takes_time = takes_time
         self._encode = ascii_framing.encode if timing.mode == "ascii" else rtu.encode
         self._writes_of_others = 0
-        #: Other clients' requests without an answer that was heard whole.
+        #: Other clients' requests without an answer that was heard whole, and what looks like one.
         self._unanswered: set[tuple[int, bytes]] = set()
 
     def asked(self, frame: bytes, questions: list[Any], now: float) -> Asking:
@@ -127,6 +127,11 @@ class Wire:
         if not asking.is_ours:
             self._unanswered.discard((asking.unit, asking.pdu))
         return self._encode(asking.unit, pdu)
+
+    def again(self, frame: bytes) -> bytes:
+        """The device answers a second time. If that repeats a request, it looks like one that nobody answers."""
+        self._unanswered.add(self.decoded(frame))
+        return frame
 
     def begins(self, asking: Asking) -> bytes:
         """Half of the answer."""
