@@ -69,9 +69,11 @@ class OpenSockets:
         return None
 
     def take_wider(self, kind: int, address: tuple[Any, ...]) -> socket.socket | None:
-        """A copy of one of systemd's that accepts connections to this address among others: see `is_meant`."""
+        """A copy of one of systemd's that takes clients of this address among others: see `is_meant`."""
+        if kind == socket.SOCK_DGRAM and "%" in address[0]:  # a datagram does not tell the interface of its address
+            return None
         for sock in self.all:
-            if kind == sock.type == socket.SOCK_STREAM and _covers(sock, address):
+            if sock.type == kind and _covers(sock, address):
                 return sock.dup()
         return None
 
@@ -138,7 +140,7 @@ def bind_sockets(
 ) -> list[socket.socket]:
     """Bind a socket to each of a listener's addresses; it does not listen yet. `::` takes IPv4 clients as well.
 
-    Sockets that are `ready` are used instead of new ones. They may accept clients of others too: see `is_meant`.
+    Sockets that are `ready` are used instead of new ones. They may take clients of others too: see `is_meant`.
 
     Raises:
         ListenError: an address is in use, needs more rights, or is none of this machine; nothing is left open.
@@ -150,12 +152,12 @@ def bind_sockets(
         raise make_listen_error(settings, error, ready) from error
 
 
-def is_meant(client: socket.socket, listening: socket.socket, addresses: Iterable[AddressInfo]) -> bool:
-    """Whether `client` connected to one of these addresses. A wider socket accepts clients for others too."""
+def is_meant(asked: str, bound: socket.socket, addresses: Iterable[AddressInfo]) -> bool:
+    """Whether a client that `asked` this host is for one of these addresses. A wider `bound` socket hears others."""
     ours = {address[0] for *_, address in addresses}
-    if listening.getsockname()[0] in ours:
+    if bound.getsockname()[0] in ours:
         return True
-    asked = show_host(client.getsockname()[0])
+    asked = show_host(asked)
     return asked in ours or (_EVERY_IPV4_ADDRESS in ours and ":" not in asked)
 
 

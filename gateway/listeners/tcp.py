@@ -194,7 +194,7 @@ class TcpListener:
         host, client = show_host(host), join_host_port(host, port)
         loop = asyncio.get_running_loop()
         try:
-            is_ours = is_meant(sock, listening, self._addresses)
+            is_ours = is_meant(sock.getsockname()[0], listening, self._addresses)
             why_not = self._refusal(host, loop.time()) if is_ours else NOT_MEANT
             if not why_not:
                 await self._serve(sock, host, client)

@@ -13,11 +13,12 @@ from gateway.listeners.datagram import PeerAddress, receive, request_local_addre
 from gateway.listeners.origin import Origins
 from gateway.listeners.peer import Path, Peer
 from gateway.listeners.rejections import Rejections
-from gateway.listeners.session import Counts, ListenSettings
+from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.sockets import (
     OpenSockets,
     addresses,
     bind_sockets,
+    is_meant,
     join_host_port,
     precedence,
     replaces,
@@ -51,7 +52,8 @@ class DatagramCounts(Counts):
 class UdpListener:
     """One `[[listen]]` table with udp://: answers datagrams, forgets idle peers.
 
-    Datagrams from an address without any right are dropped. At most `clients` peers are known at a time; `admission`
+    Datagrams from an address without any right are dropped, and those to another address than the listener's, through a
+    wider socket of systemd. At most `clients` peers are known at a time; `admission`
     decides which one is forgotten for a new one, and whose datagrams are dropped.
     """
 
@@ -228,12 +230,13 @@ class UdpListener:
                 self.emit(events.PartFailed.of(f"client {join_host_port(key.host, key.port)}", error))
 
     def _peer(self, sock: socket.socket, key: PeerAddress, now: float) -> Peer | None:
-        """The sender of a datagram; None if it has no rights, or the listener is full or finishing."""
+        """The sender of a datagram; None if it has no rights or is not meant, or the listener is full or finishing."""
         peer = self._peers.get(key)
         if peer is not None or self._is_finishing:
             return peer
         client = join_host_port(key.host, key.port)
-        why_not = self._admission.refusal(key.host, self.router.rights, self.settings, now, self._dismiss)
+        is_ours = is_meant(key.asked_host, sock, self._addresses)
+        why_not = self._refusal(key.host, now) if is_ours else NOT_MEANT
         if why_not:
             self.counts.rejected += 1
             self.rejections.add(key.host, why_not, now)
@@ -250,6 +253,10 @@ class UdpListener:
         self.counts.accepted += 1
         self.emit(events.ClientConnected(self.settings.name, client))
         return peer
+
+    def _refusal(self, host: str, now: float) -> str:
+        """Why a sender is rejected; empty if it is accepted, perhaps after another one was forgotten."""
+        return self._admission.refusal(host, self.router.rights, self.settings, now, self._dismiss)
 
     def _path(self, sock: socket.socket, key: PeerAddress) -> Path:
         control, address = send_arguments(sock, key)

@@ -350,7 +350,7 @@ def test_a_socket_that_fits_no_listener_is_an_error_that_names_it(
 
 
 def test_every_address_of_the_socket_unit_has_its_listener(system: BootedSystem) -> None:
-    system.override(SOCKET, "[Socket]\nListenStream=\nListenStream=0.0.0.0:502\nListenDatagram=0.0.0.0:502\n")
+    system.override(SOCKET, "[Socket]\nListenStream=\nListenStream=0.0.0.0:502\nListenDatagram=[::]:502\n")
     system.write(FILE, CONFIG.replace("[::]", "0.0.0.0") + '[[listen]]\nname = "udp"\nbind = "udp://0.0.0.0:502"\n')
     start(system)
     with system.connect() as client, system.open_socket(kind=socket.SOCK_DGRAM) as datagrams:

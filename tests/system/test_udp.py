@@ -4,7 +4,7 @@ import asyncio
 import dataclasses
 import gc
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, suppress
 
 import pytest
@@ -13,7 +13,7 @@ from gateway.errors import ListenError
 from gateway.events import AccessDenied, ClientClosed, ClientConnected, ClientRejected, Event, ListenerUp, PartFailed
 from gateway.listeners import udp as udp_module
 from gateway.listeners.peer import Peer
-from gateway.listeners.session import ListenSettings
+from gateway.listeners.session import NOT_MEANT, ListenSettings
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
@@ -118,11 +118,17 @@ class Bench:
 
 @asynccontextmanager
 async def listening(
-    clients: int = 32, idle: float = 0, in_flight: int = 16, host: str = "127.0.0.1"
+    clients: int = 32,
+    idle: float = 0,
+    in_flight: int = 16,
+    host: str = "127.0.0.1",
+    ready: socket.socket | None = None,
 ) -> AsyncIterator[Bench]:
-    bench = Bench(ListenSettings("field", host, 0, clients=clients, idle=idle, in_flight=in_flight, scheme="udp"))
+    """A listener at `host`; with a `ready` socket of systemd, at its port."""
+    port = ready.getsockname()[1] if ready else 0
+    bench = Bench(ListenSettings("field", host, port, clients=clients, idle=idle, in_flight=in_flight, scheme="udp"))
     await bench.listener.find()
-    bench.listener.bind()
+    bench.listener.bind(OpenSockets([ready] if ready else []))
     bench.listener.listen()
     bench.listener.start()
     try:
@@ -198,6 +204,67 @@ async def test_one_client_that_asks_two_of_our_addresses_is_answered_from_each()
                     encode(1, PROMPT, RESPONSE),
                     (host, bench.port),
                 )
+
+
+@pytest.fixture
+def everywhere() -> Iterator[socket.socket]:
+    """A socket of systemd for `ListenDatagram=[::]:P`: IPv6 and IPv4."""
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as sock:
+        sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        sock.bind(("::", 0))
+        yield sock
+
+
+@needs_ipv6
+@pytest.mark.parametrize(
+    ("host", "meant", "others"),
+    [
+        ("0.0.0.0", ["127.0.0.1", "127.0.0.2"], ["::1"]),
+        ("127.0.0.1", ["127.0.0.1"], ["127.0.0.2", "::1"]),
+        ("::1", ["::1"], ["127.0.0.1"]),
+        ("::", ["127.0.0.1", "::1"], []),
+    ],
+)
+async def test_a_socket_of_systemd_at_every_address_serves_those_of_the_listener(
+    everywhere: socket.socket, host: str, meant: list[str], others: list[str]
+) -> None:
+    async with listening(host=host, ready=everywhere) as bench:
+        strangers = [bench.client(each) for each in others]
+        for stranger in strangers:
+            stranger.ask()
+        for each in meant:
+            assert await bench.client(each).asks() == encode(1, PROMPT, RESPONSE)
+        assert [await stranger.hears_nothing() for stranger in strangers] == [True] * len(others)
+        assert (bench.listener.counts.accepted, bench.listener.counts.rejected) == (len(meant), len(others))
+        told = bench.told(ClientRejected)
+        assert told == [ClientRejected("field", stranger.name, NOT_MEANT) for stranger in strangers]
+        assert len(bench.plant.requests) == len(meant)
+
+
+@needs_ipv6
+async def test_no_wider_socket_serves_an_address_on_one_interface(everywhere: socket.socket) -> None:
+    """A datagram tells which address it was sent to, and not on which interface that is."""
+    port = everywhere.getsockname()[1]
+    ready = OpenSockets([everywhere])
+    assert ready.take_wider(socket.SOCK_DGRAM, ("fe80::1%lo", port, 0, 1)) is None
+
+
+@needs_ipv6
+async def test_a_listener_that_gets_narrower_still_answers_what_was_asked_before(everywhere: socket.socket) -> None:
+    async with listening(host="::", ready=everywhere) as bench:
+        client = bench.client("::1")
+        client.ask(PATIENT)
+        await until(lambda: bench.plant.requests)
+        later = await bound_as(bench, OpenSockets([everywhere], leaving=bench.listener.sockets), host="0.0.0.0")
+        replace(bench.listener, later)
+        client.ask(PATIENT)
+        client.ask(PATIENT, transaction=2)
+        await until(lambda: later.counts.rejected == 2)
+        bench.plant.requests[0].respond(RESPONSE)
+        assert await client.hears() == encode(1, PATIENT, RESPONSE)
+        assert await client.hears_nothing()
+        assert len(bench.plant.requests) == 1
+        later.close()
 
 
 MALFORMED = {
