@@ -1,7 +1,7 @@
 """An SQLite database with one table in the state folder, for one process at a time.
 
 Each row has a checksum, because SQLite does not detect a bit that a worn flash card has flipped. A file that is damaged
-or from another program is moved aside, never overwritten; what can still be read of it is kept.
+or from another program is moved aside as it is, never overwritten; what can still be read of it is kept.
 
 All calls block.
 """
@@ -11,7 +11,7 @@ from __future__ import annotations  # `sqlite3` is loaded when it is used
 import os
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -155,20 +155,26 @@ def _parts(file: Path) -> Iterator[Path]:
 
 def _open(file: Path, table: Table) -> Opened:
     rows: list[Row] = []
-    try:
-        database = _load(file, table, rows)
-    except sqlite3.OperationalError:  # in use, no permission, disk full: the file may be good
-        raise
-    except sqlite3.DatabaseError as error:
-        return _recreate(file, table, rows, str(error))
-    return Opened(database, tuple(rows))
+    with ExitStack() as unless_used:
+        try:
+            database = _load(file, table, rows, unless_used)
+        except sqlite3.OperationalError:  # in use, no permission, disk full: the file may be good
+            raise
+        except sqlite3.DatabaseError as error:
+            # Before it is closed: SQLite writes the log of a file into it at the end, but not if it was moved.
+            damage = f"{error}; it is now {_move_aside(file)}"
+        else:
+            unless_used.pop_all()
+            return Opened(database, tuple(rows))
+    return _recreate(file, table, rows, damage)
 
 
 def _recreate(file: Path, table: Table, rows: list[Row], damage: str) -> Opened:
-    aside = _move_aside(file)
-    database = _load(file, table, [])
+    with ExitStack() as unless_used:
+        database = _load(file, table, [], unless_used)
+        unless_used.pop_all()
     database.write(rows)
-    return Opened(database, tuple(rows), f"{damage}; it is now {aside}; {len(rows)} values of it could be read")
+    return Opened(database, tuple(rows), f"{damage}; {len(rows)} values of it could be read")
 
 
 def _move_aside(file: Path) -> Path:
@@ -179,8 +185,8 @@ def _move_aside(file: Path) -> Path:
     return aside
 
 
-def _load(file: Path, table: Table, rows: list[Row]) -> Database:
-    """Open `file` and read it into `rows`.
+def _load(file: Path, table: Table, rows: list[Row], unless_used: ExitStack) -> Database:
+    """Open `file` and read it into `rows`. `unless_used` closes it.
 
     Raises:
         sqlite3.OperationalError: it cannot be opened at the moment.
@@ -189,19 +195,16 @@ def _load(file: Path, table: Table, rows: list[Row]) -> Database:
     if file.exists() and not file.stat().st_size:
         raise sqlite3.DatabaseError("it is empty")
     connection = sqlite3.connect(file, timeout=0, isolation_level=None, check_same_thread=False)
+    unless_used.callback(connection.close)
     connection.text_factory = partial(str, encoding="utf-8", errors="replace")
-    try:
-        connection.execute(_OURS_ALONE)
-        is_new = _is_new(connection, file, table)
-        connection.executescript(_MODES)  # which changes the file, so it must be ours
-        if is_new:
-            connection.executescript(table.set_up)
-        for part in filter(Path.exists, _parts(file)):
-            give_to_owner_of_folder(part)
-        _read(connection, table, rows)
-    except BaseException:
-        connection.close()
-        raise
+    connection.execute(_OURS_ALONE)
+    is_new = _is_new(connection, file, table)
+    connection.executescript(_MODES)  # which changes the file, so it must be ours
+    if is_new:
+        connection.executescript(table.set_up)
+    for part in filter(Path.exists, _parts(file)):
+        give_to_owner_of_folder(part)
+    _read(connection, table, rows)
     return Database(connection, table)
 
 

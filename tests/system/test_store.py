@@ -193,6 +193,21 @@ def test_a_database_of_another_program_is_set_aside(folder: Path) -> None:
     assert before in [path.read_bytes() for path in folder.iterdir()]
 
 
+def test_a_database_of_another_program_is_set_aside_with_its_log_as_they_are(folder: Path, tmp_path: Path) -> None:
+    """As that program has left them when it was killed: its last transactions are in the log only."""
+    theirs = tmp_path / "theirs.sqlite"
+    with closing(sqlite3.connect(theirs, isolation_level=None)) as connection:
+        connection.executescript("PRAGMA journal_mode = WAL; CREATE TABLE items (name TEXT)")
+        before = [Path(f"{theirs}{part}").read_bytes() for part in ("", "-wal")]
+    _only(folder, before[0])
+    (folder / f"{FILE_NAME}-wal").write_bytes(before[1])
+    assert spoilt(folder)[1].startswith("it is a database of another program")
+    (aside,) = (path for path in folder.iterdir() if path.suffix.removeprefix(".").replace("-", "").isdecimal())
+    assert [Path(f"{aside}{part}").read_bytes() for part in ("", "-wal")] == before
+    with closing(sqlite3.connect(aside)) as connection:
+        assert connection.execute("SELECT count(*) FROM items").fetchone() == (0,)
+
+
 def test_a_file_from_a_later_version_is_left_alone(folder: Path) -> None:
     with closing(sqlite3.connect(folder / FILE_NAME)) as connection, connection:
         connection.execute("PRAGMA user_version = 2")
