@@ -48,7 +48,7 @@ class Conversation:
     """A connection to the gateway for any number of requests; open inside the context.
 
     Answers are taken apart and shown inside the context: there, one of another version's gateway that has another form
-    becomes a DaemonError.
+    becomes a DaemonError with the same notes.
 
     Raises:
         DaemonError: no gateway can be reached, or it does not answer, or refuses a request.
@@ -72,9 +72,10 @@ class Conversation:
         if isinstance(error, NOT_UNDERSTOOD):
             what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             versions = f"the gateway has version {self._version}, this command {__version__}"
-            raise DaemonError(
-                f"the gateway's answer is not understood ({what}); {versions}: restart the service"
-            ) from error
+            told = DaemonError(f"the gateway's answer is not understood ({what}); {versions}: restart the service")
+            for note in getattr(error, "__notes__", ()):
+                told.add_note(note)
+            raise told from error
 
     def wait_for(self, seconds: float) -> None:
         """Allow this time for an answer, if it is longer than the usual one."""

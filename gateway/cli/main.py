@@ -69,7 +69,7 @@ def _run(args: argparse.Namespace) -> int:
         code: int = module_of(args.verb).run(args)
         print(end="", flush=True)
     except GatewayError as error:
-        print(f"modbus-gateway: error: {error}", file=sys.stderr)
+        print("\n  note: ".join([f"modbus-gateway: error: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
         return PROBLEM_FOUND
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -2,9 +2,11 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Final
 
+from gateway.cli.daemon import NOT_UNDERSTOOD
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.mbpoll import add_habits
 from gateway.cli.on_unit import run_on_unit
@@ -13,7 +15,7 @@ from gateway.cli.unit import Answer, Unit, add_unit_arguments
 from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.values import Failure, Outcome, as_json, frames_as_json, frames_as_text, picture, table
 from gateway.cli.words import Assignment, Command, find_assignments
-from gateway.errors import ExceptionCode
+from gateway.errors import ExceptionCode, GatewayError
 from gateway.modbus.codes import FunctionCode
 from gateway.modbus.pdu import Span
 from gateway.profiles.reading import Reading
@@ -85,17 +87,29 @@ def _write(unit: Unit, wanted: Sequence[Reading], args: argparse.Namespace) -> O
     request, span = _request(unit, wanted, multiple=args.multiple)
     is_shown = args.show and points[0].write != "only"
     before = read_points(unit, points) if is_shown else Outcome()
-    answer = unit.ask(request)
+    with _noting("the write may have been carried out"):
+        answer = unit.ask(request)
     if answer.exception is not None:
         failure = Failure(span, answer, _advice(answer, request, span))
         return Outcome([], [*before.failures, failure], [*before.answers, answer])
-    after = read_points(unit, points) if is_shown else Outcome(list(wanted))
+    with _noting("the write was carried out"):
+        after = read_points(unit, points) if is_shown else Outcome(list(wanted))
     old = {id(reading.point): reading.items for reading in before.readings}
     return Outcome(
         [Reading(each.point, each.items, old.get(id(each.point))) for each in after.readings],
         [*before.failures, *after.failures],
         [*before.answers, answer, *after.answers],
     )
+
+
+@contextmanager
+def _noting(what: str) -> Iterator[None]:
+    """An error in this context says also what became of the write."""
+    try:
+        yield
+    except (GatewayError, *NOT_UNDERSTOOD) as error:
+        error.add_note(what)
+        raise
 
 
 def _request(unit: Unit, wanted: Sequence[Reading], *, multiple: bool) -> tuple[bytes, Span]:

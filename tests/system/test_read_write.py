@@ -145,6 +145,8 @@ def test_on_a_port_without_a_daemon(port: Path) -> None:
     silent = command("read", "9", "holding", "0", *at[:4], "--timeout", "300ms")
     assert silent.returncode == 1
     assert "unit 9: no response; the limit is 0.3 s" in silent.stderr
+    unknown = command("write", "9", "holding", "0", "1", *at[:4], "--timeout", "300ms")
+    assert unknown.stderr.endswith("\n  note: the write may have been carried out\n")
 
 
 def test_in_ascii_on_a_port(tmp_path: Path) -> None:
