@@ -4,7 +4,8 @@
     |-----------|-----------------------------|--------------------------------------|------------|
     | down      | the port is open            |                                      | listening  |
     | listening | a request for its units     | it is submitted to the router        | asked      |
-    | listening | one read too late for that  | it gets no response                  | listening  |
+    | listening | one read too late for that, | it gets no response                  | listening  |
+    |           | or together with the next   |                                      |            |
     | listening | any other frame             | counted; a broadcast is passed on    | listening  |
     | asked     | the router has answered     | the response is kept                 | answered   |
     | asked     | there is no response        |                                      | listening  |
@@ -166,7 +167,6 @@ class SerialSession:
         self._heard_since = now if since is None else since
         self._quiet_at = max(self._quiet_at, now + self.settings.silence_before_response)
         self._hear(self._framer.received(data, now, damaged=damaged), now)
-        self._go_on(now)
 
     def deadline(self) -> float | None:
         """When `tick` must be called, or None."""
@@ -181,7 +181,14 @@ class SerialSession:
     def tick(self, now: float) -> None:
         """Let time pass: silence may have ended a frame, a response may be due, or too late."""
         self._hear(self._framer.tick(now), now)
-        self._go_on(now)
+        request, write = self._current, self._write
+        if request is None or write is None:
+            return
+        if now >= self._expires_at(request):
+            self.counts.too_late += 1
+            self._withhold(request, "it was not available within answer_within", now)
+        elif self._answer and now >= self._quiet_at and self._framer.deadline() is None:
+            self._respond(request, self._answer, write, now)
 
     def wants(self, request: Request) -> bool:
         """Whether a waiting request should still be sent: always for a broadcast, which gets no response."""
@@ -212,14 +219,14 @@ class SerialSession:
             self._framer = RtuFramer(settings.frame_end + latency, ours)
 
     def _hear(self, frames: list[Frame], now: float) -> None:
-        for frame in frames:
-            self._take(frame, now)
+        for place, frame in enumerate(frames, 1):
+            self._take(frame, now, is_last=place == len(frames))
         self.counts.noise += self._framer.heard_noise
         self._framer.heard_noise = False
         if self._current is not None and self._has_newer_frame():
             self._overtake(self._current, now)
 
-    def _take(self, frame: Frame, now: float) -> None:
+    def _take(self, frame: Frame, now: float, *, is_last: bool) -> None:
         verdict = self._echo.judge(frame, self._heard_at, self._heard_since)
         if verdict == "echo":
             self.counts.echoes += 1
@@ -235,8 +242,8 @@ class SerialSession:
             self.counts.requests += 1
             self._current = request
             self._glitch_until = now + self.settings.timing.t35 + self._latency
-            if now >= self._expires_at(request):
-                return  # read too late, and withheld by `_go_on`
+            if not is_last or self._has_newer_frame() or now >= self._expires_at(request):
+                return  # given up, or read too late: it is withheld
             if verdict == "doubtful":
                 request.fail(Busy())
                 return
@@ -248,19 +255,10 @@ class SerialSession:
         self._router.submit(request, now)
 
     def _has_newer_frame(self) -> bool:
-        """Whether bytes arrived after the request: most likely the client's next request."""
+        """Whether bytes arrived after the request, perhaps long after: most likely the client's next request."""
         behind = self._framer.behind
-        return behind > _GLITCH or (behind > 0 and self._heard_at > self._glitch_until)
-
-    def _go_on(self, now: float) -> None:
-        """Send the response if the client still waits for it and the line is quiet."""
-        if self._current is None or self._write is None:
-            return
-        if now >= self._expires_at(self._current):
-            self.counts.too_late += 1
-            self._withhold(self._current, "it was not available within answer_within", now)
-        elif self._answer and now >= self._quiet_at and self._framer.deadline() is None:
-            self._respond(self._current, self._answer, self._write, now)
+        is_right_behind = self._heard_at <= self._glitch_until and self._heard_at == self._heard_since
+        return behind > (_GLITCH if is_right_behind else 0)
 
     def _respond(self, request: Request, pdu: bytes, write: Callable[[bytes], None], now: float) -> None:
         self._drop()

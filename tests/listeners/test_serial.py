@@ -10,9 +10,11 @@ from gateway.errors import PortError
 from gateway.events import AnswerWithheld, Event, PartFailed
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.serial_session import LOOK_STEP, UNNOTICED, ServerSettings
+from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.rtu import encode
 from gateway.request import Request
-from kit.server_bench import RTU
+from gateway.timing.characters import LineTiming
+from kit.server_bench import ASCII, RTU
 from kit.virtual_time import VirtualTimeLoop
 
 READ = encode(41, bytes.fromhex("03 0000 0002"))
@@ -52,11 +54,11 @@ class Driven:
     They are answered with `at_once`, if that is set.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, timing: LineTiming = RTU, **settings: object) -> None:
         self.events: list[Event] = []
         self.requests: list[Request] = []
         self.at_once: bytes | None = None
-        settings = ServerSettings("panel", RTU, frozenset({41}))
+        settings = ServerSettings("panel", timing, frozenset({41}), **settings)
         self.listener = SerialListener(settings, self, asyncio.get_running_loop(), self.events.append)
         self.port = FakePort()
         self.port.received = self.listener.received
@@ -120,6 +122,21 @@ async def test_an_answer_that_waits_for_the_silence_is_dropped_when_the_next_req
     await asyncio.sleep(0.1)
     assert driven.port.written == []
     assert len(driven.requests) == 2
+    driven.listener.close()
+
+
+@pytest.mark.parametrize(("timing", "encoded"), [(RTU, encode), (ASCII, ascii_framing.encode)], ids=["rtu", "ascii"])
+async def test_one_that_needs_no_silence_is_not_sent_before_all_that_has_arrived_is_read(
+    timing: LineTiming, encoded: Callable[[int, bytes], bytes]
+) -> None:
+    """What is read at once comes in pieces, if it contains damaged characters, or is much."""
+    driven = Driven(timing, gap=0.0)
+    driven.at_once = RESPONSE
+    driven.port.unread = encoded(41, bytes.fromhex("03 0063 0001"))
+    driven.listener.received(encoded(41, bytes.fromhex("03 0000 0002")))
+    driven.at_once = bytes.fromhex("03 02 0007")
+    await asyncio.sleep(0.1)
+    assert driven.port.written == [encoded(41, bytes.fromhex("03 02 0007"))]
     driven.listener.close()
 
 

@@ -126,12 +126,34 @@ class TestOnBothKindsOfLine:
         bench.pass_time(0.1)
         assert bench.take_written() == [bench.frame(42, "03 02 00 07")]
 
-    def test_of_requests_that_come_at_once_only_the_last_one_is_awaited(self, timing: LineTiming) -> None:
+    def test_of_requests_that_are_read_at_once_only_the_last_one_is_carried_out(self, timing: LineTiming) -> None:
+        """Their client has given up the others; a broadcast it never awaits."""
         bench = ServerBench(timing)
         bench.at_once = RESPONSE
-        bench.hear(bench.frame(41, WRITE) + bench.frame(0, WRITE) + bench.frame(42, READ))
+        bench.hear(bench.frame(41, WRITE) * 3 + bench.frame(0, WRITE) + bench.frame(42, READ))
         bench.pass_time(0.1)
-        assert [request.unit for request in bench.asked] == [41, 0, 42]
+        assert [request.unit for request in bench.asked] == [0, 42]
+        assert bench.take_written() == [bench.frame(42, RESPONSE.hex())]
+        assert (bench.counts.requests, bench.counts.overtaken, len(bench.told(AnswerWithheld))) == (4, 3, 3)
+
+    def test_one_behind_which_another_begins_is_not_carried_out(self, timing: LineTiming) -> None:
+        bench = ServerBench(timing)
+        bench.hear(bench.frame(41, WRITE) + bench.frame(41, WRITE)[:4])
+        assert (bench.asked, bench.counts.overtaken) == ([], 1)
+
+    @pytest.mark.parametrize("size", [1, 3])
+    def test_what_is_right_behind_a_request_is_no_glitch_if_the_gateway_stood_still(
+        self, timing: LineTiming, size: int
+    ) -> None:
+        """It may be the beginning of the next request, which the client sends long after that one."""
+        bench = ServerBench(timing)
+        bench.at_once = RESPONSE
+        later = bench.frame(42, READ)
+        bench.session.received(bench.frame(41, WRITE) + later[:size], bench.now, since=bench.now - 0.5)
+        assert (bench.take_written(), bench.asked, bench.counts.overtaken) == ([], [], 1)
+        bench.pass_time(0.002)
+        bench.hear(later[size:])
+        bench.pass_time(0.1)
         assert bench.take_written() == [bench.frame(42, RESPONSE.hex())]
 
     def test_no_answer_after_the_beginning_of_another_frame(self, timing: LineTiming) -> None:
