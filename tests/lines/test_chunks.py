@@ -83,6 +83,28 @@ def test_what_came_before_the_end_of_a_request_ends_no_rest_behind_it(timing: Li
     assert bench.told(UnitRecovered) == []
 
 
+EXCHANGES = [(READ, RESPONSE), ("06 00 01 00 05", "06 00 01 00 05"), (READ, "83 02"), ("41 01", "41 01 02 03")]
+
+
+@MODES
+@pytest.mark.parametrize(("asked", "response"), EXCHANGES)
+@pytest.mark.parametrize("at", [1, 5, -1])
+def test_a_response_is_whole_even_if_the_gateway_stood_still_between_two_pieces_of_it(
+    timing: LineTiming, asked: str, response: str, at: int
+) -> None:
+    """It reads first what has arrived, and knows nothing of when that was."""
+    bench = Bench(timing=timing)
+    bench.device(timeout=4.0)
+    bench.ask(asked)
+    bench.pass_time(0.02)
+    data = bytes.fromhex(bench.frame(1, response))
+    bench.line.received(data[:at], bench.now)
+    bench.now += 3.0
+    bench.line.received(data[at:], bench.now)
+    bench.pass_time(0.1)
+    assert bench.client.answers == [response]
+
+
 def let_rest(bench: Bench, unit: int) -> None:
     for _ in range(FAILURES):
         bench.ask(unit=unit)
