@@ -335,10 +335,8 @@ class Line:
                 self._refuse(transaction, errors.ResponseTimeout(), now)
 
     def _rejection(self, transaction: Transaction, now: float) -> RequestError | None:
-        """Why a transaction is not sent in its turn, or None. A repeat was sent before."""
-        if transaction.is_wanted:
-            return self._scheduler.rejection(transaction, now)
-        return errors.ResponseTimeout() if transaction.retries else errors.Unwanted()
+        """Why a transaction is not sent in its turn, or None."""
+        return self._scheduler.rejection(transaction, now) if transaction.is_wanted else transaction.unwanted
 
     def _send(self, transaction: Transaction, write: Write, now: float) -> None:
         permits = self._scheduler.permits

@@ -19,7 +19,6 @@ from itertools import takewhile
 from math import inf
 from typing import Final
 
-from gateway.errors import Unwanted
 from gateway.lines.transaction import Destination, Transaction
 from gateway.request import Origin, Request
 
@@ -291,9 +290,10 @@ class WaitingQueue:
     def _make_room(self, newcomer: Transaction) -> Transaction | None:
         """Fail unwanted requests. Returns the transaction that is lost if the queue is still full."""
         for request in [request for request in self._waiting if not request.origin.wants(request)]:
-            self._waiting[request].counts.unwanted += 1
+            transaction = self._waiting[request]
+            transaction.counts.count_error(transaction.unwanted, 1)
             self._withdraw(request)
-            request.fail(Unwanted())
+            request.fail(transaction.unwanted)
         self._expiries = deque(each for each in self._expiries if each[1] in self._waiting)
         if len(self._waiting) < self._size:
             return None

@@ -1,6 +1,6 @@
 """One request on a line: the unit it is sent to, the response it accepts, and its time limit."""
 
-from gateway.errors import RequestError
+from gateway.errors import RequestError, ResponseTimeout, Unwanted
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import UnitCounts
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT
@@ -113,6 +113,11 @@ class Transaction:
             if request.origin.wants(request):
                 return True
         return False
+
+    @property
+    def unwanted(self) -> RequestError:
+        """Why it is not sent if no client wants it: a repeat was sent before."""
+        return ResponseTimeout() if self.retries else Unwanted()
 
     @property
     def patience(self) -> float:

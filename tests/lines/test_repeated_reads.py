@@ -85,6 +85,18 @@ def test_not_for_a_client_that_has_left(bench: Bench) -> None:
     assert (bench.counts.timeout, bench.counts.unwanted) == (1, 0)
 
 
+def test_nor_if_others_take_its_place_in_a_full_queue(bench: Bench) -> None:
+    """It was sent once, so it fails as that does: 06 would say that nothing was sent."""
+    bench = Bench(timing=bench.settings.timing, retries=1, queue=1)
+    bench.ask()
+    bench.pass_time(0.3)
+    bench.client.gone = True
+    for client in (Asker("10.0.0.10:1"), Asker("10.0.0.11:1")):
+        bench.ask(WRITE, 2, client)
+    assert bench.client.answers == ["83 0B"]
+    assert (bench.counts.timeout, bench.counts.unwanted) == (1, 0)
+
+
 def test_meanwhile_the_line_goes_on(bench: Bench) -> None:
     bench.ask()
     bench.pass_time(0.25)
