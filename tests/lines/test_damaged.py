@@ -79,17 +79,28 @@ def test_also_if_the_answer_has_the_size_of_a_request(bench: Bench, exchanges: l
     assert bench.line.late_windows(bench.now) == 0
 
 
-@pytest.mark.parametrize("heard", ["03 00 30 00 01", WRITES[0][0]], ids=["another request", "a copy"])
-def test_not_if_another_client_was_ever_heard_that_may_have_sent_it(bench: Bench, heard: str) -> None:
-    bench.asks(WRITES[0][0])
-    bench.respond(heard)
+@pytest.mark.parametrize(("asked", "response"), [WRITES[0], COILS[0]], ids=["write", "24 coils"])
+@pytest.mark.parametrize("is_copy", [False, True], ids=["another request", "a copy"])
+def test_not_if_another_client_was_ever_heard_that_may_have_sent_it(
+    bench: Bench, asked: str, response: str, is_copy: bool
+) -> None:
+    bench.asks(asked)
+    bench.respond(asked if is_copy else "03 00 30 00 01")
     bench.pass_time(3600.0)
     bench.client.answers.clear()
-    bench.ask(WRITES[0][0])
-    bench.hear(damaged(bench, WRITES[0][0]))
+    bench.ask(asked)
+    bench.hear(damaged(bench, response))
     assert not is_over(bench)
     bench.pass_time(LIMIT + 0.1)
     assert bench.line.late_windows(bench.now) == 1
+
+
+def test_nor_where_an_echo_is_configured(bench: Bench) -> None:
+    bench = Bench(timing=bench.settings.timing, echo=True)
+    bench.ask(WRITES[0][0])
+    bench.hear(bench.written[-1])
+    bench.hear(damaged(bench, WRITES[0][1]))
+    assert not is_over(bench)
 
 
 @pytest.mark.parametrize("asked", ["11", "2B 0E 04 00", "41 00 01"])
@@ -211,6 +222,35 @@ def test_not_when_another_client_was_heard_before(bench: Bench, unit: int) -> No
 def test_not_while_the_request_leaves(bench: Bench) -> None:
     bench = Bench(timing=bench.settings.timing, virtual=False)
     bench.ask()
+    bench.hear(damaged(bench))
+    assert not is_over(bench)
+
+
+def test_not_behind_a_copy_that_came_while_the_request_left(bench: Bench) -> None:
+    """It may have been another client's."""
+    bench = Bench(timing=bench.settings.timing, virtual=False)
+    bench.ask()
+    bench.pass_time(0.001)
+    bench.hear(bench.written[-1])
+    bench.pass_time(0.1)
+    bench.hear(damaged(bench))
+    assert not is_over(bench)
+
+
+def test_behind_the_echo_it_is(bench: Bench) -> None:
+    bench = Bench(timing=bench.settings.timing, echo=True)
+    bench.ask()
+    bench.hear(bench.written[-1])
+    bench.hear(damaged(bench))
+    assert is_over(bench)
+
+
+@pytest.mark.parametrize("unit", [None, 2], ids=["noise", "a response of another unit"])
+def test_not_if_anything_came_before_the_echo(bench: Bench, unit: int | None) -> None:
+    bench = Bench(timing=bench.settings.timing, echo=True)
+    bench.ask()
+    bench.hear("55" if unit is None else bench.frame(unit, RESPONSE))
+    bench.hear(bench.written[-1])
     bench.hear(damaged(bench))
     assert not is_over(bench)
 

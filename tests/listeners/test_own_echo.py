@@ -72,6 +72,20 @@ def test_the_proof_holds_until_such_a_response_does_not_come_back(bench: ServerB
     assert len(bench.asked) == 2 + ECHOES
 
 
+def test_that_the_echo_of_a_write_does_not_come_back_says_nothing_against_the_proof(bench: ServerBench) -> None:
+    """It may be damaged."""
+    other = "06 00 01 00 06"
+    ask(bench, READ, READ_RESPONSE)
+    echo_all(bench, 0.02)
+    ask(bench, WRITE, WRITE)
+    bench.take_written()
+    bench.pass_time(1.0)
+    bench.take_written()
+    ask(bench, other, other)
+    echo_all(bench, 0.5)
+    assert len(bench.asked) == 3
+
+
 def test_an_echo_that_comes_before_any_request_can_writes_nothing_again(serial: ServerBench) -> None:
     for _ in range(2):
         ask(serial, WRITE, WRITE)
@@ -114,6 +128,17 @@ def test_the_same_write_again_is_no_echo_when_a_client_can_have_sent_it(serial: 
     assert (len(serial.asked), serial.counts.echoes) == (2, 0)
 
 
+@pytest.mark.parametrize("stood_still", [0.0, 0.002])
+def test_on_a_direct_port_it_may_be_sent_at_once(stood_still: float) -> None:
+    direct = ServerBench(virtual=True)
+    ask(direct, WRITE, WRITE)
+    direct.pass_time(direct.settings.timing.t35)
+    assert len(direct.take_written()) == 1
+    direct.now += stood_still
+    direct.session.received(direct.frame(41, WRITE), direct.now, since=direct.now - stood_still)
+    assert (len(direct.asked), direct.counts.echoes) == (2, 0)
+
+
 @pytest.mark.parametrize("every", [0.03, 0.2, 1.0])
 def test_a_client_that_does_nothing_else_is_asked_to_repeat_ever_more_rarely(bench: ServerBench, every: float) -> None:
     busy = [place for place in range(80) if is_busy(bench, every)]
@@ -139,14 +164,11 @@ def test_with_on_failure_silent_it_gets_no_response_instead(bench: ServerBench) 
 
 
 def test_a_port_that_was_opened_again_may_have_another_adapter(bench: ServerBench) -> None:
-    ask(bench, WRITE, WRITE)
-    bench.pass_time(0.03)
-    bench.session.port_down()
-    bench.plug()
-    for _ in range(ECHOES):
-        ask(bench, WRITE, WRITE)
-        bench.pass_time(0.03)
-    assert len(bench.asked) == ECHOES + 1
+    for _ in range(2):
+        assert [place for place in range(ECHOES + 1) if is_busy(bench, 0.03)] == [ECHOES]
+        assert not is_busy(bench, 0.03)
+        bench.session.port_down()
+        bench.plug()
 
 
 def ask(bench: ServerBench, pdu: str, response: str) -> None:

@@ -262,6 +262,30 @@ async def test_a_stand_still_before_the_silence_that_ends_a_request_counts_too()
 
 
 @WAKES
+async def test_one_that_is_a_little_longer_than_nobody_notices_counts(wake: Callable[..., None]) -> None:
+    driven = Driven()
+    await asyncio.sleep(10.0)
+    stand_still(UNNOTICED + 0.01)
+    wake(driven, READ)
+    await asyncio.sleep(0.95)
+    assert not driven.listener.is_busy
+    driven.listener.close()
+
+
+async def test_the_port_is_looked_at_while_a_request_is_in_progress_too() -> None:
+    """Else the next request would count as one that was read late."""
+    driven = Driven()
+    driven.listener.received(READ)
+    await asyncio.sleep(0.6)
+    driven.listener.received(READ)
+    await asyncio.sleep(0.98)
+    driven.requests[1].respond(RESPONSE)
+    await asyncio.sleep(AT_ONCE)
+    assert driven.port.written == [encode(41, RESPONSE)]
+    driven.listener.close()
+
+
+@WAKES
 async def test_a_pause_that_no_client_notices_is_no_stand_still(wake: Callable[..., None]) -> None:
     driven = Driven()
     await asyncio.sleep(10.0)
