@@ -246,14 +246,15 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         network = self._transport.get_extra_info("socket")
         if network is None or self._is_blocked or self._has_peer_ended or self._spare < 0 or self.is_closing():
             return 0
-        if count := self._take_waiting(room):  # first, so that no more than one buffer ever waits
+        count = self._take_waiting(room)  # first, so that no more than one buffer ever waits
+        if count == len(room):
             return count
         try:
             self._count(os.readv(network.fileno(), [_BUFFER]))
         except OSError:  # nothing has arrived, or the connection is lost: the loop sees that too
-            return 0
+            return count
         asyncio.get_running_loop().call_soon(self._deliver)
-        return self._take_waiting(room)
+        return count + self._take_waiting(room[count:])
 
     def write(self, data: bytes | bytearray | memoryview[Any]) -> None:
         """Encrypt and send, unless it is being closed."""
@@ -301,13 +302,17 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._spare -= nbytes
 
     def _take_waiting(self, room: memoryview) -> int:
-        """Decrypt what waits here, if anything; the number of bytes. `_deliver` finds an error again."""
-        if not (self._incoming.pending or self._tls.pending()):
-            return 0
+        """Decrypt what waits here, as far as there is room; the number of bytes. `_deliver` finds an error again."""
+        taken = 0
         try:
-            return self._decrypt(room)
+            while taken < len(room) and (self._incoming.pending or self._tls.pending()):
+                count = self._decrypt(room[taken:])  # of one record: a client sends each request in its own
+                if not count:
+                    break
+                taken += count
         except ssl.SSLError:
-            return 0
+            return taken
+        return taken
 
     def _decrypt(self, room: memoryview) -> int:
         """Decrypt into `room`; the number of bytes, 0 at their end in TLS. Raises ssl.SSLError."""

@@ -283,6 +283,50 @@ def test_what_a_look_leaves_behind_is_delivered_before_the_end_of_the_clients_si
     asyncio.run(scenario())
 
 
+def test_a_look_finds_an_identifier_that_comes_again_behind_other_records() -> None:
+    """A client sends each request in a record of its own: the first one that waits does not tell alone."""
+
+    async def scenario() -> None:
+        target = Slow()
+        peer, stream, network = connected(target)
+        peer.tls.write(encode(7, 1, READ))
+        arrive(stream, peer.outgoing.read())
+        for number in (8, 7):
+            peer.tls.write(encode(number, 1, READ))
+        network.connected, sending = socket.socketpair()
+        network.connected.setblocking(False)
+        with network.connected, sending:
+            sending.send(peer.outgoing.read())
+            target.answer_first()
+            for _ in range(4):
+                await asyncio.sleep(0)
+        assert network.sent == b""
+        assert [request.transaction for request in target.waiting] == [8, 7]
+
+    asyncio.run(scenario())
+
+
+def test_what_is_answered_at_once_is_dropped_for_an_identifier_that_comes_again_behind_other_records() -> None:
+    async def scenario() -> None:
+        target = Slow()
+        peer, stream, network = connected(target)
+        peer.incoming.write(network.sent)
+        network.sent = b""
+        target.submit = lambda request, _: request.respond(request.pdu[:3])  # type: ignore[method-assign]
+        network.connected, sending = socket.socketpair()
+        network.connected.setblocking(False)
+        for number, address in ((7, 1), (8, 2), (7, 3)):
+            peer.tls.write(encode(number, 1, bytes((3, 0, address, 0, 1))))
+        with network.connected, sending:
+            arrive(stream, peer.outgoing.read())
+            for _ in range(4):
+                await asyncio.sleep(0)
+        peer.incoming.write(network.sent)
+        assert peer.tls.read(1000) == encode(8, 1, bytes((3, 0, 2))) + encode(7, 1, bytes((3, 0, 3)))
+
+    asyncio.run(scenario())
+
+
 def test_looks_never_leave_more_than_one_buffer_waiting() -> None:
     """A client that does not count, and sends more than is taken: it is read before each response."""
 
