@@ -197,7 +197,11 @@ class Publisher:
             watch.forget()
         self._came_or_went.clear()
         self._changed.clear()
-        self._births.begin(self.form.born(self._states(), self._unix(now)), now)
+        self._births.begin(self._birth(), now)
+
+    def _birth(self) -> Iterator[Message]:
+        """Of the time when it is taken: what writes may have to be subscribed to before."""
+        yield from self.form.born(self._states(), self._unix(self._clock()))
 
     def _states(self) -> Iterator[DeviceState]:
         """What a birth tells of each device, at the time when it is told."""

@@ -3,6 +3,7 @@
 import asyncio
 import json
 from contextlib import asynccontextmanager
+from datetime import datetime
 from typing import ClassVar
 
 import pytest
@@ -43,6 +44,10 @@ class FakeConnection:
     made: ClassVar[list["FakeConnection"]] = []
     refusal = ""
     refused_topics = ""
+    #: How long the broker takes for a subscription.
+    hesitates = 0.01
+    #: What comes from where upon a subscription to it.
+    states: ClassVar[dict[str, tuple[str, bytes]]] = {}
     #: Where a command is sent, and upon what: a subscription to it, or the word that the gateway is there.
     command: ClassVar[tuple[str, str] | None] = None
 
@@ -62,12 +67,17 @@ class FakeConnection:
 
     async def subscribe(self, topics) -> None:
         """Any topic, unless the broker refuses all; it takes a while."""
-        if topics and self.refused_topics:
+        if not topics:
+            return
+        if self.refused_topics:
             raise SubscriptionRefusedError(self.refused_topics)
-        await asyncio.sleep(0.01)
+        await asyncio.sleep(self.hesitates)
         self.topics += topics
-        if topics:
-            self._send("subscribed")
+        for topic in topics:
+            if topic in self.states:
+                where, what = self.states[topic]
+                self._deliver(Delivery(where, what, asyncio.get_running_loop().time()))
+        self._send("subscribed")
 
     def publish(self, message) -> None:
         """Take a message."""
@@ -91,6 +101,10 @@ class FakeConnection:
         self.deadline = None
         self._confirmed(message, self.refusal, True)
 
+    def end(self, *, with_will) -> None:
+        """Log out."""
+        self.lost.set_result("the connection was ended")
+
     def close(self) -> None:
         """Nothing to close."""
 
@@ -104,8 +118,8 @@ def connections(monkeypatch):
 
 
 @asynccontextmanager
-async def publishing():
-    async with gateway_bench(CONFIG) as bench:
+async def publishing(config=CONFIG):
+    async with gateway_bench(config) as bench:
         device = SimulatedDevice(1, delay=0.002)
         bench.attach("hall", SimulatedLine("rtu", device))
         loop, gateway = asyncio.get_running_loop(), bench.gateway
@@ -182,3 +196,32 @@ async def test_a_command_is_carried_out_as_soon_as_the_gateway_says_that_it_is_t
         [result] = [payload for where, payload in said if where == f"{topic}/result"]
         assert json.loads(result)["result"] == "ok"
         assert said.index((f"{topic}/result", result)) > said.index(("modbus/plant/status", b"online"))
+
+
+async def test_a_birth_is_of_the_time_when_it_is_published(connections, monkeypatch):
+    """Not of that at which the broker was asked for a subscription, which it may confirm seconds later."""
+    monkeypatch.setattr(FakeConnection, "hesitates", 5.0)
+    async with publishing():
+        began = asyncio.get_running_loop().time()
+        await asyncio.sleep(12.0)
+        values = next(message for message in connections[0].messages if message.topic == "modbus/plant/silo-1")
+        assert datetime.fromisoformat(json.loads(values.payload)["time"]).timestamp() >= began + 5.0
+
+
+async def test_nothing_is_born_when_the_primary_host_has_gone_before(connections, monkeypatch):
+    """It goes while the commands are being subscribed to."""
+    node, host = "spBv1.0/plant/NCMD/plant", "spBv1.0/STATE/scada"
+    monkeypatch.setattr(
+        FakeConnection,
+        "states",
+        {
+            host: (host, b'{"online": true, "timestamp": 1}'),
+            "spBv1.0/plant/DCMD/plant/silo-1": (host, b'{"online": false, "timestamp": 2}'),
+        },
+    )
+    async with publishing(CONFIG + 'sparkplug = { group = "plant", primary_host = "scada" }\n') as (_, _, broker):
+        await asyncio.sleep(0.5)
+        assert broker.reason == "it is to be connected anew"
+        assert connections[0].topics[:2] == [host, node]
+        assert len(connections[0].topics) == 3
+        assert connections[0].messages == []
