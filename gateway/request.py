@@ -17,6 +17,14 @@ class Origin(Protocol):
     def host(self) -> str:
         """Its address, `10.2.0.7`, on which its rights depend; empty if it has none."""
 
+    @property
+    def address(self) -> str:
+        """What counts as its address where clients share something: see `listeners.origin`; empty if it has none."""
+
+    @property
+    def row(self) -> str:
+        """Whose requests take turns as one: its own name, or with UDP its address, which may have many ports."""
+
     def wants(self, request: "Request") -> bool:
         """Whether a waiting request should still be sent: not for a client that has disconnected."""
 
@@ -70,6 +78,8 @@ class DerivedOrigin:
         self.original = original
         self.client = original.origin.client
         self.host = original.origin.host
+        self.address = original.origin.address
+        self.row = original.origin.row
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - they are wanted as long as the original is
         """See Origin."""

@@ -7,8 +7,8 @@ from gateway.request import Request
 class Client:
     """An origin that keeps what it is answered."""
 
-    client = "10.2.0.7:49152"
-    host = "127.0.0.1"
+    client = row = "10.2.0.7:49152"
+    host = address = "127.0.0.1"
     gone = False
 
     def __init__(self) -> None:

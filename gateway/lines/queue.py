@@ -1,6 +1,7 @@
 """The requests that wait for a line: in turns by client, urgent ones first, equal reads only once.
 
-- **Turns.** Each client has a row of waiting transactions, and the rows take turns.
+- **Turns.** Each client has a row of waiting transactions, and the rows take turns. UDP clients of one address share a
+  row: a host has as many ports as it likes.
 - **Priority.** Writes and devices of high priority go first. Only the first one in a row counts, so priority acts
   between clients. After `OVERTAKES` urgent transactions in a row a plain one goes. A mirror's polls go last, but one of
   each mirror after about `YIELDS` others, so that values do not become stale on a busy line.
@@ -35,12 +36,12 @@ Held = Callable[[Transaction], bool]
 
 
 class _Row:
-    """The waiting transactions of one client, oldest first. An empty row does not take turns."""
+    """The waiting transactions of those with this name, oldest first. An empty row does not take turns."""
 
-    __slots__ = ("address", "client", "ring", "waiting")
+    __slots__ = ("address", "name", "ring", "waiting")
 
     def __init__(self, origin: Origin) -> None:
-        self.client = origin.client
+        self.name = origin.row
         self.address = _address(origin)
         self.waiting: deque[Transaction] = deque()
         #: Where the row takes its turns.
@@ -191,9 +192,9 @@ class WaitingQueue:
         return self._urgent, self._plain, self._polls
 
     def _append(self, transaction: Transaction, origin: Origin) -> None:
-        row = self._rows.get(origin.client)
+        row = self._rows.get(origin.row)
         if row is None:
-            row = self._rows[origin.client] = _Row(origin)
+            row = self._rows[origin.row] = _Row(origin)
         if not row.waiting:
             row.ring = self._ring_for(transaction)
             row.ring.append(row)
@@ -201,7 +202,7 @@ class WaitingQueue:
 
     def _put_first(self, transaction: Transaction, origin: Origin) -> None:
         """Let a transaction wait first in a client's row. The row has its turn last."""
-        row = self._rows.setdefault(origin.client, _Row(origin))
+        row = self._rows.setdefault(origin.row, _Row(origin))
         if row.waiting:
             row.ring.remove(row)
         row.waiting.appendleft(transaction)
@@ -228,7 +229,7 @@ class WaitingQueue:
         shared = self._reads.get((transaction.device, transaction.asked.data))
         if shared is None:
             return None
-        row = self._rows.get(transaction.client)
+        row = self._rows.get(request.origin.row)
         if row is not None and row.holds_back(transaction):
             return None
         shared.counts.coalesced += 1
@@ -238,14 +239,14 @@ class WaitingQueue:
 
     def _part(self, transaction: Transaction) -> Transaction:
         """Take out of a shared transaction the requests that overtake nothing in their rows."""
-        stay = [each for each in transaction.requests if self._rows[each.origin.client].holds_back(transaction)]
+        stay = [each for each in transaction.requests if self._rows[each.origin.row].holds_back(transaction)]
         if not stay:
             return transaction
         go = [each for each in transaction.requests if each not in stay]
         part = type(transaction)(go[0], transaction.asked, transaction.device)
         part.requests = go
         for request in go:
-            self._rows[request.origin.client].replace(transaction, part)
+            self._rows[request.origin.row].replace(transaction, part)
             self._waiting[request] = part
         transaction.requests = stay
         transaction.counts.coalesced -= 1
@@ -254,7 +255,7 @@ class WaitingQueue:
     def _remove(self, transaction: Transaction) -> None:
         """Remove a transaction."""
         for request in transaction.requests:
-            self._leave_row(request.origin.client, transaction)
+            self._leave_row(request.origin.row, transaction)
             del self._waiting[request]
         if self._reads:
             key = (transaction.device, transaction.asked.data)
@@ -263,9 +264,9 @@ class WaitingQueue:
         if self._repeats and transaction in self._repeats:
             self._repeats.remove(transaction)
 
-    def _leave_row(self, client: str, transaction: Transaction) -> None:
+    def _leave_row(self, name: str, transaction: Transaction) -> None:
         """Take a transaction out of a client's row, which keeps its place if it stays in its ring."""
-        row = self._rows[client]
+        row = self._rows[name]
         row.waiting.remove(transaction)
         ring = self._ring_for(row.waiting[0]) if row.waiting else None
         if ring is row.ring:
@@ -275,7 +276,7 @@ class WaitingQueue:
             row.ring = ring
             ring.append(row)
         elif len(self._rows) > _EMPTY_ROWS:
-            del self._rows[client]
+            del self._rows[name]
 
     def _withdraw(self, request: Request) -> None:
         """Remove a request, and its transaction if it has no other."""
@@ -283,7 +284,7 @@ class WaitingQueue:
         if len(transaction.requests) == 1:
             self._remove(transaction)
             return
-        self._leave_row(request.origin.client, transaction)
+        self._leave_row(request.origin.row, transaction)
         transaction.requests.remove(request)
         del self._waiting[request]
 
@@ -301,7 +302,7 @@ class WaitingQueue:
         if row is None:
             return newcomer
         newest = row.waiting[-1]
-        request = next(each for each in newest.requests if each.origin.client == row.client)
+        request = next(each for each in newest.requests if each.origin.row == row.name)
         self._withdraw(request)
         if request in newest.requests:
             return newest
@@ -317,15 +318,15 @@ class WaitingQueue:
         by_address = Counter({address: 1})
         for row in rows:
             by_address[row.address] += len(row.waiting)
-        own = sum(len(row.waiting) for row in rows if row.client == origin.client)
+        own = sum(len(row.waiting) for row in rows if row.name == origin.row)
         most, greediest = (own + 1, by_address[address]), None
         for row in rows:
             load = (len(row.waiting), by_address[row.address])
-            if load > most and row.client != origin.client:
+            if load > most and row.name != origin.row:
                 most, greediest = load, row
         return greediest
 
 
 def _address(origin: Origin) -> str:
-    """The host; a client without one counts as its own."""
-    return origin.host or origin.client
+    """What counts as its address; a client without one counts as its own."""
+    return origin.address or origin.client

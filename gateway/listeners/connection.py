@@ -102,9 +102,14 @@ class TcpConnection:
         time: Callable[[], float],
         router: Target,
         identity: Identity = ANONYMOUS,
+        address: str = "",
     ) -> None:
-        """`host` is the peer's address and decides its rights, with `identity`; `client` names it in events."""
+        """`host` is the peer's address and decides its rights, with `identity`; `client` names it in events.
+
+        `address` is what counts as its address, if that is not `host`.
+        """
         self.host = host
+        self.address = address or host
         self.client = client
         self.identity = identity
         self._listener = listener

@@ -37,13 +37,22 @@ class Peer:
     role: None = None
 
     __slots__ = (
-        "_is_finishing", "_path", "_router", "_settings", "_under_way", "asked", "client", "gone", "host", "last_asked",
+        "_is_finishing", "_path", "_router", "_settings", "_under_way", "address", "asked", "client", "gone", "host",
+        "last_asked", "row",
     )  # fmt: skip
 
-    def __init__(self, client: str, *, host: str, router: Target, settings: ListenSettings, path: Path) -> None:
-        """`client` names the peer in events, `host` is its address; `router` takes its requests."""
+    def __init__(
+        self, client: str, *, host: str, router: Target, settings: ListenSettings, path: Path, address: str = ""
+    ) -> None:
+        """`client` names the peer in events, `host` is its address; `router` takes its requests.
+
+        `address` is what counts as its address, if that is not `host`.
+        """
         self.client = client
         self.host = host
+        self.address = address or host
+        #: The same for all of its ports.
+        self.row = f"udp {self.address}"
         self.gone = False
         self.last_asked = NEVER
         self.asked = 0

@@ -105,7 +105,7 @@ class SerialSession:
     """
 
     #: A client on a line has no address.
-    host = ""
+    host = address = ""
 
     def __init__(
         self,
@@ -132,6 +132,11 @@ class SerialSession:
         self._glitch_until = 0.0
         self._is_ending = False
         self._tune(latency=0.0)
+
+    @property
+    def row(self) -> str:
+        """See Origin."""
+        return self.client
 
     @property
     def is_idle(self) -> bool:

@@ -74,6 +74,10 @@ class Counts:
 class Connection(Protocol):
     """What a session can do to its connection. Nothing here calls back into the session's requests and responses."""
 
+    @property
+    def address(self) -> str:
+        """What counts as the address of its client."""
+
     def time(self) -> float:
         """The time, for the last moment before a response leaves."""
 
@@ -104,6 +108,8 @@ class Connection(Protocol):
 
 class _Gone:
     """Replaces a connection that is closed, and does nothing."""
+
+    address = ""
 
     def time(self) -> float:
         """See Connection."""
@@ -196,6 +202,16 @@ class Session(ABC):
     @abstractmethod
     def _drain(self, now: float) -> None:
         """Submit the requests that have arrived, within the bounds. Raises NotModbus."""
+
+    @property
+    def address(self) -> str:
+        """See Origin."""
+        return self._connection.address
+
+    @property
+    def row(self) -> str:
+        """See Origin."""
+        return self.client
 
     @property
     def gone(self) -> bool:

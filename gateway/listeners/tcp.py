@@ -211,7 +211,8 @@ class TcpListener:
 
     async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
         loop = asyncio.get_running_loop()
-        connection = TcpConnection(self, host, client, loop.time, self.router)
+        address = self._origins.of(host, loop.time())
+        connection = TcpConnection(self, host, client, loop.time, self.router, address=address)
         stream = TcpStream(loop, sock, connection)
         connection.connection_made(stream)
         stream.resume_reading()

@@ -109,7 +109,8 @@ class TlsListener(TcpListener):
             self._turn_away(stream, connecting, why_not)
             return
         clock, router = asyncio.get_running_loop().time, CertifiedRouter(self.router, identity)
-        connection = SecuredConnection(self, connecting.host, connecting.client, clock, router, identity)
+        host, client, address = connecting.host, connecting.client, connecting.origin
+        connection = SecuredConnection(self, host, client, clock, router, identity, address)
         connection.valid_until, connection.role = certificate.not_after, role
         stream.begin(connection)
 

@@ -70,7 +70,8 @@ class UdpListener:
         #: repeated one in progress: that may be answered before.
         self._arrived: dict[tuple[PeerAddress, int], tuple[socket.socket, mbap.TcpFrame, bool]] = {}
         self._is_finishing = False
-        self._admission: Admission[Peer] = Admission(Origins().of)
+        self._origins = Origins()
+        self._admission: Admission[Peer] = Admission(self._origins.of)
         self._addresses: list[AddressInfo] = []
         self._sockets: list[socket.socket] = []
         self._sweeping: asyncio.TimerHandle | None = None
@@ -244,8 +245,8 @@ class UdpListener:
             return None
         peer = self._taken_over.pop(key, None)
         if peer is None:
-            path = self._path(sock, key)
-            peer = Peer(client, host=key.host, router=self.router, settings=self.settings, path=path)
+            path, address = self._path(sock, key), self._origins.of(key.host, now)
+            peer = Peer(client, host=key.host, router=self.router, settings=self.settings, path=path, address=address)
         else:
             peer.resume()
         self._peers[key] = peer

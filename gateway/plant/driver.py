@@ -19,8 +19,8 @@ class PublisherDriver:
     `wake` is set when there is something to publish. An unexpected error ends here: it is logged, and reading goes on.
     """
 
-    client = CLIENT
-    host = ""
+    client = row = CLIENT
+    host = address = ""
 
     def __init__(
         self,

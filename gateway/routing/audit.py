@@ -16,7 +16,9 @@ class AuditedOrigin:
     `clock` is that of `received_at`.
     """
 
-    __slots__ = ("_clock", "_emit", "_is_broadcast", "_listener", "client", "host", "identity", "origin")
+    __slots__ = (
+        "_clock", "_emit", "_is_broadcast", "_listener", "address", "client", "host", "identity", "origin", "row",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -30,6 +32,8 @@ class AuditedOrigin:
     ) -> None:
         self.client = origin.client
         self.host = origin.host
+        self.address = origin.address
+        self.row = origin.row
         #: The client's.
         self.origin = origin
         self._listener = listener

@@ -63,6 +63,7 @@ class Table:
         self._frame = rtu.encode(UNIT, response)
         self._time = loop.time
         self._sent = b""
+        self.address = "127.0.0.1"
         plan = resolve(parse(CONFIG, port_trouble=lambda _: None, real_path=lambda port: port).config)
         gateway = build(plan, loop, lambda _: None, Memory(), print)
         gateway.route()

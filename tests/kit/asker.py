@@ -6,9 +6,14 @@ from gateway.request import Request
 class Asker:
     """An Origin. `answers` holds the response PDUs in hex, in the order they came; None for a broadcast that ended."""
 
-    def __init__(self, client: str = "10.0.0.9:49152", *, host: str = "127.0.0.1") -> None:
+    def __init__(
+        self, client: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", address: str = "", row: str = ""
+    ) -> None:
+        """`address` is `host` unless it is given, and `row` is `client`."""
         self.client = client
         self.host = host
+        self.address = address or host
+        self.row = row or client
         self.gone = False
         self.answers: list[str | None] = []
 

@@ -19,8 +19,8 @@ PROFILE = Profile("generic", limits={3: 4})
 class FakeDaemon:
     """Stands in for `Conversation`. `asked` are the requests that came, `silent` what the gateway says of them."""
 
-    client = "control"
-    host = ""
+    client = row = "control"
+    host = address = ""
 
     def __init__(self, points: Iterable[Point] = (), *, functions: tuple[int, ...] | None = None) -> None:
         settings = ImageSettings(41, "silo-1", PROFILE, dict.fromkeys(Area, ((0, 19),)))

@@ -15,6 +15,8 @@ ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
 class OverTcpClient:
     """A client as programs for serial ports are: whatever comes after its request is the response to it."""
 
+    address = "127.0.0.1"
+
     def __init__(self, listener: Listener, name: str = "10.0.0.9:49152") -> None:
         self._loop = asyncio.get_running_loop()
         self._encode = ENCODE[listener.settings.scheme]

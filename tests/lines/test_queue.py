@@ -113,6 +113,19 @@ def test_clients_take_turns_whatever_they_have_queued(waiting: Waiting) -> None:
     assert waiting.take_all() == ["A1", "B5", "C7", "A2", "B6", "A3", "A4"]
 
 
+def test_clients_of_one_row_take_one_turn_and_share_nothing_among_themselves(waiting: Waiting) -> None:
+    """The ports of one UDP host."""
+    for client in ("U1", "U2", "U3"):
+        waiting.clients[client] = Asker(client, host="U", row="udp U")
+    for unit in (1, 2):
+        for client in ("U1", "U2", "U3"):
+            waiting.put(client, unit=unit)
+    for unit in (4, 5, 6):
+        waiting.put("B", unit=unit)
+    assert waiting.take_all() == ["U11", "B4", "U21", "B5", "U31", "B6", "U12", "U22", "U32"]
+    assert waiting.is_empty()
+
+
 def test_who_comes_back_goes_behind_those_who_wait(waiting: Waiting) -> None:
     waiting.put("A", unit=1)
     waiting.put("B", unit=2)
@@ -500,6 +513,18 @@ def test_who_has_most_waiting_gives_up_its_newest_request() -> None:
     assert waiting.is_empty()
 
 
+def test_of_a_row_with_most_waiting_the_newest_request_is_given_up_whosever_it_is() -> None:
+    waiting = Waiting(size=4)
+    for unit, client in enumerate(("U1", "U2"), 1):
+        waiting.clients[client] = Asker(client, host="U", row="udp U")
+        waiting.put(client, unit=unit)
+    waiting.clients["U3"] = Asker("U3", host="U", row="udp U")
+    for unit in (3, 4):
+        waiting.put("B", unit=unit)
+    assert waiting.refused_for("C", unit=5) == "U22"
+    assert waiting.refused_for("U3", unit=6) == "U36"
+
+
 def test_who_would_have_most_waiting_is_refused_itself() -> None:
     waiting = Waiting(size=4)
     for unit in (1, 2):
@@ -523,6 +548,15 @@ def test_of_connections_with_equally_much_the_address_with_most_gives_up() -> No
     assert waiting.refused_for("C1", unit=4) == "A11"
     assert waiting.refused_for("A4", unit=5) == "A45"
     assert waiting.take_all() == ["B11", "A22", "A33", "C14"]
+
+
+def test_what_counts_as_one_address_does_here_too() -> None:
+    """Of IPv6, the network of one customer."""
+    waiting = Waiting(size=4)
+    for number, client in enumerate(("B1", "A1", "A2", "A3")):
+        waiting.clients[client] = Asker(client, host=f"2001:db8::{number}", address=client[0])
+        waiting.put(client, unit=number + 1)
+    assert waiting.refused_for("C1", unit=9) == "A12"
 
 
 def test_a_connection_with_much_gives_up_before_an_address_with_many_connections() -> None:

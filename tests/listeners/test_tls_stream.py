@@ -7,6 +7,7 @@ import ssl
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -25,6 +26,7 @@ from gateway.tls.secret_file import SecretFile
 from gateway.tls.settings import Secured, ServerTls
 from gateway.tls.store import TlsStore
 from kit.pki import OPERATOR, client_context, handshake_without_tickets, pki
+from kit.router import router
 
 READ, WRITE = bytes.fromhex("03 0000 0001"), bytes.fromhex("06 0000 0007")
 CLIENT = ConnectingClient("10.0.0.1", "10.0.0.1:1", "10.0.0.1")
@@ -484,8 +486,8 @@ def test_a_connection_that_has_just_been_accepted_is_ended_with_the_listener(cha
         tls = ServerTls(*[SecretFile(str(pki() / name)) for name in ("server.crt", "server.key", "ca.crt")])
         secured, store, network = Secured("listen remote", "", tls), TlsStore(), Network()
         store.adopt({secured: load(tls)})
-        router = Router(EntryPoint("remote", "certified"), lambda: 0.0, lambda _: None)
-        listener = TlsListener(replace(Listener.settings, tls=tls), router, lambda _: None, store)
+        reaches = Router(EntryPoint("remote", "certified"), lambda: 0.0, lambda _: None)
+        listener = TlsListener(replace(Listener.settings, tls=tls), reaches, lambda _: None, store)
 
         async def accepted(make: Callable[[], TlsStream], _: object) -> None:
             stream = make()
@@ -505,6 +507,23 @@ def test_a_connection_that_has_just_been_accepted_is_ended_with_the_listener(cha
     asyncio.run(scenario())
 
 
+def test_what_counts_as_a_clients_address_is_what_did_for_its_handshake() -> None:
+    async def scenario() -> None:
+        tls = ServerTls(*[SecretFile(str(pki() / name)) for name in ("server.crt", "server.key", "ca.crt")])
+        store, begun = TlsStore(), list[SecuredConnection]()
+        store.adopt({Secured("listen remote", "", tls): load(tls)})
+        reaches = router({}, entry=EntryPoint("remote", "certified"))
+        listener = TlsListener(replace(Listener.settings, tls=tls), reaches, lambda _: None, store)
+        shown = ssl.PEM_cert_to_DER_cert((pki() / f"{OPERATOR}.crt").read_text())
+        stream = SimpleNamespace(is_resumed=False, peer_certificate=shown, begin=begun.append)
+        host = "2001:db8:1:2::7"
+        listener._secured(stream, ConnectingClient(host, f"[{host}]:1", "2001:db8:1:2::/64"))  # type: ignore[arg-type]
+        (connection,) = begun
+        assert (connection.host, connection.session.address) == (host, "2001:db8:1:2::/64")
+
+    asyncio.run(scenario())
+
+
 @pytest.mark.parametrize("change", ["none", "another certificate", "a damaged one"])
 def test_sessions_are_forgotten_when_they_are_many(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str
@@ -517,8 +536,8 @@ def test_sessions_are_forgotten_when_they_are_many(
     async def scenario() -> None:
         store = TlsStore()
         store.adopt({Secured("listen remote", "", settings): load(settings)})
-        router = Router(EntryPoint("remote", "certified"), lambda: 0.0, lambda _: None)
-        listener = TlsListener(replace(Listener.settings, tls=settings), router, lambda _: None, store)
+        reaches = Router(EntryPoint("remote", "certified"), lambda: 0.0, lambda _: None)
+        listener = TlsListener(replace(Listener.settings, tls=settings), reaches, lambda _: None, store)
         before = store[settings]
         for number in range(3):
             listener._kept.bound()

@@ -60,12 +60,12 @@ class Setting:
 class Question:
     """A client's request, as its Origin; `then` is what the client does when it is answered."""
 
-    host = "127.0.0.1"
+    host = address = "127.0.0.1"
 
     def __init__(
         self, world: "World", client: str, unit: int, pdu: bytes, then: Callable[["World"], None] | None
     ) -> None:
-        self.client = client
+        self.client = self.row = client
         self.unit = unit
         self.pdu = pdu
         self.asked_at = world.now

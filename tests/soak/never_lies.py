@@ -203,6 +203,8 @@ class World:
 class Client:
     """A connection that always has some requests under way, and checks every answer."""
 
+    address = "127.0.0.1"
+
     def __init__(self, world: World, number: int) -> None:
         self.open: dict[int, Question] = {}
         self._world = world

@@ -425,6 +425,19 @@ async def test_a_half_closed_client_is_answered_then_closed() -> None:
         assert await bench.closes(client) == "the client closed it"
 
 
+async def test_a_request_knows_what_counts_as_the_address_of_its_client() -> None:
+    """As at the admission of clients: of IPv6, the network of one customer."""
+    async with listening() as bench:
+        bench.listener._origins.of = lambda host, now: f"the network of {host}"  # type: ignore[method-assign]
+        client = await bench.client()
+        client.ask(PATIENT)
+        await until(lambda: bench.plant.waiting)
+        origin = bench.plant.waiting[0].origin
+        assert (origin.host, origin.address) == ("127.0.0.1", "the network of 127.0.0.1")
+        assert origin.row == origin.client == client.name
+        bench.plant.answer_all()
+
+
 async def test_a_reset_marks_what_is_under_way_as_unwanted() -> None:
     async with listening() as bench:
         client = await bench.client()
