@@ -372,7 +372,7 @@ class Ser2Net:
         self._number = number
 
     def __enter__(self) -> Self:
-        self._process = subprocess.Popen(["ser2net", "-n", "-c", str(self._config)], stderr=subprocess.DEVNULL)
+        self._process = subprocess.Popen(["ser2net", "-n", "-u", "-c", str(self._config)], stderr=subprocess.DEVNULL)
         return self
 
     def __exit__(self, *_: object) -> None:
