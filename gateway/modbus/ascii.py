@@ -1,7 +1,7 @@
 """ASCII framing (S 2.5.2): a colon, unit identifier, PDU and LRC as pairs of hexadecimal digits, CR LF.
 
 Requests and responses are found in the same way. A colon always begins a frame, digits may be lower case, and a frame
-with a gap of more than one second is dropped, unless it may be an awaited response.
+with a gap of more than one second is dropped.
 """
 
 from binascii import Error as NotHexadecimal
@@ -46,13 +46,13 @@ class AsciiCutter:
         self.begun = b""
         self._last = 0.0
 
-    def cut(self, data: bytes, now: float, *, patient: bool = False) -> list[tuple[int, bytes]]:
+    def cut(self, data: bytes, now: float) -> list[tuple[int, bytes]]:
         """Take bytes. The texts that end with CR LF, each with the number of characters skipped before it.
 
-        Characters that are skipped after the last one are a part with an empty text. If `patient`, a gap ends nothing.
+        Characters that are skipped after the last one are a part with an empty text.
         """
         before = 0
-        if now - self._last > CHARACTER_GAP and not patient:
+        if now - self._last > CHARACTER_GAP:
             before = self.drop()
         self._last = now
         text = self.begun + plain(data)

@@ -33,8 +33,7 @@ class AsciiScanner(Scanner):
             self._damage.append((self.position, self.position + len(data)))
         self.position += len(data)
         tokens = []
-        # A gateway that stood still reads late, so only its limit ends a response that has begun.
-        for before, text in self._cutter.cut(data, now, patient=self._expected is not None):
+        for before, text in self._cutter.cut(data, now):
             start, end = end + before, end + before + len(text)
             frame = decode(text)
             if text == self._sent and self._expected is not None and self._expected.since == NEVER and not early:
