@@ -296,6 +296,7 @@ async def test_a_server_line_shows_what_it_serves_and_what_became_of_its_request
     async with gateway_bench(CONFIG + SERVER) as bench:
         for text in (":C8030000000134", ":C8030000000135", ":070300000001F5"):
             bench.lines["panel"].deliver(text.encode() + b"\r\n")
+            await asyncio.sleep(0.1)
         (server,) = snapshot(bench).servers
         assert (server.name, server.port, server.state, server.mode) == ("panel", "/dev/panel", "up", "ascii")
         assert (server.serves, server.source) == ((41, 200), "gateway.toml:25")

@@ -88,4 +88,5 @@ async def test_the_longest_ascii_frame(values: int, answered: bool) -> None:
     async with gateway_bench(CONFIG) as bench:
         line = bench.lines["panel"]
         line.deliver(ascii_framing.encode(10, pdu + b"\0" * (0 if answered else 8)))
+        await Stage(bench).play(Conversation("", ("wait 1 s",)))
         assert bool(line.take_written()) is answered
