@@ -1,6 +1,7 @@
 """The sessions of TLS 1.2 that are kept for clients that take no tickets: a bounded number for each address."""
 
 import asyncio
+import ssl
 from collections.abc import Callable
 from math import inf
 from typing import Final
@@ -9,8 +10,10 @@ from gateway.ports.threads import ThreadPerCall
 from gateway.tls.contexts import Loaded, load
 from gateway.tls.settings import ServerTls
 
-#: How many may be kept. Each takes 10 KiB, and OpenSSL would keep forty times as many.
+#: Beyond so many all are forgotten. Each takes 10 KiB, and OpenSSL would keep forty times as many.
 MOST_SESSIONS: Final = 500
+#: If that cannot be done, each further one beyond so many is forgotten with its connection.
+MOST_AFTER_CLOSING: Final = 1000
 #: How long files that cannot be used, or are others by now, are not read again, in seconds.
 PAUSE: Final = 60.0
 
@@ -18,8 +21,13 @@ PAUSE: Final = 60.0
 Replace = Callable[[Loaded, Loaded], None]
 
 
+def is_full(context: ssl.SSLContext) -> bool:
+    """Whether a context must not keep the session of a connection that ends now: its files could not be used again."""
+    return context.session_stats()["number"] > MOST_AFTER_CLOSING
+
+
 class KeptSessions:
-    """Replaces the context of an address when it keeps too many: that is the only way to forget them.
+    """Replaces the context of an address when it keeps too many: that is the only way to forget them all.
 
     `in_use` is what was loaded from `files`. `replace` takes that and what to use in its place, if it is still in use.
     """

@@ -14,6 +14,7 @@ from contextlib import suppress
 from typing import Any, Final, Protocol, cast
 
 from gateway.listeners.connection import Stream
+from gateway.listeners.kept_sessions import is_full
 from gateway.tls.reasons import explain
 
 #: How much a client may send before its handshake is done: a chain of long certificates.
@@ -275,7 +276,9 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """Tell the client, and close once everything was sent."""
         if self.is_closing():
             return
-        if self._is_secured:  # during a handshake there is nothing to end, and it takes long to be told so
+        # During a handshake there is nothing to end, and it takes long to be told so. OpenSSL keeps the session only
+        # of a connection whose end was told.
+        if self._is_secured and not is_full(self._tls.context):
             with suppress(ssl.SSLError):  # its answer is not waited for
                 self._tls.unwrap()
             self._send()

@@ -1,9 +1,11 @@
 """One secured connection, without a network: between a client in memory and the session of a listener."""
 
 import asyncio
+import gc
 import shutil
 import socket
 import ssl
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -522,6 +524,26 @@ def test_what_counts_as_a_clients_address_is_what_did_for_its_handshake() -> Non
         assert (connection.host, connection.session.address) == (host, "2001:db8:1:2::/64")
 
     asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("most", [1, 0])
+def test_a_session_beyond_the_bound_is_forgotten_with_its_connection(
+    monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    """Whatever the files are by now, of which another context would be made."""
+    monkeypatch.setattr(kept_sessions, "MOST_AFTER_CLOSING", most)
+    used = context()
+    used.options |= ssl.OP_NO_TICKET
+    monkeypatch.setattr(sys.modules[__name__], "context", lambda: used)
+
+    async def scenario() -> None:
+        _, stream, _ = connected(Slow(), ssl.TLSVersion.TLSv1_2)
+        assert used.session_stats()["number"] == 1
+        stream.close()
+
+    asyncio.run(scenario())
+    gc.collect()
+    assert used.session_stats()["number"] == most
 
 
 @pytest.mark.parametrize("change", ["none", "another certificate", "a damaged one"])
