@@ -1,5 +1,6 @@
 """What commands print: registers and peers may say anything, but a terminal gets no control characters of theirs."""
 
+import io
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
@@ -9,10 +10,15 @@ from gateway.observe.printable import printable
 
 
 class _Escaping:
-    """A stream whose text has escapes in place of control characters; `inner` has the stream itself."""
+    """A stream whose text has escapes in place of control characters; `inner` has the stream itself.
+
+    So it has in place of what the terminal's encoding lacks: a name may be in any script.
+    """
 
     def __init__(self, inner: TextIO) -> None:
         self.inner = inner
+        if isinstance(inner, io.TextIOWrapper):
+            inner.reconfigure(errors="backslashreplace")
 
     def write(self, text: str) -> int:
         """Write the text."""
