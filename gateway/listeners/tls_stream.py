@@ -93,6 +93,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         #: The network has nothing more, which may come without an end in TLS; whether the application was told.
         self._is_cut_off = False
         self._has_peer_ended = False
+        #: Why a look could not decrypt what had arrived; OpenSSL says it once.
+        self._wrong = ""
 
     # --- the handshake ---
 
@@ -264,7 +266,8 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         try:
             self._tls.write(data)
         except ssl.SSLError:
-            self.abort()
+            if not self._wrong:
+                self.abort()
             return
         self._send()
 
@@ -305,7 +308,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._spare -= nbytes
 
     def _take_waiting(self, room: memoryview) -> int:
-        """Decrypt what waits here, as far as there is room; the number of bytes. `_deliver` finds an error again."""
+        """Decrypt what waits here, as far as there is room; the number of bytes. `_deliver` deals with an error."""
         taken = 0
         try:
             while taken < len(room) and (self._incoming.pending or self._tls.pending()):
@@ -313,8 +316,10 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
                 if not count:
                     break
                 taken += count
-        except ssl.SSLError:
-            return taken
+        except ssl.SSLWantReadError:
+            pass
+        except ssl.SSLError as error:
+            self._wrong = self._wrong or explain(error)
         return taken
 
     def _decrypt(self, room: memoryview) -> int:
@@ -343,7 +348,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
                     self._end()
                 break
             except ssl.SSLError as error:
-                application.reject(explain(error))  # with the alert that tells the client
+                application.reject(self._wrong or explain(error))  # with the alert that tells the client
                 return
             if count == 0:
                 self._end()

@@ -392,6 +392,32 @@ def test_a_client_is_told_what_was_wrong_with_a_record(version: ssl.TLSVersion) 
     asyncio.run(scenario())
 
 
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+def test_a_client_is_told_what_was_wrong_with_a_record_that_a_look_has_read(version: ssl.TLSVersion) -> None:
+    async def scenario() -> None:
+        target, listener = Slow(), Listener()
+        peer, stream, network = connected(target, version, listener)
+        peer.tls.write(encode(1, 1, READ))
+        arrive(stream, peer.outgoing.read())
+        peer.tls.write(encode(2, 1, WRITE))
+        record = bytearray(peer.outgoing.read())
+        record[-1] ^= 1
+        network.connected, sending = socket.socketpair()
+        network.connected.setblocking(False)
+        with network.connected, sending:
+            sending.send(record)
+            target.answer_first()
+            await asyncio.sleep(0)
+        (reason,) = listener.rejections
+        assert reason in {"decryption failed or bad record mac", "record layer failure"}  # as OpenSSL says it
+        assert network.is_over
+        peer.incoming.write(network.sent)
+        with pytest.raises(ssl.SSLError, match="ALERT_BAD_RECORD_MAC"):
+            peer.tls.read(1)
+
+    asyncio.run(scenario())
+
+
 def test_what_comes_behind_the_end_of_the_clients_side_is_not_kept() -> None:
     async def scenario() -> None:
         target = Slow()
