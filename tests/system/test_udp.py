@@ -707,13 +707,21 @@ async def test_a_response_that_is_ready_at_once_is_dropped_for_a_later_request(g
 async def test_no_more_datagrams_than_a_bound_are_read_before_the_first_is_processed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """Nor while they are processed, when others are read before each response: nothing else bounds what is kept."""
     monkeypatch.setattr(udp_module, "MOST_AT_ONCE", 3)
     async with listening() as bench:
-        client = bench.client()
+        client, read, kept = bench.client(), bench.listener._read, []
+
+        def reads(sock: socket.socket) -> None:
+            read(sock)
+            kept.append(len(bench.listener._arrived))
+
+        monkeypatch.setattr(bench.listener, "_read", reads)
         for transaction in range(8):
             client.ask(PROMPT, transaction)
         heard = [await client.hears() for _ in range(8)]
         assert heard == [encode(transaction, PROMPT, RESPONSE) for transaction in range(8)]
+        assert max(kept) == 3
 
 
 async def test_a_listener_that_closes_forgets_everybody() -> None:
