@@ -1,4 +1,4 @@
-"""The lines of the soak that looks for lies: RTU and ASCII, real and virtual ports, with and without an echo."""
+"""The lines of the soak that looks for lies: RTU and ASCII, real, virtual, a device server, with and without echo."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,7 +12,7 @@ SLOW: Final = 4
 
 @dataclass(frozen=True)
 class LineKind:
-    """One line of the soak. `real` ports take time to send, as a UART does."""
+    """One line of the soak. `real` ports take time to send, as a UART does. `port` is that of a device server."""
 
     name: str
     timing: LineTiming
@@ -21,6 +21,7 @@ class LineKind:
     echo: bool = False
     late_window: float | None = None
     more: str = ""
+    port: str = ""
 
     @property
     def config(self) -> str:
@@ -30,7 +31,7 @@ class LineKind:
         return f"""
             [[line]]
             name    = "{self.name}"
-            port    = "/dev/{self.name}"
+            port    = "{self.port or "/dev/" + self.name}"
             mode    = "{self.timing.mode}"
             baud    = {self.timing.baud}
             format  = "{self.timing.format}"
@@ -54,6 +55,7 @@ LINES: Final = (
     LineKind("rtu-echo", LineTiming("rtu", 38400, RTU), 0.04, echo=True),
     LineKind("ascii", LineTiming("ascii", 19200, ASCII), 0.05),
     LineKind("ascii-echo", LineTiming("ascii", 38400, ASCII), 0.1, echo=True, more="coalesce = false\nretries = 1"),
+    LineKind("rtu-server", LineTiming("rtu", 19200, RTU), 0.05, real=False, port="rtu+tcp://10.0.0.9:4001"),
 )
 CONFIG: Final = '[[listen]]\nbind = "tcp://127.0.0.1:0"\nunit0 = "broadcast"\n' + "".join(line.config for line in LINES)
 #: Of each unit that clients use: its device's number.

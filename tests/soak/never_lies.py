@@ -3,9 +3,9 @@
     .venv/bin/python tests/soak/never_lies.py --transactions 1000000 --faults 20% --seed 1 --jobs 2
 
 A whole gateway in virtual time: RTU and ASCII lines with devices whose values say whose they are, clients that read and
-write without pause, another client on each line, adapters that cut and join what they hear, adapters that are pulled,
-clients that leave. Every answer is compared with what can be true at that moment. Ends with status 0 if no answer was
-wrong and every request was answered exactly once. The same seed gives the same run.
+write without pause, another client on each line, adapters that cut and join what they hear, adapters that are pulled, a
+device server that stalls, clients that leave. Every answer is compared with what can be true at that moment. Ends with
+status 0 if no answer was wrong and every request was answered exactly once. The same seed gives the same run.
 """
 
 import argparse
@@ -32,12 +32,13 @@ from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
 from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
-from kit.faulty import FaultyDevice, FaultyLine
+from kit.faulty import Fault, FaultyDevice, FaultyLine
 from kit.gateway_bench import GatewayBench
 from kit.other_client import Adapter, OtherClient
 from kit.virtual_time import VirtualTimeLoop
 from soak.kinds_of_lines import CONFIG, LINES, NUMBERS, SLOW, UNITS, LineKind
 from soak.questions import CLIENTS, Question, Questions, Values
+from soak.stalling_server import StallingServer
 from soak.tally import Tally
 
 #: Another client asks on each line, on average after so many seconds of quiet.
@@ -49,13 +50,24 @@ PATIENCE: Final = 9.0
 NOT_SENT: Final = frozenset({0x06, 0x0A})
 NO_ANSWER: Final = 0x0B
 
+#: What devices behind a server that stalls do; others are left out, because nobody could detect them there.
+BEHIND_A_SERVER: Final = (
+    *(Fault.EXCEPTION, Fault.LATE, Fault.LATE_EXCEPTION, Fault.CUT, Fault.FLIPPED, Fault.NOISE_BEFORE),
+    *(Fault.NOISE_BEHIND, Fault.NOISE_BETWEEN, Fault.HOLES, Fault.SILENT),
+)
+
 LEFT_OUT: Final = """\
 Left out, because nobody can detect it on RTU and ASCII:
   - a response of the same shape that comes later than the late window
   - a duplicate that falls inside the next transaction of the same shape, of ours or of another client
   - the answer to another client whose request was not heard whole
   - pieces of two messages whose check sum fits
+  - a device server that stalls after something was heard since a request, or answers a new connection for the old one
 and damage that the check sum itself cannot show (random damage: 1 in 65536 on RTU, 1 in 256 on ASCII)"""
+
+
+#: How often an adapter was pulled, and a device server connected to: what is under way from before that is lost.
+Connection = tuple[int, int]
 
 
 class _RealLine(MemoryLine):
@@ -69,10 +81,9 @@ class _RealLine(MemoryLine):
 
 class _Bench(GatewayBench):
     def _open(self, settings: SerialSettings) -> OpenPort:
-        name = settings.port.removeprefix("/dev/")
-        kind = next(line for line in LINES if line.name == name)
-        line = (_RealLine if kind.real else MemoryLine)(settings.port, settings.latency)
-        return self.lines.setdefault(name, line).open_port
+        kind = next(line for line in LINES if settings.port in (line.port, f"/dev/{line.name}"))
+        kind_of_line = StallingServer if kind.port else _RealLine if kind.real else MemoryLine
+        return self.lines.setdefault(kind.name, kind_of_line(settings.port, settings.latency)).open_port
 
 
 class World:
@@ -106,7 +117,13 @@ class World:
             for unit in UNITS
         ]
         faulty = FaultyLine(
-            kind.timing, *devices, share=share, seed=100 * seed + at, echo=kind.echo, late_window=kind.late_window
+            kind.timing,
+            *devices,
+            share=share,
+            seed=100 * seed + at,
+            faults=dict.fromkeys(BEHIND_A_SERVER, 1.0) if kind.port else None,
+            echo=kind.echo,
+            late_window=kind.late_window,
         )
         self.lines.append(faulty)
         line, name, passed = self.bench.lines[kind.name], kind.name, self.passed[kind.name]
@@ -120,8 +137,10 @@ class World:
             answers = faulty.received(data, now)
             faulty.heard_at = max(faulty.heard_at, now + len(data) * kind.timing.character)
             passed.append((now, ">>", data, faulty.last.fault))
+            if isinstance(line, StallingServer):
+                answers = line.asked(answers, now)
             for delay, response in answers:
-                self.loop.call_later(delay, deliver, self._pulls[name], response)
+                self.loop.call_later(delay, deliver, self._connection(name), response)
 
         def observe(transaction: Transaction, response: Frame | None, now: float) -> None:
             tries = 1 + transaction.retries
@@ -135,7 +154,7 @@ class World:
         line.on_write = answer
         self.bench.gateway.lines[at].driver.line.observer = observe
 
-    def _plug_in(self, at: int, kind: LineKind, faulty: FaultyLine, seed: int) -> Callable[[int, bytes], None]:
+    def _plug_in(self, at: int, kind: LineKind, faulty: FaultyLine, seed: int) -> Callable[[Connection, bytes], None]:
         """Let a line be heard through its adapter, another client on it included; for what comes while it is there."""
         line, name = self.bench.lines[kind.name], kind.name
 
@@ -146,11 +165,15 @@ class World:
 
         adapter = self.adapters[name] = Adapter(self.loop.call_later, hand_over, seed=100 * seed + at)
 
-        def deliver(pulls: int, data: bytes) -> None:
-            if pulls == self._pulls[name]:
+        def deliver(connection: Connection, data: bytes) -> None:
+            if connection == self._connection(name):
                 faulty.heard_at = self.loop.time()
                 faulty.chance.sent(data)
                 adapter.take(data, at_once=faulty.heard_at < faulty.spurious_until)
+
+        if isinstance(line, StallingServer):  # what is heard of another client shows that it does not stall
+            line.dice, line.on_open = random.Random(100 * seed + at), adapter.drop
+            return deliver
 
         other_client = OtherClient(faulty, seed=100 * seed + at)
         self.other_clients.append(other_client)
@@ -164,11 +187,15 @@ class World:
                 self.loop.call_later(wait + self.dice.uniform(0.0, 0.001), let_other_client_ask)
                 return
             for delay, data in other_client.asks(now):
-                self.loop.call_later(delay, deliver, self._pulls[name], data)
+                self.loop.call_later(delay, deliver, self._connection(name), data)
             self.loop.call_later(self.dice.expovariate(1 / OTHER_CLIENT_PAUSE), let_other_client_ask)
 
         self.loop.call_later(self.dice.uniform(0.0, OTHER_CLIENT_PAUSE), let_other_client_ask)
         return deliver
+
+    def _connection(self, name: str) -> Connection:
+        line = self.bench.lines[name]
+        return self._pulls[name], line.openings if isinstance(line, StallingServer) else 0
 
     async def pull_adapters(self) -> None:
         """Now and then one line has no adapter for a while; what was under way to it is lost."""
@@ -366,6 +393,7 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
         tally.injected.update({fault.value: count for fault, count in line.injected.items()})
         tally.counts.update(asdict(of_gateway.counts) | {"unasked_bytes": of_gateway.unasked_bytes})
     tally.broadcasts = sum(client.questions.broadcasts for client in clients)
+    tally.counts["stalls"] = sum(line.stalls for line in bench.lines.values() if isinstance(line, StallingServer))
     tally.other_clients = sum(other_client.asked for other_client in world.other_clients)
     tally.virtual_seconds = world.loop.time()
     return tally

@@ -2,15 +2,17 @@
 
 import asyncio
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Awaitable, Mapping
 
 import pytest
 
 from gateway.modbus.codes import Area
+from gateway.ports.port import Port, PortUser
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.faulty import Fault, FaultyDevice, FaultyLine, word
 from kit.gateway_bench import gateway_bench
 from soak.never_lies import CONFIG, play, run
+from soak.stalling_server import StallingServer
 
 LINES: Mapping[str, LineTiming] = {
     "rtu": LineTiming("rtu", 19200, CharacterFormat.parse("8E1")),
@@ -99,6 +101,7 @@ async def test_twenty_thousand_transactions_with_every_fault_and_no_wrong_answer
     for fault in Fault:
         assert tally.injected[fault] > 20, fault
     assert sum(count for (_, outcome), count in tally.outcomes.items() if outcome == "right data") > 10_000
+    assert min(tally.counts["stalls"], tally.events["connection_renewed"]) > 50
 
 
 @pytest.mark.search
@@ -106,8 +109,25 @@ async def test_it_notices_a_gateway_that_does_not_wait_for_late_answers() -> Non
     """Late windows of a millisecond: the run must find wrong answers, or it would find none of anybody's."""
     config = CONFIG.replace("echo    =", 'late_window = "1 ms"\n            echo    =')
     config = config.replace('            late_window = "300 ms"\n', "")
-    tally = await play(transactions=8_000, share=0.2, seed=1, config=config)
+    tally = await play(transactions=16_000, share=0.2, seed=2, config=config)
     assert tally.wrong_count > 0
+
+
+@pytest.mark.search
+async def test_it_notices_a_gateway_that_keeps_connections_to_servers_that_stall(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It does not if the port is no connection."""
+    connect = StallingServer.open_port
+
+    def as_a_port(server: StallingServer, user: PortUser) -> Awaitable[Port]:
+        server.has_arrived = None
+        return connect(server, user)
+
+    monkeypatch.setattr(StallingServer, "open_port", as_a_port)
+    tally = await play(transactions=20_000, share=0.2, seed=1)
+    assert tally.wrong_count > 0
+    assert tally.events["connection_renewed"] == 0
 
 
 def test_the_same_seed_gives_the_same_run() -> None:
