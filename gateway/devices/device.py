@@ -54,7 +54,7 @@ class Device(Destination):
             settings.unit, settings.name, settings.answer_time, source=settings.source, is_urgent=is_urgent
         )
         self.settings = settings
-        self._check = settings.profile.check
+        self._profile = settings.profile
         self._line = line
         self._emit = emit
         self._ring = ring or Ring()
@@ -63,7 +63,7 @@ class Device(Destination):
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Send the request in its turn, or fail it. If it `yields`, requests of clients go first: a mirror's poll."""
         try:
-            transaction = self._transaction(request, self._check(request.pdu))
+            transaction = self._transaction(request, self._profile.check(request.pdu))
         except RequestError as error:
             self.counts[request.pdu[0]].count_error(error, 1)
             self.report_rejection(request, error)

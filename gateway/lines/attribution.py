@@ -140,7 +140,8 @@ class Attribution:
             return False
         self.end(token.end)
         self._is_answered = True
-        self.doubts = self._doubts_about(token.frame, asked) if self.foreign else []
+        if self.foreign or self.doubts:
+            self.doubts = self._doubts_about(token.frame, asked)
         return not self.doubts
 
     def _doubts_about(self, frame: Frame, asked: Transaction) -> list[ForeignRequest]:

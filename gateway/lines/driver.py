@@ -59,14 +59,18 @@ class LineDriver:
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction. Bytes that wait in the port came before it, and are read first."""
-        if self.line.is_quiet(now):
+        line = self.line
+        if line.is_quiet(now):
             self._read_port()
+        is_planned = line.is_busy and line.waiting > 0  # then what comes behind others makes nothing due earlier
         try:
-            self.line.submit(transaction, now)
+            line.submit(transaction, now)
         except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
             self._boundary.fail(error)
             transaction.fail_open(LineDown())  # it met the defect before the line had taken it over
-        self._boundary.plan(self._deadline())
+            is_planned = False
+        if not is_planned:
+            self._boundary.plan(self._deadline())
 
     def port_up(self, port: Port) -> None:
         """The port is open."""
@@ -132,7 +136,8 @@ class LineDriver:
         self._boundary.close()
 
     def _deadline(self) -> float | None:
-        return earliest(self.line.deadline(), self._read_at)
+        deadline = self.line.deadline()
+        return deadline if self._read_at is None else earliest(deadline, self._read_at)
 
     def _tick(self) -> None:
         self._read_port()

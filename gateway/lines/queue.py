@@ -104,7 +104,7 @@ class WaitingQueue:
         request = transaction.requests[0]
         shared = self._join(transaction, request) if self._reads else None
         if shared is None:
-            self._append(transaction, request.origin)
+            self._append(transaction, transaction.row, request.origin)
             if self._coalesce:
                 self._offer(transaction)
         self._waiting[request] = shared or transaction
@@ -134,7 +134,7 @@ class WaitingQueue:
                     if len(transaction.requests) > 1:
                         transaction = self._part(transaction)
                     self._remove(transaction)
-                    if ring and ring[0] is row:
+                    if len(ring) > 1 and ring[0] is row:
                         ring.rotate(-1)
                     return transaction
                 ring.rotate(-1)
@@ -144,9 +144,13 @@ class WaitingQueue:
         """Remove the requests that have waited too long at `now`; with the names of the devices that they are for."""
         late = []
         expiries, waiting = self._expiries, self._waiting
-        while expiries and (expiries[0][1] not in waiting or expiries[0][0] <= now):
-            _, request = expiries.popleft()
-            if request in waiting:
+        while expiries:
+            expiry, request = expiries[0]
+            is_waiting = request in waiting
+            if is_waiting and now < expiry:
+                break
+            expiries.popleft()
+            if is_waiting:
                 transaction = waiting[request]
                 transaction.counts.expired += 1
                 late.append((request, transaction.device.name))
@@ -161,7 +165,7 @@ class WaitingQueue:
         """Remove the transactions that it is too late to send again."""
         if not self._repeats:
             return []
-        return self.drop(lambda waiting: waiting.retries > 0 and waiting.gives_up_at <= now)
+        return self._too_late(now)
 
     def next_expiry(self) -> float | None:
         """When the next request will have waited too long, or earlier."""
@@ -183,6 +187,10 @@ class WaitingQueue:
         """Remove all."""
         return self.drop(lambda _: True)
 
+    def _too_late(self, now: float) -> list[Transaction]:
+        """See `given_up`. On its own: in a function with a lambda, each call costs an object, used or not."""
+        return self.drop(lambda waiting: waiting.retries > 0 and waiting.gives_up_at <= now)
+
     def _in_turn(self) -> tuple[deque[_Row], ...]:
         """Urgent rows first and polls last, unless the others have waited long enough."""
         if self._yields * len(self._polls) >= YIELDS:
@@ -191,10 +199,11 @@ class WaitingQueue:
             return self._plain, self._urgent, self._polls
         return self._urgent, self._plain, self._polls
 
-    def _append(self, transaction: Transaction, origin: Origin) -> None:
-        row = self._rows.get(origin.row)
+    def _append(self, transaction: Transaction, name: str, origin: Origin) -> None:
+        """Let a transaction wait in the row of this name, which is that of `origin`."""
+        row = self._rows.get(name)
         if row is None:
-            row = self._rows[origin.row] = _Row(origin)
+            row = self._rows[name] = _Row(origin)
         if not row.waiting:
             row.ring = self._ring_for(transaction)
             row.ring.append(row)
@@ -234,7 +243,7 @@ class WaitingQueue:
             return None
         shared.counts.coalesced += 1
         shared.requests.append(request)
-        self._append(shared, request.origin)
+        self._append(shared, transaction.row, request.origin)
         return shared
 
     def _part(self, transaction: Transaction) -> Transaction:
@@ -249,14 +258,20 @@ class WaitingQueue:
             self._rows[request.origin.row].replace(transaction, part)
             self._waiting[request] = part
         transaction.requests = stay
+        transaction.row = stay[0].origin.row
         transaction.counts.coalesced -= 1
         return part
 
     def _remove(self, transaction: Transaction) -> None:
         """Remove a transaction."""
-        for request in transaction.requests:
-            self._leave_row(request.origin.row, transaction)
-            del self._waiting[request]
+        requests = transaction.requests
+        if len(requests) == 1:  # as nearly always, and then its row is known without a call
+            self._leave_row(transaction.row, transaction)
+            del self._waiting[requests[0]]
+        else:
+            for request in requests:
+                self._leave_row(request.origin.row, transaction)
+                del self._waiting[request]
         if self._reads:
             key = (transaction.device, transaction.asked.data)
             if self._reads.get(key) is transaction:
@@ -286,6 +301,7 @@ class WaitingQueue:
             return
         self._leave_row(request.origin.row, transaction)
         transaction.requests.remove(request)
+        transaction.row = transaction.requests[0].origin.row
         del self._waiting[request]
 
     def _make_room(self, newcomer: Transaction) -> Transaction | None:

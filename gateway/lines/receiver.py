@@ -126,7 +126,7 @@ class Receiver:
         if not early:
             self._pace.add(len(data), now)
         if len(self._text) < _BYTES:
-            self._text += data
+            self._text = self._text + data if self._text else data
         outcome = self._attribute(scanner.received(data, now, damaged=damaged, early=early))
         self.damaged_at = now + scanner.silence if outcome is None and self._is_damaged(current) else None
         return outcome
@@ -228,7 +228,8 @@ class Receiver:
             if not is_response:
                 self._note(token, owner)
             if self._current is not None and (is_response or self.attribution.doubts):
-                self._behind = tokens[at + 1 :]
+                if self._behind or len(tokens) > at + 1:
+                    self._behind = tokens[at + 1 :]
                 return self._finish(self._current, token, is_response=is_response)
         return None
 

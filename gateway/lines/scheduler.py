@@ -94,8 +94,10 @@ class Scheduler:
         question = self._idle.take(now)
         if question is not None:
             return question
-        if not self._windows.windows:
-            return self._queue.take()
+        return self._next_allowed(now) if self._windows.windows else self._queue.take()
+
+    def _next_allowed(self, now: float) -> Transaction | None:
+        """See `next`. On its own: in a function with a lambda, each call costs an object, used or not."""
         transaction = self._queue.take(lambda waiting: self._windows.forbid_until(waiting, now) is not None)
         if transaction is None and len(self._queue):
             self._held_until = self._windows.next_end() or 0.0

@@ -28,6 +28,7 @@ class Destination:
         self.answer_time = answer_time
         self.breaker = Breaker()
         self.counts = UnitCounts()
+        self.times = self.counts.times
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
         """The transaction has ended; `response` is None if none came. Must not answer requests.
@@ -40,8 +41,8 @@ class Transaction:
     """A request that has passed its device's checks. Equal reads of several clients share one transaction."""
 
     __slots__ = (
-        "asked", "client", "counts", "device", "ends_at", "expected", "expects_answer", "gives_up_at", "limit",
-        "outstanding", "requests", "retries", "sent_at", "times", "unit", "yields",
+        "asked", "counts", "device", "ends_at", "expected", "expects_answer", "gives_up_at", "limit",
+        "outstanding", "requests", "retries", "row", "sent_at", "times", "unit", "yields",
     )  # fmt: skip
 
     #: Whether it is for all units.
@@ -50,13 +51,14 @@ class Transaction:
     is_scan = False
 
     def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
+        #: Those that it answers, and the row of the queue that the first of them waits in.
         self.requests = [request]
-        self.client = request.origin.client
+        self.row = request.origin.row
         self.asked = asked
         self.device = device
-        counts, function = device.counts, asked.function
-        self.counts = counts[function]
-        self.times = counts.times[function]
+        function = asked.function
+        self.counts = device.counts[function]
+        self.times = device.times[function]
         self.expects_answer = asked.is_answered
         #: The unit identifier that the request is sent to.
         self.unit = device.unit

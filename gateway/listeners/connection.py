@@ -113,7 +113,8 @@ class TcpConnection:
         self.client = client
         self.identity = identity
         self._listener = listener
-        self._time = time
+        #: The time, as of the loop.
+        self.time = time
         self._came_at = time()
         self._reason = "the client closed it"
         self._timer: LazyTimer | None = None
@@ -165,7 +166,7 @@ class TcpConnection:
     def buffer_updated(self, nbytes: int) -> None:
         """Bytes have arrived."""
         try:
-            self.session.received(nbytes, self._time())
+            self.session.received(nbytes, self.time())
         except Exception as error:  # noqa: BLE001 - the error boundary of a connection
             self._failed(error)
 
@@ -176,7 +177,7 @@ class TcpConnection:
 
     def pause_writing(self) -> None:
         """The client does not read its responses."""
-        self._run(partial(self.session.block, self._time()))
+        self._run(partial(self.session.block, self.time()))
 
     def resume_writing(self) -> None:
         """The client reads its responses again."""
@@ -194,10 +195,6 @@ class TcpConnection:
             self._timer.close()
             self._timer = None
         self._listener.closed(self, f"lost: {explain(exc)}" if isinstance(exc, OSError) else self._reason)
-
-    def time(self) -> float:
-        """The time, as of the loop."""
-        return self._time()
 
     def receive(self, room: memoryview) -> int:
         """Copy what has arrived into `room`; the number of bytes."""
@@ -240,7 +237,7 @@ class TcpConnection:
     def look(self) -> None:
         """Read what has arrived, if it counts when that was."""
         if isinstance(self.session, OverTcpSession):
-            self._run(partial(self.session.look, self._time()))
+            self._run(partial(self.session.look, self.time()))
 
     def check_client(self, now: float, idle: float) -> None:
         """Close if the client breaks a rule, or has sent no request for `idle` seconds."""
@@ -270,7 +267,7 @@ class TcpConnection:
         """The client closes its side; the listener is told if a response is missing."""
         session = self.session
         if not session.is_idle and session.takes_responses:
-            self._listener.left_early(self.host, self._time() - session.last_asked)
+            self._listener.left_early(self.host, self.time() - session.last_asked)
 
     def _part(self, reason: str) -> None:
         """Close, and drop the responses that the client still waits for."""
@@ -280,7 +277,7 @@ class TcpConnection:
 
     def _proceed(self) -> None:
         if not self.session.gone:
-            self._run(partial(self.session.proceed, self._time()))
+            self._run(partial(self.session.proceed, self.time()))
 
     def _run(self, step: Callable[[], None]) -> None:
         try:

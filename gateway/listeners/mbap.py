@@ -68,11 +68,10 @@ class MbapSession(Session):
         """Take the response to one of the session's requests."""
         self._in_flight -= 1
         is_awaited = request.transaction != _GIVEN_UP
-        took_time = (
-            is_awaited and len(self._under_way) > 0 and self._under_way.pop(request.transaction, None) is not None
-        )
-        if took_time and self._rises and self._connection.time() - request.received_at > _QUICK:
-            self._rises = 0  # the client may have given up, and ask something else with the same identifier
+        if is_awaited and request.transaction in self._under_way:  # else it was ready at once
+            del self._under_way[request.transaction]
+            if self._rises and self._connection.time() - request.received_at > _QUICK:
+                self._rises = 0  # the client may have given up, and ask something else with the same identifier
         if self._life == GONE:
             return
         if is_awaited and pdu is not None and not is_kept_back(request, self._settings.on_failure):

@@ -14,9 +14,8 @@ _LONGEST: Final = 254
 #: Protocol identifier of Modbus (T 3.1.3).
 _MODBUS: Final = 0
 _PROTOCOL: Final = bytes((0, _MODBUS))
-#: Each byte, and protocol and length for each length: to put them together is quicker than `struct`.
-_BYTES: Final = tuple(bytes((byte,)) for byte in range(256))
-_AFTER_TRANSACTION: Final = tuple(bytes((0, _MODBUS, 0, length)) for length in range(256))
+#: All before the PDU.
+_HEAD: Final = 7
 #: Receive buffer of one connection: a burst of 64 reads, four of the largest ADUs.
 _BUFFER: Final = 4 * MAX_TCP_ADU
 #: So many requests it holds at most.
@@ -49,7 +48,7 @@ class TcpFrame:
 
 def encode(transaction: int, unit: int, pdu: bytes) -> bytes:
     """The TCP ADU of `pdu`."""
-    return _BYTES[transaction >> 8] + _BYTES[transaction & 0xFF] + _AFTER_TRANSACTION[len(pdu) + 1] + _BYTES[unit] + pdu
+    return (transaction << 40 | _MODBUS << 24 | (len(pdu) + 1) << 8 | unit).to_bytes(_HEAD, "big") + pdu
 
 
 def decode(datagram: bytes) -> TcpFrame | None:
@@ -86,7 +85,7 @@ class MbapFramer:
 
     def filled(self, count: int) -> None:
         """`count` bytes have been received into `room()`."""
-        self.take(bytes(self._view[:count]))
+        self.take(self._view[:count].tobytes())
 
     def take(self, data: bytes) -> None:
         """These bytes have been received."""

@@ -14,7 +14,6 @@ tried.
 """
 
 import re
-from functools import lru_cache
 from heapq import heappop, heappush
 from typing import Final, cast
 
@@ -38,8 +37,9 @@ _FIRST_SIZES: Final = tuple(
     tuple((reading, size) for reading, pdu_size in enumerate(_READINGS) if (size := pdu_size(bytes((code,)))))
     for code in range(256)
 )
-#: Clients repeat the same few requests.
-_encoded: Final = lru_cache(maxsize=512)(rtu.encode)
+#: Clients repeat the same few requests: their ADUs, by unit and PDU, of each unit so many.
+_encoded: Final[tuple[dict[bytes, bytes], ...]] = tuple({} for _ in range(256))
+_MOST_ENCODED: Final = 64
 #: A unit identifier before a function code, no exception, whose frames tell their size.
 _BEGIN: Final = re.compile(
     b"(?s).(?=[" + re.escape(bytes(code for code in range(1, 128) if _FIRST_SIZES[code])) + b"])"
@@ -73,7 +73,13 @@ class RtuScanner(Scanner):
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
         """See `Scanner`."""
-        return _encoded(unit, pdu)
+        of_unit = _encoded[unit]
+        adu = of_unit.get(pdu)
+        if adu is None:
+            if len(of_unit) >= _MOST_ENCODED:
+                of_unit.clear()
+            adu = of_unit[pdu] = rtu.encode(unit, pdu)
+        return adu
 
     def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
         """See `Scanner`."""
@@ -131,6 +137,9 @@ class RtuScanner(Scanner):
 
     def end(self) -> list[Token]:
         """See `Scanner`."""
+        if not (self._coming or self._waiting):  # nearly always
+            self._size = 0
+            return super().end()
         tokens = self._scan_again() if self._coming else []
         if self._waiting:
             tokens, self._waiting = tokens + self._waiting, []
@@ -156,7 +165,9 @@ class RtuScanner(Scanner):
 
     def _received_alone(self, data: bytes, now: float) -> list[Token]:
         """Take bytes that can be the beginning of the response or the echo; if not, scan all of them."""
-        self._coming += data
+        if self._is_response(data) and not self._coming:
+            return self._take_alone(data, now)
+        self._coming = self._coming + data if self._coming else data
         self._pieces.append((len(data), now))
         come = self._coming
         if self._echo_size:
@@ -173,6 +184,13 @@ class RtuScanner(Scanner):
         if len(come) < size:
             return []
         return self._take_alone(come, now) if len(come) == size and crc_fits(come) else self._scan_again()
+
+    def _is_response(self, data: bytes) -> bool:
+        """Whether this is all of the normal response."""
+        expected = self._expected
+        if expected is None or self._echo_size or len(data) != self._size:
+            return False
+        return data.startswith(expected.head) and crc_fits(data)
 
     def _scan_again(self) -> list[Token]:
         """Scan the bytes that were not only the response."""
@@ -196,7 +214,8 @@ class RtuScanner(Scanner):
     def _restart(self) -> None:
         """No frame that has begun goes on."""
         self._coming, self._scanned, self._size = b"", self.position, 0
-        self._pieces.clear()
+        if self._pieces:
+            self._pieces.clear()
         if self._buffer:
             self._buffer = b""
             self._begun.clear()

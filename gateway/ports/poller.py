@@ -23,7 +23,9 @@ SELECTABLE: Final = 1024
 _BATCH: Final = 64
 #: The longest wait in seconds, a day as in asyncio: `epoll` takes no more than 24 days.
 _LONGEST: Final = 86400.0
-_NOBODY: Final = (None, None)
+#: To look these up in their module costs as much as to call them.
+_now: Final = monotonic
+_INF: Final = inf
 #: What epoll reports: that a descriptor can be read from, and that it can be written to.
 _READABLE: Final = select.EPOLLIN
 _WRITABLE: Final = select.EPOLLOUT
@@ -35,6 +37,8 @@ class Waiting:
     def __init__(self, handle: asyncio.Handle) -> None:
         self.handle = handle
         self.call: Callable[[], object] = partial(handle._context.run, handle._callback, *handle._args)  # type: ignore[attr-defined]  # noqa: SLF001
+        #: Whether the handle waits no more. To ask it costs an attribute of a class that is not compiled.
+        self.is_over = False
 
 
 #: Who waits to read from a descriptor, and who to write to it.
@@ -69,13 +73,13 @@ class Poller:
         Nothing of it is left to the loop: the list is empty.
         """
         self._is_behind = bool(self.ready)
-        now = monotonic()
-        self._ends_at = inf if timeout is None else now + timeout
+        now = _now()
+        self._ends_at = _INF if timeout is None else now + timeout
         while True:
-            due = self._due[0][0] if self._due else inf
+            due = self._due[0][0] if self._due else _INF
             wait = min(self._ends_at, due) - now
             self._poll(min(wait, _LONGEST))
-            now = monotonic()
+            now = _now()
             self._call_due(now)
             if self.ready or self._ends_at <= now:
                 return []
@@ -92,6 +96,7 @@ class Poller:
     def register(self, descriptor: int, handles: tuple[asyncio.Handle | None, asyncio.Handle | None]) -> None:
         """These handles wait for the descriptor: one to read, one to write."""
         reader, writer = handles
+        self._end(descriptor, reader, writer)
         self.callbacks[descriptor] = (
             None if reader is None else Waiting(reader),
             None if writer is None else Waiting(writer),
@@ -101,6 +106,7 @@ class Poller:
 
     def unregister(self, descriptor: int) -> None:
         """Nobody waits for the descriptor."""
+        self._end(descriptor)
         del self.callbacks[descriptor]
         self._masked.discard(descriptor)
 
@@ -116,6 +122,12 @@ class Poller:
             self._masked.discard(descriptor)
         reading = 0 if is_masked or reader is None else _READABLE
         self._epoll.modify(descriptor, reading if writer is None else reading | _WRITABLE)
+
+    def _end(self, descriptor: int, *going_on: asyncio.Handle | None) -> None:
+        """Call those no more that wait for the descriptor, even if it is ready, but these handles."""
+        for waiting in self.callbacks.get(descriptor) or ():
+            if waiting is not None and waiting.handle not in going_on:
+                waiting.is_over = True
 
     def _poll(self, timeout: float) -> None:
         """Wait once."""
@@ -135,7 +147,10 @@ class Poller:
         """
         ready = []
         for descriptor, events in self._epoll.poll(wait, _BATCH):
-            reader, writer = self.callbacks.get(descriptor, _NOBODY)
+            callbacks = self.callbacks.get(descriptor)
+            if callbacks is None:
+                continue
+            reader, writer = callbacks
             if reader is not None and events & ~_WRITABLE:  # the end of a connection is for both
                 ready.append(reader)
             if writer is not None and events & ~_READABLE:
@@ -143,7 +158,7 @@ class Poller:
         for waiting in ready:
             if self._is_behind:
                 self.ready.append(waiting.handle)
-            elif not waiting.handle._cancelled:  # noqa: SLF001 - `cancelled()` is a call more for each
+            elif not waiting.is_over:
                 self._call(waiting.call)
 
     def _call_due(self, now: float) -> None:

@@ -20,6 +20,9 @@ from gateway.ports.serial_transport import PortTransport
 READ_SIZE: Final = 256
 #: So many pieces are what a terminal keeps (N_TTY_BUF_SIZE, 4096 bytes): all that had come when somebody looked.
 PIECES_OF_A_TERMINAL: Final = 16
+#: To look them up in their module costs as much as to call them.
+_read: Final = os.read
+_write: Final = os.write
 #: A port that never runs dry delivers so many pieces; then it is the turn of others.
 PIECES_IN_A_TURN: Final = 4
 
@@ -116,7 +119,7 @@ class SerialPort:
     def _read(self) -> bytes:
         """What the driver has; empty if that is nothing, or if the port is lost."""
         try:
-            data = os.read(self._descriptor, READ_SIZE)
+            data = _read(self._descriptor, READ_SIZE)
         except (BlockingIOError, InterruptedError):
             return b""
         except DriverError as error:
@@ -129,7 +132,7 @@ class SerialPort:
     def _send(self, data: bytes) -> int:
         """Write what the driver takes; returns how many bytes."""
         try:
-            return os.write(self._descriptor, data)
+            return _write(self._descriptor, data)
         except (BlockingIOError, InterruptedError):
             return 0
         except DriverError as error:

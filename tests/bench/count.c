@@ -1,16 +1,40 @@
 /*
- * count - preloaded into a program under callgrind: instructions count from SIGUSR1 to SIGUSR2.
+ * count - preloaded into a gateway under callgrind: instructions count from SIGUSR1 to SIGUSR2.
  *
  * callgrind can begin in no signal handler, so it begins where the program waits next.
+ *
+ * The tool makes the gateway fifty times as slow as it is, and whatever else the machine does slower still. Neither is
+ * to decide what is counted. So with COUNT_STEP, while it counts:
+ *
+ * - A wait begins once nothing more comes: those of COUNT_BESIDE, clients and devices, sleep, and what waits to be read
+ *   does not change. So the gateway always finds what a quick one would find.
+ * - Its clock goes on by COUNT_STEP nanoseconds at each wait, and by what it waits in vain.
+ *
+ * This itself does not count.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 #include <sys/epoll.h>
+#include <sys/ioctl.h>
+#include <sys/select.h>
+#include <time.h>
 #include <valgrind/callgrind.h>
+
+/* So many looks in a row find the same, with pauses of so many nanoseconds between. */
+#define LOOKS 3
+#define PAUSE 300000
+#define MOST 64
 
 static volatile sig_atomic_t wanted;
 static int (*wait_really)(int, struct epoll_event *, int, int);
+static int (*select_really)(int, fd_set *, fd_set *, fd_set *, struct timeval *);
+static int (*time_really)(clockid_t, struct timespec *);
+static const char *beside;
+static long long step, now; /* now: nanoseconds of the gateway's clock, 0 unless it is this one */
 
 static void take(int signal)
 {
@@ -20,19 +44,122 @@ static void take(int signal)
 __attribute__((constructor)) static void prepare(void)
 {
     wait_really = (int (*)(int, struct epoll_event *, int, int))dlsym(RTLD_NEXT, "epoll_wait");
+    select_really = (int (*)(int, fd_set *, fd_set *, fd_set *, struct timeval *))dlsym(RTLD_NEXT, "select");
+    time_really = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+    beside = getenv("COUNT_BESIDE") ? getenv("COUNT_BESIDE") : "";
+    step = getenv("COUNT_STEP") ? atoll(getenv("COUNT_STEP")) : 0;
     signal(SIGUSR1, take);
     signal(SIGUSR2, take);
+}
+
+static int sleeps(long process)
+{
+    char name[64], text[512] = "";
+    snprintf(name, sizeof name, "/proc/%ld/stat", process);
+    FILE *file = fopen(name, "r");
+    if (!file)
+        return 1; /* it has ended */
+    size_t size = fread(text, 1, sizeof text - 1, file);
+    fclose(file);
+    text[size] = 0;
+    const char *state = strrchr(text, ')');
+    return !state || state[2] == 'S';
+}
+
+static int others_sleep(void)
+{
+    char *rest;
+    for (const char *at = beside; *at; at = *rest ? rest + 1 : rest)
+        if (!sleeps(strtol(at, &rest, 10)))
+            return 0;
+    return 1;
+}
+
+/* What waits to be read, in bytes, and where. */
+static long waiting(int poll)
+{
+    struct epoll_event ready[MOST];
+    int count = wait_really(poll, ready, MOST, 0);
+    long sum = count;
+    for (int i = 0; i < count; i++) {
+        int bytes = 0;
+        ioctl(ready[i].data.fd, FIONREAD, &bytes);
+        sum += 1000L * (ready[i].data.fd + 1) + bytes;
+    }
+    return sum;
+}
+
+static void settle(int poll)
+{
+    const struct timespec pause = {0, PAUSE};
+    long before = -1;
+    for (int same = 0; same < LOOKS; ) {
+        long found = waiting(poll);
+        same = found == before && others_sleep() ? same + 1 : 0;
+        before = found;
+        nanosleep(&pause, NULL);
+    }
+}
+
+static int newer(const void *one, const void *other)
+{
+    return ((const struct epoll_event *)other)->data.fd - ((const struct epoll_event *)one)->data.fd;
 }
 
 int epoll_wait(int poll, struct epoll_event *events, int most, int timeout)
 {
     if (wanted == SIGUSR1) {
         wanted = 0;
+        if (step) {
+            struct timespec time;
+            time_really(CLOCK_MONOTONIC, &time);
+            now = time.tv_sec * 1000000000LL + time.tv_nsec;
+        }
         CALLGRIND_START_INSTRUMENTATION;
     } else if (wanted == SIGUSR2) {
         wanted = 0;
         CALLGRIND_DUMP_STATS;
         CALLGRIND_STOP_INSTRUMENTATION;
     }
-    return wait_really(poll, events, most, timeout);
+    if (now) {
+        CALLGRIND_TOGGLE_COLLECT;
+        settle(poll);
+        now += step;
+        CALLGRIND_TOGGLE_COLLECT;
+    }
+    int count = wait_really(poll, events, most, timeout);
+    if (now) {
+        CALLGRIND_TOGGLE_COLLECT;
+        if (count > 1)
+            qsort(events, (size_t)count, sizeof *events, newer);
+        if (count == 0 && timeout > 0)
+            now += timeout * 1000000LL;
+        CALLGRIND_TOGGLE_COLLECT;
+    }
+    return count;
+}
+
+int select(int most, fd_set *reading, fd_set *writing, fd_set *failing, struct timeval *timeout)
+{
+    long long wait = timeout ? timeout->tv_sec * 1000000000LL + timeout->tv_usec * 1000LL : 0;
+    if (now) {
+        CALLGRIND_TOGGLE_COLLECT;
+        for (int poll = 0; poll < most; poll++)
+            if (FD_ISSET(poll, reading))
+                settle(poll);
+        CALLGRIND_TOGGLE_COLLECT;
+    }
+    int count = select_really(most, reading, writing, failing, timeout);
+    if (now && count == 0)
+        now += wait;
+    return count;
+}
+
+int clock_gettime(clockid_t clock, struct timespec *time)
+{
+    if (!now || clock != CLOCK_MONOTONIC)
+        return time_really(clock, time);
+    time->tv_sec = now / 1000000000LL;
+    time->tv_nsec = now % 1000000000LL;
+    return 0;
 }

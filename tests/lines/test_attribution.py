@@ -207,7 +207,9 @@ def test_the_response_to_a_write_settles_it_and_is_no_request_itself(bench: Benc
 
 def test_until_no_answer_to_it_can_come_any_more(bench: Bench) -> None:
     """As long as ours would be awaited, its late window included."""
-    limit = bench.line._budget.response_wire_time(bench.devices.get(1, bench.device())._check(bytes.fromhex(READ)))
+    limit = bench.line._budget.response_wire_time(
+        bench.devices.get(1, bench.device())._profile.check(bytes.fromhex(READ))
+    )
     patience = 3 * (limit + 0.2 + LATENCY)
     bench.respond(THEIRS)
     bench.pass_time(patience - 0.001)

@@ -584,7 +584,7 @@ def test_windows_end_by_themselves(bench: Bench) -> None:
 
 
 def transaction(bench: Bench, pdu: str = READ):
-    return bench.devices[1]._transaction(bench.client.ask(pdu), bench.devices[1]._check(bytes.fromhex(pdu)))
+    return bench.devices[1]._transaction(bench.client.ask(pdu), bench.devices[1]._profile.check(bytes.fromhex(pdu)))
 
 
 def test_a_line_tells_how_many_late_answers_it_awaits_and_how_many_requests_wait(bench: Bench) -> None:
