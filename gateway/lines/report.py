@@ -26,7 +26,7 @@ class Report:
     def queue_full(self, transaction: Transaction) -> None:
         """A request got 06."""
         device = transaction.device
-        self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.requests[0].origin.client))
+        self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.client))
 
     def given_up(self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool) -> None:
         """No valid response came; `received` came instead, `is_echo` if that is the request."""

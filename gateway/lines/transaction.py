@@ -109,6 +109,11 @@ class Transaction:
         return frame.unit == self.unit and frame.pdu == self.asked.data
 
     @property
+    def client(self) -> str:
+        """The client of the first request."""
+        return self.requests[0].origin.client
+
+    @property
     def is_wanted(self) -> bool:
         """Whether a client still wants the request to be sent."""
         for request in self.requests:  # noqa: SIM110 - on the request path: a generator costs more than all the rest
