@@ -33,7 +33,7 @@ def test_examples_have_no_mistakes(text):
     assert mistakes(text) == []
 
 
-@settings(max_examples=50)
+@settings(max_examples=min(50, settings.default.max_examples))
 @given(accepted_configs())
 def test_what_check_accepts_has_no_mistakes(text):
     assert mistakes(text) == []

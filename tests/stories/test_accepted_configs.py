@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 
 from gateway.cli.main import main
 from gateway.config.unitset import parse_units
@@ -335,7 +335,6 @@ def _nothing_is_remembered(tmp_path_factory):
         yield
 
 
-@settings(max_examples=100)
 @given(accepted_configs())
 def test_each_unit_leads_where_check_says(text):
     with TemporaryDirectory() as folder:
