@@ -3,14 +3,15 @@
 PYTHONPATH=.:tests .venv/bin/python tests/kit/chromium.py docs/pictures
 """
 
+import fcntl
 import os
 import re
+import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from itertools import takewhile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -29,20 +30,71 @@ MISSING = "Chromium is not installed (apt install chromium-headless-shell)"
 @contextmanager
 def demo_page() -> Iterator[str]:
     """The address of the page of a demo that runs."""
-    said, its_output = os.pipe()
-    with os.fdopen(said) as output, TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, shared_demo_page(Path(folder)) as address:
+        yield address
+
+
+@contextmanager
+def shared_demo_page(folder: Path) -> Iterator[str]:
+    """The same for all who name this folder: the first of them starts the demo, and the last one ends it.
+
+    Each keeps a lock as long as it uses the demo, which the system takes back should it end before.
+    """
+    with (folder / "users").open("w") as users:
+        fcntl.flock(users, fcntl.LOCK_SH)
         try:
-            demo = started(["demo"], os.environ | {"RUNTIME_DIRECTORY": folder}, stdout=its_output)
+            with _alone_in(folder):
+                if not (folder / "pid").exists():
+                    _start_demo(folder)
+            yield (folder / "address").read_text()
         finally:
-            os.close(its_output)
-        try:
-            shown = "".join(takewhile(lambda line: line != "Ctrl-C ends everything.\n", output))
-            match = re.search(r"^  page +(http://\S+)$", shown, re.MULTILINE)
-            assert match is not None, shown
-            yield match[1]
-        finally:
-            demo.send_signal(signal.SIGINT)
-            demo.wait(PATIENCE)
+            with _alone_in(folder), suppress(BlockingIOError):
+                fcntl.flock(users, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                _end_demo(folder)
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _start_demo(folder: Path) -> None:
+    shown = folder / "shown"
+    with shown.open("w") as output:
+        demo = started(["demo"], os.environ | {"RUNTIME_DIRECTORY": str(folder)}, stdout=output.fileno())
+    _demos.append(demo)
+    end = time.monotonic() + PATIENCE
+    try:
+        while not shown.read_text().endswith("Ctrl-C ends everything.\n"):
+            assert demo.poll() is None, shown.read_text()
+            assert time.monotonic() < end, shown.read_text()
+            time.sleep(0.05)
+        match = re.search(r"^  page +(http://\S+)$", shown.read_text(), re.MULTILINE)
+        assert match is not None, shown.read_text()
+    except BaseException:
+        demo.kill()
+        raise
+    (folder / "address").write_text(match[1])
+    (folder / "pid").write_text(str(demo.pid))
+
+
+def _end_demo(folder: Path) -> None:
+    if not (folder / "pid").exists():
+        return  # it did not start
+    pid = int((folder / "pid").read_text())
+    (folder / "pid").unlink()
+    demo = os.pidfd_open(pid)
+    try:
+        os.kill(pid, signal.SIGINT)
+        assert select.select([demo], [], [], PATIENCE)[0], "the demo goes on"
+    finally:
+        os.close(demo)
+
+
+#: Those that were started here, which others may use, and end.
+_demos: list[Any] = []
 
 
 class PatientBrowser:
@@ -93,7 +145,6 @@ def watched(browser: Any, **settings: Any) -> Iterator[Any]:
     assert hosts == {own}
 
 
-_CONTRAST = "color-contrast"
 #: What axe-core finds by these rules, or by all but contrast.
 _FIND = """async (rules) => {
     const chosen = rules.length ? { runOnly: rules } : { rules: { "color-contrast": { enabled: false } } };
@@ -120,16 +171,23 @@ _FIND_CONTRAST = """async () => {
 }"""
 
 
-def axe_findings(page: Any, *rules: str) -> list[str]:
-    """What axe-core finds by these rules, or by all: the rule, and the elements that break it."""
+def axe_findings(page: Any, *rules: str, contrast: bool = True) -> list[str]:
+    """What axe-core finds by these rules, or by all, and of contrast: the rule, and the elements that break it."""
+    found = _found(page, _FIND, [*rules])
+    return found + contrast_findings(page) if contrast else found
+
+
+def contrast_findings(page: Any) -> list[str]:
+    """Words that can hardly be read for their colours."""
+    return _found(page, _FIND_CONTRAST)
+
+
+def _found(page: Any, by: str, rules: Sequence[str] = ()) -> list[str]:
     from axe_playwright_python.base import AXE_SCRIPT  # noqa: PLC0415 - with playwright
 
     if not page.evaluate("'axe' in window"):
         page.evaluate(AXE_SCRIPT)
-    others = [rule for rule in rules if rule != _CONTRAST]
-    found = page.evaluate(_FIND, others) if others or not rules else []
-    if not rules or _CONTRAST in rules:
-        found += page.evaluate(_FIND_CONTRAST)
+    found = page.evaluate(by, rules)
     return [f"{each['id']}: {'; '.join(str(node['html']) for node in each['nodes'][:3])}" for each in found]
 
 
@@ -143,14 +201,14 @@ def look_at_a_desk(page: Any) -> None:
     page.set_viewport_size({"width": 1280, "height": 900})
 
 
-def page_findings(page: Any) -> list[str]:
+def page_findings(page: Any, *, contrast: bool) -> list[str]:
     """What is wrong with a page: as it is shown, then dark, and on a telephone."""
-    found = axe_findings(page)
+    found = axe_findings(page, contrast=contrast)
     page.emulate_media(color_scheme="dark")
-    found += axe_findings(page, _CONTRAST)
+    found += contrast_findings(page) if contrast else []
     page.set_viewport_size({"width": 390, "height": 844})
     page.wait_for_timeout(200)
-    found += axe_findings(page, "scrollable-region-focusable", "target-size", _CONTRAST)
+    found += axe_findings(page, "scrollable-region-focusable", "target-size", contrast=contrast)
     if (width := page.evaluate("document.documentElement.scrollWidth")) > 390:
         found.append(f"{width} pixels wide")
     return found

@@ -50,12 +50,13 @@ def started_anew() -> Iterator[None]:
         preparations.extend(kept)
 
 
-def command(*words: str) -> subprocess.CompletedProcess[str]:
+def command(*words: str, env: Mapping[str, str] | None = None) -> subprocess.CompletedProcess[str]:
     """Run `modbus-gateway WORDS` to its end."""
     if not preparations:
-        return subprocess.run([*COMMAND, *words], capture_output=True, text=True, timeout=PATIENCE, check=False)
+        whole = [*COMMAND, *words]
+        return subprocess.run(whole, capture_output=True, text=True, timeout=PATIENCE, check=False, env=env)
     with TemporaryFile() as out, TemporaryFile() as err:
-        process = preparations[-1].start(words, stdout=out.fileno(), stderr=err.fileno())
+        process = preparations[-1].start(words, env, stdout=out.fileno(), stderr=err.fileno())
         try:
             code = process.wait(PATIENCE)
         finally:

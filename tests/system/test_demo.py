@@ -3,11 +3,13 @@
 import gc
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from socket import AF_UNIX, socket
 
@@ -15,7 +17,7 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from gateway.cli.main import main
-from kit.process import COMMAND, PATIENCE, command
+from kit.process import COMMAND, PATIENCE, command, started
 from kit.vectors import SeedFrame, meaning, seed_frames
 
 #: The ASCII frame that is printed is not a whole request, and a misprint cannot be asked for.
@@ -79,13 +81,11 @@ def test_it_stays_until_it_is_interrupted_and_leaves_nothing_behind(tmp_path: Pa
 def test_the_commands_that_it_and_the_devices_page_print_work_as_they_stand(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
     own_socket = os.environ | {"RUNTIME_DIRECTORY": str(tmp_path)}
-    with subprocess.Popen([*COMMAND, "demo"], stdout=subprocess.PIPE, text=True, env=own_socket) as demo:
-        shown = "".join(iter(demo.stdout.readline, "Ctrl-C ends everything.\n"))
+    with running_demo(own_socket) as shown:
         port = re.search(r"clients +tcp://127\.0\.0\.1:(\d+)", shown)[1]
         printed = re.findall(r"^  (?:mbpoll|\./deploy/go) .*", shown, re.MULTILINE)
         documented = re.findall(r"^    (?:mbpoll|modbus-gateway) .*", page, re.MULTILINE)
-        said = [_sh(line, own_socket) for line in (*printed, *(line.replace("5020", port) for line in documented))]
-        demo.send_signal(signal.SIGINT)
+        said = [_said(line, own_socket) for line in (*printed, *(line.replace("5020", port) for line in documented))]
     assert (len(printed), len(documented)) == (7, 9)
     assert "weight   4999.66" in said[0]
     assert "40108" in said[1]
@@ -103,28 +103,47 @@ def test_a_second_demo_says_where_its_control_socket_is(tmp_path: Path) -> None:
     with socket(AF_UNIX) as another:
         another.bind(str(tmp_path / "control.sock"))
         another.listen()
-        with subprocess.Popen([*COMMAND, "demo"], stdout=subprocess.PIPE, text=True, env=own_socket) as demo:
-            shown = "".join(iter(demo.stdout.readline, "Ctrl-C ends everything.\n"))
+        with running_demo(own_socket) as shown:
             (line,) = re.findall(r"\S+ read silo-1 --control \S+", shown)
-            assert "4999.66" in _sh(line, own_socket)
+            assert "4999.66" in _said(line, own_socket)
+
+
+@contextmanager
+def running_demo(environment: Mapping[str, str]) -> Iterator[str]:
+    """What a demo shows that runs in the context; it ends well."""
+    said, its_output = os.pipe()
+    try:
+        demo = started(["demo"], environment, stdout=its_output)
+    finally:
+        os.close(its_output)
+    with os.fdopen(said) as output:
+        try:
+            yield "".join(iter(output.readline, "Ctrl-C ends everything.\n"))
+        finally:
             demo.send_signal(signal.SIGINT)
             assert demo.wait(PATIENCE) == 0
 
 
-def _sh(line: str, environment: Mapping[str, str]) -> str:
+def _said(line: str, environment: Mapping[str, str]) -> str:
     """What a command prints; again when a simulated device was late, as it is on a busy machine."""
-    ours = re.sub(r"^ *(\./deploy/go|modbus-gateway) ", f"{' '.join(COMMAND)} ", line)
-    if " trace" in line:
-        ours += " --since 1min"  # else it goes on until Ctrl-C
     until = time.monotonic() + PATIENCE
     while True:
-        done = subprocess.run(
-            ["bash", "-c", ours], capture_output=True, text=True, timeout=PATIENCE, check=False, env=environment
-        )
+        done = _done(line, environment)
         if done.returncode == 0:
             return done.stdout
         assert re.search("exception 0B|Target device failed to respond", done.stderr), (line, done)
         assert time.monotonic() < until, (line, done)
+
+
+def _done(line: str, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+    """A line of a shell, whose commands of ours are plain words."""
+    program, *words = shlex.split(line, comments=True)
+    if program in {"./deploy/go", "modbus-gateway"}:
+        since = ["--since", "1min"] if words[0] == "trace" else []  # else it goes on until Ctrl-C
+        return command(*words, *since, env=environment)
+    return subprocess.run(
+        ["bash", "-c", line], capture_output=True, text=True, timeout=PATIENCE, check=False, env=environment
+    )
 
 
 def _simulators_in(folder: Path) -> list[str]:

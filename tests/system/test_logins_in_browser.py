@@ -92,7 +92,7 @@ def test_a_page_of_an_operator_is_accessible(operators_page, address, path):
         operators_page.goto(f"{address}{in_language(path, language)}")
         operators_page.wait_for_timeout(500)
         assert "anna" in operators_page.locator("header").inner_text()
-        assert page_findings(operators_page) == []
+        assert page_findings(operators_page, contrast=language == "en") == []  # colours are the same in all
 
 
 def test_who_is_not_at_this_machine_logs_in_and_gets_to_the_page_that_was_asked_for(browser, address):

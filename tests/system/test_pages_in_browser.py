@@ -49,7 +49,7 @@ def test_a_page_is_accessible_and_asks_nobody_else(browser, address, path):
             page.wait_for_timeout(1000)
             assert page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
             assert page.locator("h1").count() == 1
-            assert page_findings(page) == []
+            assert page_findings(page, contrast=language == "en") == []  # colours are the same in all
 
 
 @pytest.mark.parametrize("path", PAGES.values())

@@ -1,6 +1,5 @@
 """Pages of units and images in a real browser: values are read and written, once and only after a yes."""
 
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -10,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from kit.browser import PASSWORD, USERS
 from kit.chromium import CHROMIUM, MISSING
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.process import COMMAND, PATIENCE, GatewayProcess
+from kit.process import PATIENCE, GatewayProcess
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
 
@@ -42,16 +42,14 @@ bind = "http://127.0.0.1:0"
 users = "{folder}/users"
 write = true
 """
-PASSWORD = "correct horse"
 
 
 @pytest.fixture(scope="module")
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace]:
     """A gateway with a device, and two users."""
     folder = tmp_path_factory.mktemp("gateway")
-    for user, role in (("anna", "operator"), ("vera", "viewer")):
-        add = [*COMMAND, "user", "add", user, "--role", role, "--file", str(folder / "users")]
-        subprocess.run(add, input=PASSWORD, text=True, check=True, capture_output=True)
+    (folder / "users").write_text(USERS)
+    (folder / "users").chmod(0o600)
     device = SimulatedDevice(1)
     process = GatewayProcess(folder, CONFIG.format(folder=Path(folder)), level="info")
     port = VirtualPort(folder / "hall")
