@@ -9,9 +9,11 @@ from fcntl import ioctl
 from termios import FIONREAD
 from typing import Final, Protocol
 
-#: As many unread bytes as there nearly always are, as `ioctl` tells it.
+#: Where `ioctl` writes how many bytes are unread (bytes that it cannot write to cost it an error), and none.
+_unread: Final = bytearray(4)
 _NONE: Final = bytes(4)
-_ask_driver: Final = ioctl
+#: To look them up in their modules costs as much as to call them.
+_ask_system: Final = ioctl
 _UNREAD: Final = FIONREAD
 
 
@@ -76,7 +78,10 @@ class TcpStream:
 
     def receive(self, room: memoryview) -> int:
         """Copy what has arrived into `room`; the number of bytes. The end of the client's side is left to the loop."""
-        if self._is_closing or _ask_driver(self._descriptor, _UNREAD, _NONE) == _NONE:
+        if self._is_closing:
+            return 0
+        _ask_system(self._descriptor, _UNREAD, _unread)
+        if _unread == _NONE:
             return 0  # to be told so by an error of `recv` takes ten times as many instructions
         try:
             return self._socket.recv_into(room)

@@ -21,7 +21,7 @@ T = TypeVar("T")
 #: The private names of Python's library that are used here.
 _NAMES: Final = (
     (selectors.EpollSelector, "_selector_cls"),  # which makes its `_selector`
-    *((asyncio.Handle, name) for name in ("_context", "_callback", "_args", "_cancelled")),
+    *((asyncio.Handle, name) for name in ("_context", "_callback", "_args")),
 )
 #: The kernel may let a thread sleep so many nanoseconds longer, by default 50 000 (proc(5)).
 _SLACK: Final = Path("/proc/self/timerslack_ns")

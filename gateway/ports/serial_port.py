@@ -5,6 +5,7 @@ What seldom happens to it: gateway/ports/serial_transport.py. Why two: docs/adr/
 
 import asyncio
 import os
+import select
 from typing import Any, ClassVar, Final
 
 from gateway.errors import PortError
@@ -20,9 +21,6 @@ from gateway.ports.serial_transport import PortTransport
 READ_SIZE: Final = 256
 #: So many pieces are what a terminal keeps (N_TTY_BUF_SIZE, 4096 bytes): all that had come when somebody looked.
 PIECES_OF_A_TERMINAL: Final = 16
-#: To look them up in their module costs as much as to call them.
-_read: Final = os.read
-_write: Final = os.write
 #: A port that never runs dry delivers so many pieces; then it is the turn of others.
 PIECES_IN_A_TURN: Final = 4
 
@@ -46,6 +44,11 @@ class SerialPort:
         #: How the loop leaves the port alone for a while; None if it has to forget it.
         self._mask = loop.mask if isinstance(loop, ExactLoop) else None
         self._is_paused = False
+        #: Whether the transport may keep something that was written.
+        self._is_behind = False
+        #: Tells whether there is something to read: to be told so by an error takes ten times as many instructions.
+        self._unread = select.poll()
+        self._unread.register(self._descriptor, select.POLLIN)
         self._errors_before = character_errors(self._descriptor)
 
     @property
@@ -58,9 +61,11 @@ class SerialPort:
         """Send `data` now; what the driver does not take at once follows later."""
         if self._transport._closing:  # noqa: SLF001 - a method is a call more for each request
             return
-        if not self._transport._write_buffer:  # noqa: SLF001
+        self._is_behind = self._is_behind and bool(self._transport._write_buffer)  # noqa: SLF001
+        if not self._is_behind:
             data = data[self._send(data) :]
         if data:
+            self._is_behind = True
             self._transport.write(data)
 
     def pause(self) -> bool:
@@ -84,7 +89,7 @@ class SerialPort:
             else:
                 self._transport.resume_reading()
         for _ in range(PIECES_OF_A_TERMINAL):
-            if not self._deliver():
+            if not (self._unread.poll(0) and self._deliver()):
                 return
 
     def change_baud(self, baud: int) -> None:
@@ -119,7 +124,7 @@ class SerialPort:
     def _read(self) -> bytes:
         """What the driver has; empty if that is nothing, or if the port is lost."""
         try:
-            data = _read(self._descriptor, READ_SIZE)
+            data = os.read(self._descriptor, READ_SIZE)
         except (BlockingIOError, InterruptedError):
             return b""
         except DriverError as error:
@@ -132,7 +137,7 @@ class SerialPort:
     def _send(self, data: bytes) -> int:
         """Write what the driver takes; returns how many bytes."""
         try:
-            return _write(self._descriptor, data)
+            return os.write(self._descriptor, data)
         except (BlockingIOError, InterruptedError):
             return 0
         except DriverError as error:

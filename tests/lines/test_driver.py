@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -10,6 +11,7 @@ from gateway.errors import PortError
 from gateway.events import ConnectionRenewed, Event, PartFailed
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
+from gateway.lines.settings import LineSettings
 from gateway.lines.transaction import Transaction
 from kit.asker import Asker
 from kit.line_bench import READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS, Bench, is_empty
@@ -44,10 +46,10 @@ class FakePort:
 class Driven:
     """A driver with an open port and one device."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: LineSettings = SETTINGS) -> None:
         self.loop = asyncio.get_running_loop()
         self.events: list[Event] = []
-        self.line = Line(SETTINGS, self.events.append)
+        self.line = Line(settings, self.events.append)
         self.rates: list[int] = []
         self.driver = LineDriver(self.line, self.loop, self.events.append, self.rates.append)
         self.port = FakePort()
@@ -375,4 +377,19 @@ async def test_a_request_that_meets_a_defect_before_it_waits_gets_its_one_answer
     assert driven.client.answers == ["83 0A"]
     assert isinstance(driven.events[0], PartFailed)
     assert driven.port.closed
+    driven.driver.close()
+
+
+async def test_a_request_that_comes_first_behind_the_one_on_the_line_expires_in_time() -> None:
+    """What comes behind others sets no timer: theirs are earlier."""
+    driven = Driven(replace(SETTINGS, max_wait=0.1))
+    await asyncio.sleep(1.0)
+    driven.ask()
+    driven.ask("03 00 20 00 01")
+    await asyncio.sleep(0.05)
+    driven.ask("03 00 30 00 01")
+    await asyncio.sleep(0.06)
+    assert driven.client.answers == ["83 06"]
+    await asyncio.sleep(0.05)
+    assert driven.client.answers == ["83 06", "83 06"]
     driven.driver.close()
