@@ -8,6 +8,8 @@
  *
  * - A wait begins once nothing more comes: those of COUNT_BESIDE, clients and devices, sleep, and what waits to be read
  *   does not change. So the gateway always finds what a quick one would find.
+ * - What was opened last is found first: clients before lines. So nobody can be quicker than the gateway is slow, and
+ *   have asked again by the time it comes to him.
  * - Its clock goes on by COUNT_STEP nanoseconds at each wait, and by what it waits in vain.
  *
  * This itself does not count.
@@ -75,7 +77,7 @@ static int others_sleep(void)
     return 1;
 }
 
-/* What waits to be read, in bytes, and where. */
+/* What waits to be read, and where. */
 static long waiting(int poll)
 {
     struct epoll_event ready[MOST];

@@ -60,10 +60,10 @@ PATIENCE = 120.0
 NAMED = ("read", "write", "recvfrom", "sendto", "epoll_wait", "epoll_ctl", "pselect6")
 
 
-#: How far the gateway's clock goes on at each wait, in nanoseconds: a line without a wire answers within 0.1 ms.
-QUICK = 100_000
-#: So slow that each response comes after more than 50 ms, as on a real line: the client is read before it leaves.
-SLOW = 10_000_000
+#: How far the gateway's clock goes on at each wait, in nanoseconds.
+QUICK = 1_000_000
+#: So far that each response comes after more than 50 ms, as on a real line: the client is looked at before it leaves.
+SLOW = 7_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
