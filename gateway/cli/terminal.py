@@ -1,6 +1,5 @@
 """What commands print: registers and peers may say anything, but a terminal gets no control characters of theirs."""
 
-import io
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
@@ -17,12 +16,15 @@ class _Escaping:
 
     def __init__(self, inner: TextIO) -> None:
         self.inner = inner
-        if isinstance(inner, io.TextIOWrapper):
-            inner.reconfigure(errors="backslashreplace")
 
     def write(self, text: str) -> int:
         """Write the text."""
-        return self.inner.write(printable(text))
+        shown = printable(text)
+        try:
+            return self.inner.write(shown)
+        except UnicodeEncodeError:
+            encoding = self.inner.encoding
+            return self.inner.write(shown.encode(encoding, "backslashreplace").decode(encoding))
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inner, name)
