@@ -122,8 +122,11 @@ class Broker:
             await connection.subscribe(form.early_subscriptions())
             publisher.connected(driver.now())
             await self._until(connection, lambda: publisher.is_born or self._is_stopping)
-            await self._take_commands(connection, form.command_subscriptions())
+            if form.takes_commands_first:
+                await self._take_commands(connection, form.command_subscriptions())
             await self._publish(connection, lambda: publisher.has_birth and not publisher.must_leave)
+            if not form.takes_commands_first:
+                await self._take_commands(connection, form.command_subscriptions())
             await self._until(connection, lambda: connection.in_flight == 0 or self._is_stopping)
             self._up()
             while not (self._is_stopping or publisher.must_leave):

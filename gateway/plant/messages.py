@@ -108,10 +108,13 @@ class Form(Protocol):
     """How values, availability and results become messages, and received messages become commands.
 
     For each connection the calls are: `will`; the connection is made; `early_subscriptions`; as soon as `is_held` is
-    False `command_subscriptions`, then `born`; then any of the others; `ended`, if there is time for it. A new birth at
-    any time starts with `born` again. Between connections nothing is called. `received` may be called from the first
-    subscription on.
+    False `born` and `command_subscriptions`, these first if `takes_commands_first`; then any of the others; `ended`, if
+    there is time for it. A new birth at any time starts with `born` again. Between connections nothing is called.
+    `received` may be called from the first subscription on.
     """
+
+    #: Whether commands are subscribed to before the birth; otherwise right behind it.
+    takes_commands_first: bool
 
     @property
     def is_held(self) -> bool:
@@ -128,7 +131,7 @@ class Form(Protocol):
         """Topics (filters) to subscribe to even if the birth is held: nothing that comes from there is written."""
 
     def command_subscriptions(self) -> Sequence[str]:
-        """Topics (filters) of what writes: subscribed to right before the birth, which tells that commands arrive."""
+        """Topics (filters) of what writes."""
 
     def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
         """What to publish at first: all devices with their availability and last readings, each when it is taken."""

@@ -27,6 +27,8 @@ class PlainForm:
     is_held = False
     leaves_with_will = False
 
+    takes_commands_first = False
+
     def __init__(self, site: str, devices: Sequence[PublishedDevice], announcements: Sequence[Message] = ()) -> None:
         self._topics = Topics(site)
         self._announcements = announcements

@@ -57,6 +57,9 @@ class Sparkplug:
     #: Whether the broker is to publish the will at a proper end too, as 6.4.25 demands with MQTT 5.
     leaves_with_will: Final = True
 
+    #: Its hosts may send commands as soon as they have seen a birth.
+    takes_commands_first = True
+
     def __init__(
         self,
         group: str,

@@ -28,7 +28,7 @@ class FakeBroker:
         )
 
     def connect(self) -> list[str]:
-        """Connect and take the birth; the topics of commands that were subscribed to before it."""
+        """Connect and take the birth; the topics of commands that are subscribed to."""
         publisher = self.driver.publisher
         publisher.will(self.driver.now())
         publisher.connected(self.driver.now())

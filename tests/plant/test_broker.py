@@ -48,8 +48,10 @@ class FakeConnection:
     hesitates = 0.01
     #: What comes from where upon a subscription to it.
     states: ClassVar[dict[str, tuple[str, bytes]]] = {}
-    #: Where a command is sent, and upon what: a subscription to it, or the word that the gateway is there.
-    command: ClassVar[tuple[str, str] | None] = None
+    #: Where a command is sent upon the subscription to it.
+    command: ClassVar[str | None] = None
+    #: The last message before the first subscription.
+    subscribed_behind = b""
 
     def __init__(self, settings, version, will, *, deliver, confirmed, unix) -> None:
         self.in_flight = 0
@@ -71,13 +73,16 @@ class FakeConnection:
             return
         if self.refused_topics:
             raise SubscriptionRefusedError(self.refused_topics)
+        if not self.topics and self.messages:
+            self.subscribed_behind = self.messages[-1].payload
         await asyncio.sleep(self.hesitates)
         self.topics += topics
         for topic in topics:
             if topic in self.states:
                 where, what = self.states[topic]
                 self._deliver(Delivery(where, what, asyncio.get_running_loop().time()))
-        self._send("subscribed")
+        if self.command is not None:
+            self._deliver(Delivery(self.command, b"7", asyncio.get_running_loop().time()))
 
     def publish(self, message) -> None:
         """Take a message."""
@@ -88,13 +93,6 @@ class FakeConnection:
         self.in_flight += 1
         if self.refusal is not None:
             loop.call_soon(self._confirm, message)
-        if message.topic == "modbus/plant/status" and message.payload == b"online":
-            self._send("online")
-
-    def _send(self, occasion) -> None:
-        """Somebody sends a command, if this is the occasion; it is lost unless the gateway has subscribed to it."""
-        if self.command is not None and self.command[1] == occasion and "modbus/plant/+/+/set" in self.topics:
-            self._deliver(Delivery(self.command[0], b"7", asyncio.get_running_loop().time()))
 
     def _confirm(self, message) -> None:
         self.in_flight -= 1
@@ -181,13 +179,10 @@ async def test_values_are_published_although_the_broker_refuses_to_let_them_be_s
         assert broker.counts.confirmed > 0
 
 
-@pytest.mark.parametrize("occasion", ["subscribed", "online"])
-async def test_a_command_is_carried_out_as_soon_as_the_gateway_says_that_it_is_there(
-    connections, monkeypatch, occasion
-):
-    """Who waits for that word may send at once. A result comes after it, also that of a command that came before."""
+async def test_nothing_is_subscribed_before_the_gateway_says_that_it_is_there(connections, monkeypatch):
+    """Commands are, right behind that."""
     topic = "modbus/plant/silo-1/state"
-    monkeypatch.setattr(FakeConnection, "command", (f"{topic}/set", occasion))
+    monkeypatch.setattr(FakeConnection, "command", f"{topic}/set")
     async with publishing() as (_, device, _):
         await asyncio.sleep(5.0)
         assert device.holding[2] == 7
@@ -196,6 +191,7 @@ async def test_a_command_is_carried_out_as_soon_as_the_gateway_says_that_it_is_t
         [result] = [payload for where, payload in said if where == f"{topic}/result"]
         assert json.loads(result)["result"] == "ok"
         assert said.index((f"{topic}/result", result)) > said.index(("modbus/plant/status", b"online"))
+        assert connection.subscribed_behind == b"online"
 
 
 async def test_a_birth_is_of_the_time_when_it_is_published(connections, monkeypatch):
