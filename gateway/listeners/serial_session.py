@@ -105,7 +105,8 @@ class SerialSession:
     """
 
     #: A client on a line has no address.
-    host = address = ""
+    host = ""
+    address = ""
 
     def __init__(
         self,
