@@ -71,11 +71,17 @@ class Conversation:
         self._sock.close()
         if isinstance(error, NOT_UNDERSTOOD):
             what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-            versions = f"the gateway has version {self._version}, this command {__version__}"
-            told = DaemonError(f"the gateway's answer is not understood ({what}); {versions}: restart the service")
+            told = DaemonError(f"the gateway's answer is not understood ({what}); {self._advice}")
             for note in getattr(error, "__notes__", ()):
                 told.add_note(note)
             raise told from error
+
+    @property
+    def _advice(self) -> str:
+        """What to do about an answer that is not understood."""
+        if self._version == __version__:
+            return f"both have version {__version__}: please report this defect"
+        return f"the gateway has version {self._version}, this command {__version__}: restart the service"
 
     def wait_for(self, seconds: float) -> None:
         """Allow this time for an answer, if it is longer than the usual one."""

@@ -123,7 +123,7 @@ async def test_a_write_whose_answer_is_not_understood_may_have_been_carried_out(
     unit, answer = await answers(VERBS["write 41 holding 0 1"])
     del answer["elapsed_ms"]
     said = typed(monkeypatch, capsys, ["write", "41", "holding", "0", "1"], [unit, answer])[1].err
-    assert said.endswith(": restart the service\n" + MAY_BE)
+    assert said.endswith(": please report this defect\n" + MAY_BE)
 
 
 async def test_a_write_without_an_answer_may_have_been_carried_out(monkeypatch, capsys):
