@@ -113,7 +113,10 @@ def test_an_adapter_that_another_program_has_taken_is_named(tmp_path):
                 holder.kill()
         assert status == 1
         (row,) = rows["fix"]
-        assert f"python -c (pid {holder.pid}) has {hall.port} open, too -> ps -fp {holder.pid} shows" in row
+        assert (
+            f"{Path(sys.executable).name} -c (pid {holder.pid}) has {hall.port} open, too -> ps -fp {holder.pid} shows"
+            in row
+        )
 
 
 def test_a_client_whose_time_out_is_too_short_is_named(tmp_path):
