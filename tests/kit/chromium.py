@@ -3,20 +3,22 @@
 PYTHONPATH=.:tests .venv/bin/python tests/kit/chromium.py docs/pictures
 """
 
-import fcntl
 import os
 import re
-import select
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import urlsplit
 
+import pytest
+
+from gateway.web.languages import LANGUAGES
 from kit.process import PATIENCE, started
 
 #: The browser without windows is a third of the other one.
@@ -25,76 +27,27 @@ CHROMIUM = next(
     Path("/usr/bin/chromium"),
 )
 MISSING = "Chromium is not installed (apt install chromium-headless-shell)"
+#: What depends on the language is the text. So CI looks at pages in each of them, whoever tests in between in English.
+EACH_LANGUAGE = [pytest.param(each, marks=() if each == "en" else pytest.mark.search) for each in LANGUAGES]
 
 
 @contextmanager
 def demo_page() -> Iterator[str]:
     """The address of the page of a demo that runs."""
-    with TemporaryDirectory() as folder, shared_demo_page(Path(folder)) as address:
-        yield address
-
-
-@contextmanager
-def shared_demo_page(folder: Path) -> Iterator[str]:
-    """The same for all who name this folder: the first of them starts the demo, and the last one ends it.
-
-    Each keeps a lock as long as it uses the demo, which the system takes back should it end before.
-    """
-    with (folder / "users").open("w") as users:
-        fcntl.flock(users, fcntl.LOCK_SH)
+    said, its_output = os.pipe()
+    with os.fdopen(said) as output, TemporaryDirectory() as folder:
         try:
-            with _alone_in(folder):
-                if not (folder / "pid").exists():
-                    _start_demo(folder)
-            yield (folder / "address").read_text()
+            demo = started(["demo"], os.environ | {"RUNTIME_DIRECTORY": folder}, stdout=its_output)
         finally:
-            with _alone_in(folder), suppress(BlockingIOError):
-                fcntl.flock(users, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                _end_demo(folder)
-
-
-@contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-
-
-def _start_demo(folder: Path) -> None:
-    shown = folder / "shown"
-    with shown.open("w") as output:
-        demo = started(["demo"], os.environ | {"RUNTIME_DIRECTORY": str(folder)}, stdout=output.fileno())
-    _demos.append(demo)
-    end = time.monotonic() + PATIENCE
-    try:
-        while not shown.read_text().endswith("Ctrl-C ends everything.\n"):
-            assert demo.poll() is None, shown.read_text()
-            assert time.monotonic() < end, shown.read_text()
-            time.sleep(0.05)
-        match = re.search(r"^  page +(http://\S+)$", shown.read_text(), re.MULTILINE)
-        assert match is not None, shown.read_text()
-    except BaseException:
-        demo.kill()
-        raise
-    (folder / "address").write_text(match[1])
-    (folder / "pid").write_text(str(demo.pid))
-
-
-def _end_demo(folder: Path) -> None:
-    if not (folder / "pid").exists():
-        return  # it did not start
-    pid = int((folder / "pid").read_text())
-    (folder / "pid").unlink()
-    demo = os.pidfd_open(pid)
-    try:
-        os.kill(pid, signal.SIGINT)
-        assert select.select([demo], [], [], PATIENCE)[0], "the demo goes on"
-    finally:
-        os.close(demo)
-
-
-#: Those that were started here, which others may use, and end.
-_demos: list[Any] = []
+            os.close(its_output)
+        try:
+            shown = "".join(takewhile(lambda line: line != "Ctrl-C ends everything.\n", output))
+            match = re.search(r"^  page +(http://\S+)$", shown, re.MULTILINE)
+            assert match is not None, shown
+            yield match[1]
+        finally:
+            demo.send_signal(signal.SIGINT)
+            demo.wait(PATIENCE)
 
 
 class PatientBrowser:

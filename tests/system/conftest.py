@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import chromium, shared_demo_page
+from kit.chromium import chromium, demo_page
 from kit.process import prepared
 
 #: Those that a demo takes if nobody listens there: of its clients, its page, its secured clients.
@@ -42,10 +42,7 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[str]:
-    """The address of the page of a demo, which is one for all workers that need it at a time."""
-    own = tmp_path_factory.getbasetemp()
-    folder = (own if worker_id == "master" else own.parent) / "demo"
-    folder.mkdir(exist_ok=True)
-    with shared_demo_page(folder) as address:
+def address() -> Iterator[str]:
+    """The address of the page of a demo."""
+    with demo_page() as address:
         yield address

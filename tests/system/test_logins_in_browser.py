@@ -11,7 +11,17 @@ import pytest
 
 from gateway.web.languages import LANGUAGES
 from kit.browser import PASSWORD, USERS
-from kit.chromium import CHROMIUM, MISSING, axe_findings, in_language, look_at_a_desk, page_findings, until, watched
+from kit.chromium import (
+    CHROMIUM,
+    EACH_LANGUAGE,
+    MISSING,
+    axe_findings,
+    in_language,
+    look_at_a_desk,
+    page_findings,
+    until,
+    watched,
+)
 from kit.process import GatewayProcess
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
@@ -85,14 +95,14 @@ def operators_page(browser, address):
         yield page
 
 
+@pytest.mark.parametrize("language", EACH_LANGUAGE)
 @pytest.mark.parametrize("path", PAGES)
-def test_a_page_of_an_operator_is_accessible(operators_page, address, path):
-    for language in LANGUAGES:
-        look_at_a_desk(operators_page)
-        operators_page.goto(f"{address}{in_language(path, language)}")
-        operators_page.wait_for_timeout(500)
-        assert "anna" in operators_page.locator("header").inner_text()
-        assert page_findings(operators_page, contrast=language == "en") == []  # colours are the same in all
+def test_a_page_of_an_operator_is_accessible(operators_page, address, path, language):
+    look_at_a_desk(operators_page)
+    operators_page.goto(f"{address}{in_language(path, language)}")
+    operators_page.wait_for_timeout(500)
+    assert "anna" in operators_page.locator("header").inner_text()
+    assert page_findings(operators_page, contrast=language == "en") == []  # colours are the same in all
 
 
 def test_who_is_not_at_this_machine_logs_in_and_gets_to_the_page_that_was_asked_for(browser, address):
