@@ -26,6 +26,7 @@ def measured(folder: Path, **environment: str) -> tuple[int, list[int]]:
     bench = [sys.executable, TESTS / "bench" / "bench.py", "line19200", "--rounds", "1", "--seconds", "1"]
     own = os.environ | environment | {"PYTHONPATH": str(folder)}
     ended = subprocess.run(bench, capture_output=True, text=True, check=False, timeout=PATIENCE, env=own)
+    assert len(ended.stdout.splitlines()) == 3, ended.stderr
     titles, _, cells = ([cell.strip() for cell in row.split("|")] for row in ended.stdout.splitlines())
     return ended.returncode, [int(cells[titles.index(fault)]) for fault in FAULTS]
 

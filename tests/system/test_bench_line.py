@@ -16,6 +16,7 @@ bind = "tcp://127.0.0.1:0"
 name = "hall"
 port = "{port}"
 mode = "ascii"
+max_wait = "60 s"
 devices = [{{ unit = 1, as = 51, name = "axis-1", profile = "mint", timeout = "20 s" }}]
 
 [control]

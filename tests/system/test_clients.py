@@ -36,12 +36,14 @@ name = "udp"
 
 [[line]]
 name    = "hall-a"
+max_wait = "60 s"
 port    = "{hall_a}"
 baud    = 9600
 devices = [{{ unit = 1, as = 41, timeout = "20 s" }}, {{ unit = 6, as = 46, profile = "v80", timeout = "20 s" }}]
 
 [[line]]
 name    = "hall-b"
+max_wait = "60 s"
 port    = "{hall_b}"
 baud    = 19200
 format  = "8N1"
@@ -49,6 +51,7 @@ devices = [{{ unit = 3, as = 43, timeout = "20 s" }}]
 
 [[line]]
 name    = "press"
+max_wait = "60 s"
 port    = "{press}"
 mode    = "ascii"
 baud    = 19200

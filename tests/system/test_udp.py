@@ -704,6 +704,7 @@ async def test_a_response_that_is_ready_at_once_is_dropped_for_a_later_request(g
         assert [request.transaction for request in bench.plant.requests].count(2) == 1
 
 
+@pytest.mark.interpreted  # what a compiled listener reads cannot be watched
 async def test_no_more_datagrams_than_a_bound_are_read_before_the_first_is_processed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
