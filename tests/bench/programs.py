@@ -3,12 +3,14 @@
 import ctypes
 import json
 import os
+import random
 import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,8 @@ HERE = Path(__file__).parent
 PATIENCE = 20.0
 #: A request that is not answered within so many seconds is lost. Two may pass where a unit of the line is dead.
 ANSWER_WITHIN = 5.0
+#: The kernel gives out those from 32768 on, and tests take others.
+PORTS = range(10_000, 20_000)
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
@@ -178,10 +182,12 @@ def _known_as(scenario: Scenario, line: int) -> str:
 
 
 def free_port() -> int:
-    """A TCP port that nobody uses at the moment."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    """A TCP port that nobody uses at the moment: none of those that the kernel gives to whoever asks."""
+    while True:
+        number = random.choice(PORTS)
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", number))
+            return number
 
 
 def wait_for_ports(ttys: list[Path], program: subprocess.Popen) -> None:
