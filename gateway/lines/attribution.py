@@ -197,7 +197,7 @@ class Attribution:
         return is_echo
 
     def _count_copy(self, token: Token) -> None:
-        """Count a copy of our request besides the response, whoever its owner is."""
+        """Count a frame that is a copy of our request and not the response to it."""
         asked = self._asked
         if asked is None or not _is_repeated(asked, token.frame):
             return

@@ -133,7 +133,10 @@ class LateWindows:
         return [bytes((each.unit, each.asked.function | bit)) for each in requests for bit in (0, EXCEPTION_BIT)]
 
     def extend(self, token: Token, asked_at: float, patience: Callable[[AnswerTime], float]) -> None:
-        """Another client has asked then for a response like this one: it may still come for so many seconds."""
+        """Extend the windows that this response fits: another client, too, awaits one that looks the same.
+
+        It asked at `asked_at`; its response may come for as long after that as `patience` tells of a device.
+        """
         for window in self.windows:
             request = window.request
             if request.accepts(token.frame):

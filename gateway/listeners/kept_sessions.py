@@ -12,9 +12,9 @@ from gateway.ports.threads import ThreadPerCall
 from gateway.tls.contexts import Loaded, load
 from gateway.tls.settings import ServerTls
 
-#: Beyond so many all are forgotten. Each takes 10 KiB, and OpenSSL would keep forty times as many.
+#: With more sessions, a new context replaces the one in use. A session takes 10 KiB, and OpenSSL would keep 20 480.
 MOST_SESSIONS: Final = 500
-#: If that cannot be done, each further one beyond so many is forgotten with its connection.
+#: If there is no new context, no further sessions are kept above this number.
 MOST_AFTER_CLOSING: Final = 1000
 #: How long files that cannot be used, or are others by now, are not read again, in seconds.
 PAUSE: Final = 60.0
