@@ -52,6 +52,8 @@ WORTH_TELLING = 2.5
 JUST_CONTINUED = 0.05
 #: How long nobody may answer after a fault is over, in seconds.
 PATIENCE = 60.0
+#: How long a client waits before it asks again, on average, in seconds.
+PAUSE = 0.005
 #: NATS comes back with what it held when that was kept.
 OLDER_STORE = "NATS comes back older"
 CONFIG = """
@@ -74,7 +76,15 @@ class Site:
     """One gateway, its folder, its way to NATS, and the client that asks it."""
 
     def __init__(
-        self, name: str, folder: Path, nats: NatsServer, bus: Bus, port: str, ttl: float, clock: Path | None
+        self,
+        name: str,
+        folder: Path,
+        nats: NatsServer,
+        bus: Bus,
+        port: str,
+        ttl: float,
+        clock: Path | None,
+        pause: float = PAUSE,
     ) -> None:
         self.name = name
         self.ttl = ttl
@@ -89,6 +99,7 @@ class Site:
         self._bus = bus
         self._port = port
         self._clock = clock
+        self._pause = pause
         self._gateway: GatewayProcess | None = None
         self._off = self._folder / "off"
         self._off.write_bytes(bytes(8))
@@ -178,7 +189,7 @@ class Site:
             with suppress(OSError), socket.create_connection(("127.0.0.1", gateway.port), timeout=1.0) as client:
                 while not self._is_over and gateway is self._gateway:
                     self._ask(client, choose.choice(UNITS), choose.randrange(REGISTERS))
-                    time.sleep(choose.uniform(0.002, 0.008))
+                    time.sleep(self._pause * choose.uniform(0.4, 1.6))
 
     def _ask(self, client: socket.socket, unit: int, register: int) -> None:
         sent_at = time.monotonic()

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, axe_findings, until, watched
+from kit.chromium import CHROMIUM, MISSING, axe_findings, renew, until, watched
 from kit.free_port import free_port
 from kit.process import GatewayProcess
 
@@ -67,11 +67,13 @@ def test_the_links_of_a_panel_lead_to_pages_of_a_panel(browser: Any, tmp_path: P
         assert page.locator("header, nav, footer").count() == 0
 
 
-def names(strips: Any) -> list[str] | None:
-    """Those of lines, None while the page is on its way to another."""
+def renewed_names(page: Any) -> list[str] | None:
+    """Those of the lines that are drawn once the page is renewed, None while it is on its way to another."""
     from playwright.sync_api import Error  # noqa: PLC0415 - it is not installed everywhere
 
+    strips = page.locator("figure.strip:has(canvas)")  # a page that is loaded again has no pictures at first
     try:
+        renew(page)
         return strips.evaluate_all("all => all.map((each) => each.dataset.line)")
     except Error:
         return None
@@ -85,8 +87,7 @@ def test_strips_follow_a_reload(browser: Any, tmp_path: Path) -> None:
         def reload(*lines: str) -> None:
             gateway.config.write_text(config(port, *lines))
             gateway.signal(signal.SIGHUP)
-            drawn = page.locator("figure.strip:has(canvas)")  # a page that is loaded again has no pictures at first
-            until(page, lambda: names(drawn) == list(lines))
+            until(page, lambda: renewed_names(page) == list(lines))
 
         reload("hall")
         reload("press", "hall")

@@ -17,6 +17,8 @@ from soak.standby import OLDER_STORE, TTL, Site, Stage
 
 #: A lease that lasts long, in seconds.
 LONG_TTL = 6.0
+#: How long a client waits before it asks again, in seconds: a hundredth of the shortest lease.
+PAUSE = 0.02
 
 
 @contextmanager
@@ -28,7 +30,7 @@ def stage_in(folder: Path, ttl: float) -> Iterator[Stage]:
         sites = []
         for name in ("a", "b"):
             bus.terminal(name, folder / f"tty-{name}")
-            sites.append(Site(name, folder, nats, bus, str(folder / f"tty-{name}"), ttl, None))
+            sites.append(Site(name, folder, nats, bus, str(folder / f"tty-{name}"), ttl, None, PAUSE))
         stack.enter_context(bus)
         for site in sites:
             stack.enter_context(site.running())

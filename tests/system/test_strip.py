@@ -6,14 +6,14 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, until, watched
+from kit.chromium import CHROMIUM, MISSING, MOVING, renew, until, watched
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
 
 
 @pytest.fixture
 def page(browser: Any) -> Iterator[Any]:
-    with watched(browser, viewport={"width": 1000, "height": 900}) as page:
+    with watched(browser, viewport={"width": 1000, "height": 900}, **MOVING) as page:
         yield page
 
 
@@ -133,6 +133,7 @@ def test_each_line_of_the_overview_has_a_strip_that_outlives_the_renewal(page: A
     until(page, lambda: page.locator("figure.strip canvas").count() == 7)
     page.evaluate("document.querySelector('figure.strip canvas').id = 'kept'")
     page.evaluate("document.querySelector('h2#lines').parentElement.id = 'old'")
+    renew(page)
     until(page, lambda: page.locator("#old").count() == 0)
     assert page.locator("#kept").count() == 1
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, until, watched
+from kit.chromium import CHROMIUM, MISSING, renew, until, watched
 
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
 
@@ -123,7 +123,9 @@ def test_the_table_is_bounded(page: Any, address: str) -> None:
 def test_a_page_outlives_its_renewal_without_a_complaint(page: Any, address: str, path: str) -> None:
     page.goto(f"{address}{path}?lang=zh")
     heading = page.locator("h1").inner_text()
-    page.wait_for_timeout(6000)
+    page.locator("h1").evaluate("(each) => each.dataset.old = 1")
+    renew(page)
+    until(page, lambda: page.locator("h1[data-old]").count() == 0)
     assert page.locator("h1").inner_text() == heading
     until(page, lambda: page.locator("main.stale").count() == 0)  # on a busy machine a renewal may be late
     assert page.locator(f'nav a[href="{path}"][aria-current=page]').count() == 1
