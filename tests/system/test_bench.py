@@ -35,6 +35,7 @@ def test_a_gateway_without_a_fault_passes(tmp_path: Path) -> None:
     assert measured(tmp_path) == (0, [0, 0, 0, 0])
 
 
+@pytest.mark.search
 def test_each_fault_is_counted_and_ends_the_benchmark_with_status_1(tmp_path: Path) -> None:
     status, faults = measured(tmp_path, FAULTY="1")
     assert status == 1

@@ -27,7 +27,12 @@ from kit.process import GatewayProcess
 pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
 
 #: Some of them the demo has not.
-PAGES = ("/", "/images/200", "/units/41", "/health", "/config")
+PAGES = (
+    "/images/200",
+    "/units/41",
+    "/config",
+    *(pytest.param(each, marks=pytest.mark.search) for each in ("/", "/health")),
+)
 CONFIG = """
 [[listen]]
 bind = "tcp://127.0.0.1:0"

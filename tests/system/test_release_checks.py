@@ -17,6 +17,8 @@ from releasing.commit import commit_id, committed, export, project, version
 from releasing.packages import Workshop
 from releasing.statements import write_provenance, write_sums
 
+pytestmark = pytest.mark.search
+
 
 @pytest.fixture(scope="module", autouse=True)
 def _commit_is_read_once():

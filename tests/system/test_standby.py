@@ -61,7 +61,7 @@ def test_two_never_ask_at_once_and_one_goes_on(stage: Stage, fault: str) -> None
 
 
 @needs_nats
-@pytest.mark.parametrize("released", [True, False])
+@pytest.mark.parametrize("released", [True, pytest.param(False, marks=pytest.mark.search)])
 def test_two_never_ask_at_once_when_the_store_comes_back_older(tmp_path: Path, released: bool) -> None:
     """The holder cannot reach it; the standby finds a released lease, or an old one of its own, and waits all the same.
 

@@ -228,6 +228,7 @@ class TestOneStart:
         assert (system.show("Result"), system.show("ExecMainStatus")) == ("success", "0")
 
 
+@pytest.mark.search
 def test_for_ipv4_clients_only_it_takes_the_same_socket(system: BootedSystem) -> None:
     system.write(FILE, CONFIG.replace("[::]", "0.0.0.0"))
     start(system)
@@ -256,6 +257,7 @@ def test_it_is_not_active_while_a_line_is_still_being_tried(system: BootedSystem
         assert system.show("StatusText").startswith("1 of 2 lines up, 0 clients; roof: ")
 
 
+@pytest.mark.search
 def test_it_is_active_though_more_lines_are_down_than_its_status_can_tell(system: BootedSystem) -> None:
     line = '[[line]]\nport = "/dev/serial/by-id/{0}-{1}"\ndevices = [{{ unit = {1} }}]\n'
     system.write(FILE, CONFIG + "".join(line.format("x" * 150, unit) for unit in range(101, 141)))
@@ -276,6 +278,7 @@ def test_a_client_starts_it_and_stopping_the_socket_ends_both(system: BootedSyst
         client.connect(("127.0.0.1", 502))
 
 
+@pytest.mark.search
 def test_the_config_may_move_the_control_socket(system: BootedSystem) -> None:
     system.write(FILE, f'{CONFIG}[control]\nsocket = "/run/modbus-gateway/other.sock"\n')
     start(system)
@@ -311,6 +314,7 @@ def test_the_journal_drops_nothing_of_what_it_is_told(system: BootedSystem) -> N
         system.done("systemctl", "restart", "systemd-journald.service")
 
 
+@pytest.mark.search
 def test_it_starts_at_an_address_that_is_not_there_yet(system: BootedSystem) -> None:
     system.override(SOCKET, "[Socket]\nListenStream=\nListenStream=10.2.0.1:502\n")
     system.write(FILE, CONFIG.replace("[::]", "10.2.0.1"))
@@ -334,6 +338,7 @@ def test_a_bad_file_is_tried_again_every_few_seconds(system: BootedSystem) -> No
         assert asked(client) == RIGHT
 
 
+@pytest.mark.search
 @pytest.mark.parametrize(
     ("streams", "problem"),
     [
@@ -349,6 +354,7 @@ def test_a_socket_that_fits_no_listener_is_an_error_that_names_it(
     assert problem in system.wait_for("config_rejected")["MODBUS_REASON"]
 
 
+@pytest.mark.search
 def test_every_address_of_the_socket_unit_has_its_listener(system: BootedSystem) -> None:
     system.override(SOCKET, "[Socket]\nListenStream=\nListenStream=0.0.0.0:502\nListenDatagram=[::]:502\n")
     system.write(FILE, CONFIG.replace("[::]", "0.0.0.0") + '[[listen]]\nname = "udp"\nbind = "udp://0.0.0.0:502"\n')
@@ -359,6 +365,7 @@ def test_every_address_of_the_socket_unit_has_its_listener(system: BootedSystem)
         assert asked(datagrams) == RIGHT
 
 
+@pytest.mark.search
 def test_two_listeners_share_a_port_once_the_socket_unit_names_both(system: BootedSystem) -> None:
     system.override(SOCKET, "[Socket]\nBindIPv6Only=ipv6-only\nListenStream=0.0.0.0:502\n")
     system.write(FILE, CONFIG + '[[listen]]\nbind = "tcp://0.0.0.0:502"\n')

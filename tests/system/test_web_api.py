@@ -215,6 +215,7 @@ def test_a_credential_of_systemd_is_a_key(tmp_path, monkeypatch):
         assert gateway.ask("GET", "/healthz") == (200, "ok\n")
 
 
+@pytest.mark.search
 def test_browsers_that_do_not_read_cost_nothing_and_are_dropped(tmp_path):
     with Web(tmp_path) as gateway, unread(gateway, 5) as sockets:
         before = gateway.memory()
