@@ -70,7 +70,7 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.enable()
     gc.freeze()  # thousands of tests that stay: each collection would look at them again
-    gc.set_threshold(50_000, 20, 20)  # which begins so often otherwise that it costs a twelfth
+    gc.set_threshold(50_000, 20, 20)  # the usual one costs a twelfth of all processor time
 
 
 def _order(item: pytest.Item) -> tuple[bool, int]:

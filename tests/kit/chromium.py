@@ -50,7 +50,7 @@ def demo_page() -> Iterator[str]:
             demo.wait(PATIENCE)
 
 
-#: Pages that draw as often as their readers see it. Others draw once a second, which costs a third.
+#: For pages that draw as often as for most readers. All others draw once a second, which takes a third of the time.
 MOVING = {"reduced_motion": "no-preference"}
 _CALM = {"reduced_motion": "reduce"}
 

@@ -146,7 +146,7 @@ def test_a_broker_that_was_killed_under_load_has_the_last_values_when_it_is_back
                 assert time.monotonic() < began + PATIENCE, "nothing is polled"
                 count_on(0.02)
             published, polled = asked(devices) - published, asked(mirrored) - polled
-            assert published > polled / 2, "the lines are not read as before"  # a busy machine may begin with one late
+            assert published > polled / 2, "the lines are not read as before"  # on a busy machine these may begin later
             # Two requests of each device every 100 ms; one more of each may lie at either end.
             assert published <= 2 * len(devices) * (10 * (time.monotonic() - began) + 1)
 
