@@ -96,9 +96,12 @@ class _Help(argparse.HelpFormatter):
 
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser for these words: only the verb among them knows its arguments."""
+    """The parser for these words: that of the verb they begin with, or of all verbs, without their arguments."""
+    if words and words[0] in VERBS:
+        parser, _ = _parsers(words[:1], with_arguments=True)
+        return parser
+    parser, _ = _parsers(VERBS, with_arguments=False)
     wanted = next((word for word in words if not word.startswith("-")), None)
-    parser, _ = _parsers([] if wanted is None else [wanted])
     if wanted is not None and wanted not in VERBS:
         nearest = did_you_mean(wanted, VERBS)
         parser.error(f"there is no command {wanted}; {nearest or 'modbus-gateway --help lists them'}")
@@ -107,12 +110,14 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 def parser_of_all() -> Mapping[str, argparse.ArgumentParser]:
     """The parsers of all verbs, each with its arguments."""
-    _, parsers = _parsers(VERBS)
+    _, parsers = _parsers(VERBS, with_arguments=True)
     return parsers
 
 
-def _parsers(known: Collection[str]) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    """The whole parser and that of each verb; those that are `known` have their arguments."""
+def _parsers(
+    known: Collection[str], *, with_arguments: bool
+) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """The whole parser, and that of each verb that is `known`."""
     parser = argparse.ArgumentParser(
         prog="modbus-gateway",
         description="Modbus gateway: TCP, UDP and serial clients on one side, serial lines on the other.",
@@ -120,15 +125,15 @@ def _parsers(known: Collection[str]) -> tuple[argparse.ArgumentParser, dict[str,
     )
     parser.add_argument("--version", action="version", version=f"modbus-gateway {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)
-    for verb, summary in VERBS.items():
+    for verb in known:
         verb_parser = verbs.add_parser(
             verb,
-            help=summary,
-            description=f"{summary[0].upper()}{summary[1:]}.",
+            help=VERBS[verb],
+            description=f"{VERBS[verb][0].upper()}{VERBS[verb][1:]}.",
             epilog=examples_text(verb),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        if verb in known:
+        if with_arguments:
             module_of(verb).add_arguments(verb_parser)
     return parser, verbs.choices
 
