@@ -34,11 +34,12 @@ def seen(address: str, browser: Any) -> Iterator[SimpleNamespace]:
     assert seen.hosts == {urlsplit(address).netloc}
 
 
-def until(page: Any, is_so: Callable[[], object]) -> None:
+def until(page: Any, is_so: Callable[[], Any]) -> Any:
     end = time.monotonic() + PATIENCE
-    while not is_so():
+    while not (found := is_so()):
         assert time.monotonic() < end
         page.wait_for_timeout(200)
+    return found
 
 
 def shown_row(page: Any) -> Any:
@@ -48,11 +49,15 @@ def shown_row(page: Any) -> Any:
     return row
 
 
+def width_of(picture: Any) -> float:
+    """It has none at the moment when its table is made anew."""
+    return float(until(picture.page, picture.bounding_box)["width"])
+
+
 def point(row: Any, from_right: float) -> None:
     """Point at a place in the picture of a row, so many pixels from its right edge."""
     picture = row.locator("svg.map")
-    width = picture.bounding_box()["width"]
-    picture.hover(position={"x": width - from_right, "y": 5}, force=True)
+    picture.hover(position={"x": width_of(picture) - from_right, "y": 5}, force=True)
 
 
 def point_until(page: Any, row: Any, from_right: float, is_told: Callable[[str], object]) -> None:
@@ -77,7 +82,7 @@ def test_pointing_at_a_column_tells_its_numbers(seen: SimpleNamespace, address: 
     assert reading(page).startswith("Point at a place")
     point_until(page, row, 1, NUMBERS.match)
     assert row.locator("rect.mark").get_attribute("x") == "143"
-    left = row.locator("svg.map").bounding_box()["width"] - 1
+    left = width_of(row.locator("svg.map")) - 1
     point_until(page, row, left, lambda told: told.endswith(": the gateway did not run"))
 
 
