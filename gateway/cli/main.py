@@ -96,12 +96,12 @@ class _Help(argparse.HelpFormatter):
 
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser for these words: that of the verb they begin with, or of all verbs, without their arguments."""
+    """The parser for these words: of the verb that they begin with, or of all verbs; only theirs has its arguments."""
     if words and words[0] in VERBS:
-        parser, _ = _parsers(words[:1], with_arguments=True)
+        parser, _ = _parsers(words[:1], with_arguments=words[:1])
         return parser
-    parser, _ = _parsers(VERBS, with_arguments=False)
     wanted = next((word for word in words if not word.startswith("-")), None)
+    parser, _ = _parsers(VERBS, with_arguments=[wanted] if wanted else [])
     if wanted is not None and wanted not in VERBS:
         nearest = did_you_mean(wanted, VERBS)
         parser.error(f"there is no command {wanted}; {nearest or 'modbus-gateway --help lists them'}")
@@ -110,14 +110,14 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 def parser_of_all() -> Mapping[str, argparse.ArgumentParser]:
     """The parsers of all verbs, each with its arguments."""
-    _, parsers = _parsers(VERBS, with_arguments=True)
+    _, parsers = _parsers(VERBS, with_arguments=VERBS)
     return parsers
 
 
 def _parsers(
-    known: Collection[str], *, with_arguments: bool
+    names: Collection[str], *, with_arguments: Collection[str]
 ) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    """The whole parser, and that of each verb that is `known`."""
+    """The whole parser, and those of the verbs with these names."""
     parser = argparse.ArgumentParser(
         prog="modbus-gateway",
         description="Modbus gateway: TCP, UDP and serial clients on one side, serial lines on the other.",
@@ -125,7 +125,7 @@ def _parsers(
     )
     parser.add_argument("--version", action="version", version=f"modbus-gateway {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)
-    for verb in known:
+    for verb in names:
         verb_parser = verbs.add_parser(
             verb,
             help=VERBS[verb],
@@ -133,7 +133,7 @@ def _parsers(
             epilog=examples_text(verb),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        if with_arguments:
+        if verb in with_arguments:
             module_of(verb).add_arguments(verb_parser)
     return parser, verbs.choices
 

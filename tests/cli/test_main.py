@@ -41,6 +41,17 @@ def test_help_lists_every_verb_and_imports_none(capsys, monkeypatch):
     assert all(re.search(f"^    {name}\\b", said, re.MULTILINE) for name in VERBS)
 
 
+@pytest.mark.parametrize(
+    ("words", "wanted"), [(["--help", "ports"], [*VERBS]), (["--nonsense", "ports", "-h"], ["--json"])]
+)
+def test_help_is_that_of_the_verb_unless_it_stands_before_the_verb(words, wanted, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+    said = capsys.readouterr().out
+    assert all(each in said for each in wanted)
+
+
 def test_help_needs_no_heavy_module():
     code = "import sys, gateway.cli.main; sys.exit(bool({'pydantic', 'asyncio', 'structlog'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -3,9 +3,10 @@
     with Preparation("any-name") as preparation:
         process = preparation.start(["run", "gateway.toml"], stderr=subprocess.PIPE)
 
-A start takes a tenth of the time that Python needs otherwise. What a process does at its start is the same from
-`gateway.cli.main.main` on; tests of what comes before start one anew. The processes in which a gateway reads its
-config, and the simulators of a demo, are forked off too.
+A start takes a tenth of the time that Python needs otherwise. From `gateway.cli.main.main` on a process does at its
+start what others do, but for two things: the tables of the config are built already, and what is imported is not looked
+through for garbage. Tests of what comes before start one anew. The processes in which a gateway reads its config, and
+the simulators of a demo, are forked off too.
 """
 
 import asyncio.unix_events
@@ -231,8 +232,7 @@ def _run_command(words: Sequence[str]) -> int:
 
     _replace(config_process, subprocess, Popen=_Reader)
     _replace(asyncio.unix_events, subprocess, Popen=_start_simulator)
-    # To look through all that was imported before the fork takes longer than the rest of a start.
-    _replace(garbage, gc, unfreeze=lambda: None)
+    _replace(garbage, gc, unfreeze=_Unfreezing())
     sys.argv[:] = [str(main.__file__), *words]
     return main.main()
 
@@ -240,6 +240,18 @@ def _run_command(words: Sequence[str]) -> int:
 def _replace(module: ModuleType, library: ModuleType, **others: Callable[..., Any]) -> None:
     """Let a module find other functions in a library that it has imported."""
     vars(module)[library.__name__] = SimpleNamespace(**vars(library) | others)
+
+
+class _Unfreezing:
+    """`gc.unfreeze`, but not at the start: to look through all that is imported takes longer than the rest of it."""
+
+    def __init__(self) -> None:
+        self._has_started = False
+
+    def __call__(self) -> None:
+        if self._has_started:
+            gc.unfreeze()
+        self._has_started = True
 
 
 class _Reader(PreparedProcess):
@@ -306,11 +318,11 @@ def _import_everything() -> None:
 
 
 def _build_tables() -> None:
-    """Build what a process builds when it first reads a table of a config, which takes half of the time to read one."""
+    """Build what a process builds when it first meets a table in a config: half of the time to read a config."""
     from gateway.config.table import Table  # noqa: PLC0415
 
     tables = Table.__subclasses__()
-    for table in tables:
+    for table in tables:  # those that are added, too
         tables += table.__subclasses__()
         table.model_rebuild()
 

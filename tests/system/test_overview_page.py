@@ -35,6 +35,7 @@ def seen(address: str, browser: Any) -> Iterator[SimpleNamespace]:
 
 
 def until(page: Any, is_so: Callable[[], Any]) -> Any:
+    """What `is_so` says once it says something."""
     end = time.monotonic() + PATIENCE
     while not (found := is_so()):
         assert time.monotonic() < end
@@ -50,7 +51,7 @@ def shown_row(page: Any) -> Any:
 
 
 def width_of(picture: Any) -> float:
-    """It has none at the moment when its table is made anew."""
+    """Its width in pixels; it has none while its table is made anew."""
     return float(until(picture.page, picture.bounding_box)["width"])
 
 
