@@ -165,7 +165,8 @@ def page_findings(page: Any, *, contrast: bool) -> list[str]:
     page.emulate_media(color_scheme="dark")
     found += contrast_findings(page) if contrast else []
     page.set_viewport_size({"width": 390, "height": 844})
-    page.wait_for_timeout(200)
+    until(page, lambda: page.evaluate("innerWidth") == 390)
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")  # scripts know it
     found += axe_findings(page, "scrollable-region-focusable", "target-size", contrast=False)  # colours are the same
     if (width := page.evaluate("document.documentElement.scrollWidth")) > 390:
         found.append(f"{width} pixels wide")
@@ -178,6 +179,11 @@ def until(page: Any, is_so: Callable[[], bool]) -> None:
     while not is_so():
         assert time.monotonic() < end
         page.wait_for_timeout(100)
+
+
+def until_scripts_run(page: Any) -> None:
+    """Wait until what a page loads with its scripts is there: they wait for their texts, after the page's own end."""
+    page.evaluate("Promise.all([...document.querySelectorAll('script[type=module]')].map((each) => import(each.src)))")
 
 
 def renew(page: Any) -> None:

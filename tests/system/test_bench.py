@@ -23,7 +23,7 @@ def measured(folder: Path, **environment: str) -> tuple[int, list[int]]:
     for each in (package, package.parent):
         (each / "__init__.py").touch()
     shutil.copy(TESTS / "kit" / "naive_gateway.py", package / "main.py")
-    bench = [sys.executable, TESTS / "bench" / "bench.py", "line19200", "--rounds", "1", "--seconds", "1"]
+    bench = [sys.executable, TESTS / "bench" / "bench.py", "line19200", "--rounds", "1", "--seconds", "2"]
     own = os.environ | environment | {"PYTHONPATH": str(folder)}
     ended = subprocess.run(bench, capture_output=True, text=True, check=False, timeout=PATIENCE, env=own)
     assert len(ended.stdout.splitlines()) == 3, ended.stderr

@@ -26,11 +26,12 @@ PRINTED = [frame for frame in seed_frames() if frame.mode == "rtu" and frame.kin
 
 @pytest.fixture(scope="module")
 def shown() -> subprocess.CompletedProcess[str]:
-    """Again where all that went wrong is a simulated device that a busy machine made late: some have 120 ms."""
+    """Again where a busy machine made a simulated device late: some have 120 ms, and may lose the next request."""
     for _ in range(8):
         shown = command("demo", "--once")
-        bad = re.findall(r"^  BAD .*", shown.stdout, re.MULTILINE)
-        if not bad or not all("exception 0B" in row for row in bad):
+        if shown.returncode == 0 or not re.search(
+            r"^  BAD .*exception 0B|> \w+ +\(silence\)", shown.stdout, re.MULTILINE
+        ):
             break
     return shown
 
@@ -69,7 +70,8 @@ def test_it_stays_until_it_is_interrupted_and_leaves_nothing_behind(tmp_path: Pa
         with ModbusTcpClient("127.0.0.1", port=int(address.rsplit(":", 1)[1]), timeout=PATIENCE) as client:
             until = time.monotonic() + PATIENCE
             while (read := client.read_holding_registers(0, count=2, device_id=41)).isError():  # as in `shown`
-                assert (read.exception_code, time.monotonic() < until) == (0x0B, True)
+                assert read.exception_code in {0x06, 0x0B}
+                assert time.monotonic() < until
             assert read.registers == [0x459C, 0x3D51]
         demo.send_signal(signal.SIGINT)
         assert demo.wait(PATIENCE) == 0
@@ -131,8 +133,10 @@ def _said(line: str, environment: Mapping[str, str]) -> str:
         done = _done(line, environment)
         if done.returncode == 0:
             return done.stdout
-        assert re.search("exception 0B|Target device failed to respond", done.stderr), (line, done)
+        assert re.search("exception 0[6B]|Target device failed to respond|timed out", done.stderr), (line, done)
         assert time.monotonic() < until, (line, done)
+        if "--show" in line:  # it may have been carried out: what is shown is to be what was there before
+            _said("modbus-gateway write oven register-40136 10", environment)
 
 
 def _done(line: str, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:

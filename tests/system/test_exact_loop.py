@@ -199,13 +199,13 @@ def test_it_goes_on_waiting_while_the_loop_has_nothing_to_call(selector, pair, h
         reads.append(near.recv(1))
         if len(reads) < 3:
             far.send(b"x")
+        else:
+            selector.poller.end_by(0.0)
 
     selector.register(near, selectors.EVENT_READ, (handle(read), None))
     far.send(b"x")
-    started = time.monotonic()
-    selector.select(0.01)
+    selector.select(30)
     assert len(reads) == 3
-    assert time.monotonic() - started >= 0.01
 
 
 async def test_a_timer_that_a_descriptors_callback_has_set_is_in_time(pair):

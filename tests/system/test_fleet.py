@@ -97,13 +97,13 @@ units = [{{ as = "{units}", unit = "{units}" }}]
 """
 
 
-def line(device: SlowDevice) -> str:
+def line(device: SlowDevice, timeout: str) -> str:
     return f"""
 [[line]]
 name = "hall"
 port = "rtu+tcp://127.0.0.1:{device.port}"
 gap = "0"
-timeout = "1 s"
+timeout = "{timeout}"
 devices = [{{ unit = 1, as = 41 }}, {{ unit = 2, as = 42 }}]
 [[access]]
 listen = ["fleet"]
@@ -123,8 +123,9 @@ initial.holding = [{{ at = 0, values = [{}] }}]
 class Fleet:
     """The servers and the gateways: control asks; plant-1 has a slow device, plant-3 an image, behind a leaf node."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, timeout: str) -> None:
         self._folder = folder
+        self._timeout = timeout
         self._stack = ExitStack()
         self.device = SlowDevice()
         self.gateways: dict[str, GatewayProcess] = {}
@@ -133,9 +134,10 @@ class Fleet:
         enter = self._stack.enter_context
         enter(self.device)
         self.hub, self.wan, self.leaf = enter(hub_and_leaf(self._folder))
-        self.start("control", self.hub.port, "control", upstream("plant-1", "41-43") + upstream("plant-3", "31"))
-        self.start("plant-1", self.hub.port, "plant-1", line(self.device))
-        asks = upstream("control", "201") + IMAGE.format(31, 33)
+        asks = upstream("plant-1", "41-43", self._timeout) + upstream("plant-3", "31", self._timeout)
+        self.start("control", self.hub.port, "control", asks)
+        self.start("plant-1", self.hub.port, "plant-1", line(self.device, self._timeout))
+        asks = upstream("control", "201", self._timeout) + IMAGE.format(31, 33)
         self.start("plant-3", self.leaf.port, "gateway", asks)
         ask_until(self.control, 41, READ, "03 02 00 00")
         ask_until(self.control, 31, READ, "03 02 00 21")
@@ -165,9 +167,13 @@ class Fleet:
 
 
 @pytest.fixture
-def fleet(tmp_path: Path) -> Iterator[Fleet]:
-    with Fleet(tmp_path) as made:
+def fleet(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Fleet]:
+    with Fleet(tmp_path, getattr(request, "param", "5 s")) as made:
         yield made
+
+
+#: For tests of what comes after the time limit.
+with_a_short_limit = pytest.mark.parametrize("fleet", ["1 s"], indirect=True)
 
 
 def test_any_unit_from_anywhere_with_the_rights_of_the_sender(fleet: Fleet) -> None:
@@ -194,6 +200,7 @@ def test_all_sites_are_shown_also_one_that_has_left(fleet: Fleet) -> None:
     assert ask_until(fleet.control, 41, READ, "83 0A")
 
 
+@with_a_short_limit
 def test_an_owner_that_is_killed_leaves_no_wrong_answer_and_no_late_write(fleet: Fleet) -> None:
     fleet.device.delay = 0.4
     with ThreadPoolExecutor() as pool:
@@ -208,6 +215,7 @@ def test_an_owner_that_is_killed_leaves_no_wrong_answer_and_no_late_write(fleet:
     assert ask_until(fleet.control, 41, READ, "83 0A")
 
 
+@with_a_short_limit
 def test_an_owner_that_stood_still_sends_nothing_that_was_answered(fleet: Fleet) -> None:
     """A write waits behind a slow one while its gateway is stopped; when that goes on, the client has its answer."""
     fleet.device.delay = 0.9

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, axe_findings, renew, until, watched
+from kit.chromium import CHROMIUM, MISSING, axe_findings, renew, until, until_scripts_run, watched
 from kit.free_port import free_port
 from kit.process import GatewayProcess
 
@@ -61,6 +61,7 @@ def test_the_links_of_a_panel_lead_to_pages_of_a_panel(browser: Any, tmp_path: P
     port = free_port()
     with GatewayProcess(tmp_path, config(port, "hall")), watched(browser) as page:
         page.goto(f"http://127.0.0.1:{port}/?kiosk")
+        until_scripts_run(page)
         page.get_by_role("link", name="hall").first.click()
         page.wait_for_url("**/lines/hall*")
         assert page.locator("h1").inner_text() == "Line hall"
@@ -89,7 +90,8 @@ def test_strips_follow_a_reload(browser: Any, tmp_path: Path) -> None:
             gateway.signal(signal.SIGHUP)
             until(page, lambda: renewed_names(page) == list(lines))
 
-        reload("hall")
+        with page.expect_event("load"):  # a page with its first line has other parts
+            reload("hall")
         reload("press", "hall")
         page.evaluate("document.querySelectorAll('figure.strip canvas')[1].id = 'kept'")
         reload("silo", "press", "hall", "mill")

@@ -20,6 +20,7 @@ from kit.chromium import (
     look_at_a_desk,
     page_findings,
     until,
+    until_scripts_run,
     watched,
 )
 from kit.process import GatewayProcess
@@ -105,6 +106,7 @@ def operators_page(browser, address):
 def test_a_page_of_an_operator_is_accessible(operators_page, address, path, language):
     look_at_a_desk(operators_page)
     operators_page.goto(f"{address}{in_language(path, language)}")
+    until_scripts_run(operators_page)
     operators_page.wait_for_timeout(500)
     assert "anna" in operators_page.locator("header").inner_text()
     assert page_findings(operators_page, contrast=language == "en") == []  # colours are the same in all

@@ -26,7 +26,10 @@ class Plain:
         self._socket.sendall("".join(f"{line}\r\n" for line in lines).encode())
 
     def hears(self) -> str:
-        return self.lines.readline().decode().rstrip()
+        """The next line but those by which the server asks whether we are there, first after two seconds."""
+        while (line := self.lines.readline()) == b"PING\r\n":
+            self.send("PONG")
+        return line.decode().rstrip()
 
     def is_answered_within(self, seconds: float) -> bool:
         self.send("PING")

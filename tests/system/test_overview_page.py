@@ -80,7 +80,7 @@ def test_pointing_at_a_column_tells_its_numbers(seen: SimpleNamespace, address: 
     page = seen.page
     page.goto(address)
     row = shown_row(page)
-    assert reading(page).startswith("Point at a place")
+    until(page, lambda: reading(page).startswith("Point at a place"))
     point_until(page, row, 1, NUMBERS.match)
     assert row.locator("rect.mark").get_attribute("x") == "143"
     left = width_of(row.locator("svg.map")) - 1

@@ -14,6 +14,7 @@ from kit.chromium import (
     in_language,
     look_at_a_desk,
     page_findings,
+    until_scripts_run,
     watched,
 )
 
@@ -55,6 +56,7 @@ def test_a_page_is_accessible_and_asks_nobody_else(browser, address, path, langu
     with watched(browser) as page:
         look_at_a_desk(page)
         page.goto(f"{address}{in_language(path, language)}")
+        until_scripts_run(page)
         page.wait_for_timeout(1000)
         assert page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
         assert page.locator("h1").count() == 1

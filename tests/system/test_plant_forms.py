@@ -2,6 +2,7 @@
 
 import json
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode
 from kit.mosquitto import Mosquitto, needs_mosquitto
 from kit.mqtt_listener import Listener
-from kit.process import GatewayProcess
+from kit.process import PATIENCE, GatewayProcess
 
 pytestmark = needs_mosquitto
 
@@ -47,7 +48,7 @@ bind = "tcp://127.0.0.1:0"
 {DEVICES}
 [mqtt]
 broker = "mqtt://127.0.0.1:{broker.port}"
-publish = [{{ device = "silo-1", points = [{points}], every = "100 ms" }}]
+publish = [{{ device = "silo-1", points = [{points}], every = "20 s" }}]
 write = true
 {mqtt}
 """
@@ -82,6 +83,10 @@ def test_what_is_gone_is_taken_back_after_a_reload_and_after_a_restart(broker, t
         gateway.signal(signal.SIGHUP)
         home.wait_for(SILO, where=lambda payload: components(payload).get("limit") == {"p": "number"})
         home.wait_for(SILO, where=lambda payload: set(components(payload)) == {"weight", "valve"})
+        announced, deadline = tmp_path / "home-assistant.json", time.monotonic() + PATIENCE
+        while not announced.exists() or "weight" not in announced.read_text():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
         gateway.signal(signal.SIGKILL)
         gateway.wait()
     fewer = config(broker, "home_assistant = true", points='"valve"')

@@ -14,7 +14,7 @@ from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
 
 #: When the answer about register 7 comes, and until when it may come, in seconds.
-LATE, WINDOW = 2.5, 3.0
+LATE, WINDOW = 2.5, 20.0
 
 
 @pytest.fixture

@@ -790,7 +790,8 @@ async def test_after_half_a_frame_and_after_noise_the_next_request_is_answered(
             assert await hears(client, encode_as(PROMPT, RESPONSE))
 
 
-async def test_silence_ends_a_request_of_unknown_size() -> None:
+async def test_silence_ends_a_request_of_unknown_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session_module, "SENDING_DEADLINE", PATIENCE)  # else a little longer than the silence
     async with listening(scheme="rtu+tcp") as bench:
         client = await bench.client()
         client.writer.write(rtu.encode(PROMPT, bytes.fromhex("41 01 02 03")))

@@ -489,7 +489,7 @@ def upstream(port: int, name: str = OPERATOR, **changes: str) -> str:
     lines = "\n".join(f'{key} = "{value}"' for key, value in keys.items())
     return (
         f'[[listen]]\nbind = "tcp://127.0.0.1:0"\n[[upstream]]\nname = "far"\nto = "tls://127.0.0.1:{port}"\n'
-        f"units = [{{ as = 37, unit = 200 }}]\n{lines}\n"
+        f'timeout = "20 s"\nunits = [{{ as = 37, unit = 200 }}]\n{lines}\n'
     )
 
 

@@ -52,6 +52,10 @@ def looks_like(expected: str) -> re.Pattern[str]:
     return re.compile("".join(lines))
 
 
+#: What commands say of a device that a busy machine made late: ours through a gateway and without one, and mbpoll.
+_LATE = ("exception 0B", "no response; the limit is", "did not answer", "Target device failed to respond", "timed out")
+
+
 class Reader:
     """Does what a page says, in `folder`."""
 
@@ -73,6 +77,8 @@ class Reader:
             self._leave_running(step)
         else:
             said = self._said(step.shell)
+            if step.shell.startswith("modbus-gateway scan") and not looks_like(step.text).fullmatch(said):
+                said = self._said(step.shell)  # each unit is asked once, and may have been late
             assert looks_like(step.text).fullmatch(said), said
 
     def _said(self, shell: str) -> str:
@@ -91,7 +97,7 @@ class Reader:
             )
             if done.returncode == 0:
                 return done.stdout
-            assert "exception 0B" in done.stderr, done.stderr
+            assert any(each in done.stderr + done.stdout for each in _LATE), done
             assert time.monotonic() < until, done.stderr
 
     def _leave_running(self, step: Step) -> None:

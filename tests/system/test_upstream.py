@@ -223,7 +223,7 @@ def test_late_answers_reach_nobody(tmp_path: Path) -> None:
         gateway.wait_for("late_response")
         assert gateway.stop() == 0
     assert len(outcomes) == 12 * 15
-    good = [outcome for outcome in outcomes if outcome[2] != "83 0B"]
+    good = [outcome for outcome in outcomes if outcome[2] not in {"83 0B", "83 06"}]  # 06: it waited for too long
     assert len(good) > 20
     assert [outcome for outcome in good if outcome[2] != f"03 02 {outcome[0] - 36:02X} {outcome[1]:02X}"] == []
     assert gateway.rest == []
