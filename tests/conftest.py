@@ -41,8 +41,9 @@ os.environ["PYTHONPATH"] = str(Path(gateway.__file__).parents[1])
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-hypothesis.settings.register_profile("dev", deadline=None, max_examples=25)  # others each time; CI tries 100
-hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+_at_any_pace = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
+hypothesis.settings.register_profile("dev", **_at_any_pace, max_examples=15)  # others each time; CI tries 100
+hypothesis.settings.register_profile("ci", **_at_any_pace, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 

@@ -166,7 +166,9 @@ def page_findings(page: Any, *, contrast: bool) -> list[str]:
     found += contrast_findings(page) if contrast else []
     page.set_viewport_size({"width": 390, "height": 844})
     until(page, lambda: page.evaluate("innerWidth") == 390)
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")  # scripts know it
+    page.evaluate(
+        "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )  # what observes sizes has been called
     found += axe_findings(page, "scrollable-region-focusable", "target-size", contrast=False)  # colours are the same
     if (width := page.evaluate("document.documentElement.scrollWidth")) > 390:
         found.append(f"{width} pixels wide")
@@ -182,7 +184,7 @@ def until(page: Any, is_so: Callable[[], bool]) -> None:
 
 
 def until_scripts_run(page: Any) -> None:
-    """Wait until what a page loads with its scripts is there: they wait for their texts, after the page's own end."""
+    """Wait until the page's scripts have run. They wait for their texts, which may come after the load event."""
     page.evaluate("Promise.all([...document.querySelectorAll('script[type=module]')].map((each) => import(each.src)))")
 
 

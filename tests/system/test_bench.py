@@ -23,6 +23,7 @@ def measured(folder: Path, **environment: str) -> tuple[int, list[int]]:
     for each in (package, package.parent):
         (each / "__init__.py").touch()
     shutil.copy(TESTS / "kit" / "naive_gateway.py", package / "main.py")
+    # In one second a relay that stands still may pass on nothing, and then there is nothing to compare with.
     bench = [sys.executable, TESTS / "bench" / "bench.py", "line19200", "--rounds", "1", "--seconds", "2"]
     own = os.environ | environment | {"PYTHONPATH": str(folder)}
     ended = subprocess.run(bench, capture_output=True, text=True, check=False, timeout=PATIENCE, env=own)

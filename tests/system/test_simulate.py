@@ -346,8 +346,9 @@ async def test_a_panel_asks_in_turn_and_collects_the_answers(port: Path, mode) -
     asked, answers = [], []
     async with Panel(port, mode=mode) as panel:
         with served(port, Generic(1), RtuFramer(silence=1.0) if mode == "rtu" else AsciiFramer()):
-            while await panel.ask(requests[0]) is None:  # what stands in the register must have been written
-                pass
+            async with asyncio.timeout(PATIENCE):
+                while await panel.ask(requests[0]) is None:  # what stands in the register must have been written
+                    pass
             async for request, answer in panel.poll(requests):
                 asked.append(request)
                 answers += [] if answer is None else [answer.pdu.hex()]

@@ -215,7 +215,7 @@ def test_an_open_page_reads_only_as_often_as_it_is_told(gateway, browser, annas)
     page.close()
 
 
-#: The mark is there for 2.5 s, which a busy machine may need to write.
+#: The mark stays for 2.5 s; a busy machine may look later than that. So it is noted.
 NOTE_A_MARK = """(cell) => {
     const note = () => { if (cell.classList.contains("changed")) cell.dataset.wasMarked = ""; };
     new MutationObserver(note).observe(cell, { attributes: true, attributeFilter: ["class"] });
