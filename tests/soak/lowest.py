@@ -46,7 +46,7 @@ def main(tests: list[str]) -> int:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
         python = f"{folder}/bin/python"
         pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
-        subprocess.run([*pip, "--requirement", CHECKOUT / "deploy/requirements-dev.txt"], check=True)
+        subprocess.run([*pip, "--no-deps", "--requirement", CHECKOUT / "deploy/requirements-dev.txt"], check=True)
         subprocess.run([*pip, *wanted], check=True)
         pytest = [python, "-m", "pytest", "--quiet", "--numprocesses", "auto", "--dist", "loadfile"]
         return subprocess.run([*pytest, *(tests or (*TESTS, *REAL_TIME))], cwd=CHECKOUT, check=False).returncode
