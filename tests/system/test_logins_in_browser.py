@@ -118,6 +118,7 @@ def test_who_is_not_at_this_machine_logs_in_and_gets_to_the_page_that_was_asked_
         assert urlsplit(page.url).path == "/login"
         log_in(page, address)
         assert urlsplit(page.url).path == "/lines/hall"
+        page.goto(f"{address}/config")  # it asks for nothing more that could be refused after the logout
         press(page, page.get_by_role("button", name="Log out"))
         assert urlsplit(page.url).path == "/login"
         page.goto(address)
