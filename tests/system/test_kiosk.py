@@ -45,6 +45,7 @@ def test_a_panel_says_when_the_gateway_cannot_be_reached_and_comes_back_by_itsel
         assert page.locator("header, nav, footer").count() == 0
         assert page.locator("h1").inner_text() == "概览"
         assert told.count() == 0
+        until_scripts_run(page)
     until(page, lambda: told.count() == 1)
     assert re.fullmatch(r"无法连接网关。所示为 \d\d:\d\d:\d\d 的状态。", told.inner_text())
     page.evaluate("window.isOld = true")
