@@ -50,11 +50,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="seconds",
         type=parsed_by(parse_duration),
         metavar="TIME",
-        help="measure for so long, such as 10min",
+        help="how long to measure, such as 10min",
     )
     add("--active", action="store_true", help="read several sizes of each table (10 rounds, or as long as --for says)")
     add(
-        "--write", type=parsed_by(parse_registers), metavar="ADDRESS", help="with --active: also write back 10 or 10-40"
+        "--write",
+        type=parsed_by(parse_registers),
+        metavar="ADDRESS",
+        help="with --active: read registers such as 10-40, and write the same values back",
     )
     add("--write-profile", type=Path, metavar="FILE", help="write a profile with these times to a new file")
     add("--json", action="store_true", help="print JSON instead of tables")

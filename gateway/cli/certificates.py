@@ -54,10 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     verb.add_argument("--replace", action="store_true", help="replace those that exist")
     _add_common(verb, OTHER_DAYS)
     verb = verbs.add_parser("revoke", help="put certificates on the revocation list, ca.crl")
-    verb.add_argument("name", metavar="NAME", help="whose, all that were issued to that name; or a file, only that")
+    verb.add_argument("name", metavar="NAME", help="a name: all certificates issued to it; or the file of one")
     verb.add_argument("--replaced", action="store_true", help="only those that --replace has replaced")
     _add_common(verb)
-    verb = verbs.add_parser("list", help="list those in the folder")
+    verb = verbs.add_parser("list", help="list the certificates in the folder")
     verb.add_argument("--json", action="store_true", help="print JSON instead of a table")
     _add_common(verb)
 
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 def _add_common(parser: argparse.ArgumentParser, days: int | None = None) -> None:
     parser.add_argument("--folder", default=DEFAULT_FOLDER, help="the folder of the files (default %(default)s)")
     if days is not None:
-        parser.add_argument("--days", type=_days, default=days, help="for how long it is valid (default %(default)s)")
+        parser.add_argument("--days", type=_days, default=days, help="how many days it is valid (default %(default)s)")
 
 
 def _days(text: str) -> int:

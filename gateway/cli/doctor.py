@@ -34,7 +34,7 @@ examples:
 
 Each row is ok, note or fix; below a fix is the remedy, and the exit
 status is 1 then. Without --passive the running gateway may send reads of one
-item: to configured units that were asked less than four times, and to units
+item: to configured units that were asked fewer than four times, and to units
 whose last request failed, or that have not answered for a minute or since
 another one has failed; when a unit is silent, to at most 16 addresses that
 are not configured; when no unit of a line answers, also at other rates and
@@ -48,7 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("line", nargs="?", metavar="LINE", help="the name of a line (default: all)")
     parser.add_argument("--passive", action="store_true", help="send nothing: use what the gateway has measured")
-    parser.add_argument("--config", metavar="FILE", help=f"the config, when no gateway runs (default {DEFAULT_CONFIG})")
+    parser.add_argument(
+        "--config", metavar="FILE", help=f"the config to check if no gateway runs (default {DEFAULT_CONFIG})"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     add_control_argument(parser)
     add_report_arguments(parser)

@@ -15,7 +15,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("check --json", "the config of the service, for a script"),
         ("check --schema > gateway.schema.json", "what an editor needs to complete and check the file"),
     ),
-    "reload": (("reload", "take up changes of the config; connections stay open"),),
+    "reload": (("reload", "apply changes of the config; connections stay open"),),
     "status": (
         ("status", "lines, units and clients at the moment"),
         ("status -w", "the same, every second"),
@@ -57,9 +57,9 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "certificates": (
         ("certificates authority --name Plant-2", "an authority of one's own, for ten years"),
         ("certificates server gw.plant.example 10.2.0.5", "a certificate for a gateway by its name and its address"),
-        ("certificates client hmi-3 --role operator", "one for a client, which may do what its role may"),
-        ("certificates revoke hmi-3", "put all that it has on the revocation list"),
-        ("certificates revoke hmi-3 --replaced", "only what it had before --replace"),
+        ("certificates client hmi-3 --role operator", "one for a client, with the rights of its role"),
+        ("certificates revoke hmi-3", "revoke all certificates of this client"),
+        ("certificates revoke hmi-3 --replaced", "only those that --replace has replaced"),
     ),
     "completion": (("completion bash > ~/.local/share/bash-completion/completions/modbus-gateway", "for one user"),),
 }

@@ -13,7 +13,7 @@ _PROGRAMS: Final = ("mbusd", "modbus-proxy")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of `import`."""
-    parser.add_argument("program", choices=_PROGRAMS, help="whose files they are")
+    parser.add_argument("program", choices=_PROGRAMS, help="the program whose config it is")
     parser.add_argument("files", nargs="+", metavar="FILE", help="its config; mbusd has one for each serial port")
 
 

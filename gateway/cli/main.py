@@ -49,7 +49,7 @@ VERBS: Final[Mapping[str, str]] = {
     "simulate": "run simulated devices on a virtual serial port",
     "import": "turn the config of another program into one for the gateway",
     "completion": "print a script that completes commands in a shell",
-    "user": "say who may log in at the web page",
+    "user": "manage the users of the web page",
     "certificates": "make certificates for tls:// and https://",
 }
 

@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     add, duration = parser.add_argument, parsed_by(parse_duration)
-    add("words", nargs="*", metavar="UNIT ...", help="which unit, and what of it: see the examples")
+    add("words", nargs="*", metavar="UNIT ...", help="the unit, and what to read from it: see the examples")
     add("-i", "--interval", type=duration, metavar="EVERY", help="read again and again, such as -i 1s")
     add("-n", "--count", type=count, metavar="COUNT", help="how many times (default: until Ctrl-C)")
     add_unit_arguments(parser)

@@ -23,9 +23,9 @@ def unit_number(text: str) -> int:
 
 def add_report_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of the report."""
-    group: Any = parser.add_argument_group("a report of an adapter")
+    group: Any = parser.add_argument_group("a report about an adapter")
     add = group.add_argument
-    add("--hardware-report", metavar="PORT", help="say what the adapter of this serial port does, for a report")
+    add("--hardware-report", metavar="PORT", help="test the adapter of this serial port, and print a report")
     add("--unit", type=unit_number, metavar="N", help="read this unit for it (default: nothing is sent)")
     add("--baud", type=baud, default=19200, metavar="N", help="the rate of the unit (default 19200)")
     usual = CharacterFormat(8, "E", 1)

@@ -31,13 +31,13 @@ _LONGEST_SILENCE: Final = 70.0
 
 _EXAMPLES: Final = """\
 examples:
-  modbus-gateway scan hall-a                 all numbers that line hall-a does not have
+  modbus-gateway scan hall-a                 all unit IDs that the config does not name
   modbus-gateway scan hall-a 1-32
   modbus-gateway scan --port /dev/ttyUSB0 --baud 9600
   modbus-gateway scan 1-10 --port /dev/ttyUSB0 --all-speeds
 
-Through the gateway it asks in the idle time of the line; its clients are at most
-one question later. With --port no gateway may have the port open.
+Through the gateway, scan uses the idle time of the line: a client waits for at
+most one request of the scan. With --port, no gateway may have the port open.
 """
 
 _Row = Mapping[str, Any]
@@ -53,7 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("words", nargs="*", metavar="LINE [UNITS]", help="which line of the config; which units, such as 1-32 or 1,5,0")
     add("--all-speeds", action="store_true", help="try all usual rates; the line must not be in use")
-    add("--timeout", type=parsed_by(parse_duration), default=_USUAL_LIMIT, metavar="TIME", help="default 300ms")
+    add(
+        "--timeout",
+        type=parsed_by(parse_duration),
+        default=_USUAL_LIMIT,
+        metavar="TIME",
+        help="of each request (default 300ms)",
+    )
     add("--json", action="store_true", help="print JSON instead of a table")
     add_control_argument(parser)
     direct = parser.add_argument_group("without a gateway")

@@ -33,7 +33,7 @@ _EXAMPLES: Final = """\
 examples:
   modbus-gateway trace                          all lines, until Ctrl-C
   modbus-gateway trace hall-a --unit silo-1     one line, one unit
-  modbus-gateway trace --since 5min             what has happened, and end
+  modbus-gateway trace --since 5min             what has happened, then exit
   modbus-gateway trace --why 46                 why requests to unit 46 failed
   modbus-gateway trace --why 10.2.0.7           why requests of a client failed
   modbus-gateway trace --why hall-a             why requests on a line failed
@@ -56,15 +56,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--since",
         type=parsed_by(parse_duration),
         metavar="TIME",
-        help="what has happened in that time, such as 5min, and then end",
+        help="show what happened in the last 5min, or another time, and exit",
     )
-    add("--why", metavar="WHO", help="tell why the last requests of a client, to a unit, or on a line, failed")
+    add("--why", metavar="WHO", help="explain the last failed requests of a client, to a unit, or on a line")
     add(
         "-n",
         "--count",
         type=count,
         metavar="COUNT",
-        help=f"at most so many requests; with --why failures (default {_STORIES})",
+        help=f"at most this many requests; with --why, failures (default {_STORIES})",
     )
     add("--pcapng", metavar="FILE", help="write a capture file for Wireshark; - is standard output")
     add("--json", action="store_true", help="print JSON, an object on each line, instead of rows")

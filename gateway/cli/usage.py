@@ -66,7 +66,7 @@ def add_port_arguments(group: Any, what: str) -> None:
     add("--port", metavar="PORT", help=f"{what} this serial port: /dev/ttyUSB0, or rtu+tcp://host:port")
     add("--baud", type=baud, default=19200, metavar="N", help="its rate (default 19200)")
     add("--format", metavar="F", help="its character format (default 8E1, ASCII 7E1)")
-    add("--mode", choices=("rtu", "ascii"), help="what is spoken there (default rtu)")
+    add("--mode", choices=("rtu", "ascii"), help="the protocol on the line (default rtu)")
 
 
 def let_options_stand_anywhere(parser: argparse.ArgumentParser) -> None:

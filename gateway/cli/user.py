@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     verbs = parser.add_subparsers(dest="what", metavar="add|remove|list|password", required=True)
     for what, about in (("add", "add a user"), ("remove", "remove one"), ("password", "set another password")):
         verb = verbs.add_parser(what, help=about)
-        verb.add_argument("name", help="letters, digits, and . _ @ - behind the first")
+        verb.add_argument("name", help="letters, digits, and . _ @ - after the first character")
         if what == "add":
             verb.add_argument("--role", choices=ROLES, default="viewer", help="what the user may do (default viewer)")
         _add_file_argument(verb)

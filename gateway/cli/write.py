@@ -33,8 +33,8 @@ examples:
 
 UNIT is a unit number or the name of a device. AREA is coils or holding.
 Addresses count from 0: 40001 is holding 0. TYPE is uint16, int16, uint32,
-int32, uint64, int64, float32, float64 or string. It writes at once and asks
-nothing.
+int32, uint64, int64, float32, float64 or string. It writes at once, without
+asking.
 """
 
 
@@ -46,7 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("words", nargs="*", metavar="UNIT ...", help="which unit, where and what: see the examples")
+    parser.add_argument(
+        "words", nargs="*", metavar="UNIT ...", help="the unit, and what to write to it: see the examples"
+    )
     parser.add_argument("--show", action="store_true", help="read before and after, and show the old value too")
     parser.add_argument("--multiple", action="store_true", help="write one value with function 15 or 16 too")
     add_unit_arguments(parser)
