@@ -1,5 +1,6 @@
 """Writes docs/configuration.md from the schema: `python -m gateway.config.document > docs/configuration.md`."""
 
+import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from types import NoneType
@@ -230,6 +231,8 @@ def _default(field: FieldInfo) -> str:
         return f"`{str(value).lower()}`"
     if isinstance(value, str):
         return f'`"{value}"`'
+    if isinstance(value, tuple) and value:
+        return f"`{json.dumps(value)}`"
     return "" if value in (None, (), {}) or isinstance(value, Table) else f"`{value}`"
 
 

@@ -137,7 +137,7 @@ def _line(settings: _Settings, taken: Taken, ports: dict[str, str]) -> Iterator[
     """A listener and its line."""
     device, bind = _port(settings), _bind(settings)
     if device in ports:
-        yield left_out(settings.file, [f"{device} is the port of {ports[device]} too, and a port has one master"])
+        yield left_out(settings.file, [f"{device} is the port of {ports[device]} too, and a port belongs to one line"])
         return
     if not taken.address(bind):
         yield left_out(settings.file, [f"another listener has {bind} already"])
@@ -153,7 +153,7 @@ def _line(settings: _Settings, taken: Taken, ports: dict[str, str]) -> Iterator[
         "idle": f"{idle} s" if idle else "0",
         "unit0": "broadcast",
     }
-    said = ["mbusd answered broadcasts; nobody does here"] if settings.is_on("replyonbroadcast") else []
+    said = ["mbusd answered broadcasts; the gateway does not"] if settings.is_on("replyonbroadcast") else []
     yield TableText("[[listen]]", listen, (settings.file, *said))
     yield _client_line(settings, name, device)
 

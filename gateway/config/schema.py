@@ -66,8 +66,8 @@ class Listen(Table):
     )
     reserve: Annotated[int, Field(ge=0)] = Field(
         0,
-        description="How many of `clients` are reserved for addresses that have rights by the `from` of an "
-        "`[[access]]` row, with `tls://` by one for their role; without `[[access]]`, for local clients.",
+        description="How many of `clients` are reserved for addresses that get rights by the `from` of an `[[access]]` "
+        "row, with `tls://` for clients that get rights by their role; without `[[access]]`, for local clients.",
     )
     idle: IdleDuration = Field(
         600.0, description='Clients without a request for this time are disconnected (UDP: forgotten). `"0"`: never.'
@@ -88,7 +88,7 @@ class Listen(Table):
         "exception",
         description="What a client gets instead of a device's response: exception 0A, 0B or 06, or nothing, as from a "
         "device that is switched off. Exceptions 01 to 03, and responses of units, are always sent. With RTU and ASCII "
-        "over TCP, requests that were sent together with one that gets nothing get nothing either.",
+        "over TCP, if one of several requests that were sent together gets no response, none of them does.",
     )
 
     line: Name | None = Field(

@@ -21,7 +21,7 @@ class Fleet(Table):
     password: PasswordFile | None = Field(
         None, description="The file with its password; only its owner and group may read it."
     )
-    lease: LeaseDuration = Field(5.0, description="How long a `lease` of a line lasts that nobody renews.")
+    lease: LeaseDuration = Field(5.0, description="How long the `lease` of a line lasts if nobody renews it.")
     fallback: Literal["release", "hold"] = Field(
         "release",
         description="What the holder of a lease does when it cannot reach NATS. `release`: it stops sending requests "

@@ -18,7 +18,7 @@ from gateway.config.values import (
 
 
 class Publish(Table):
-    """Points that are published. The first row counts that matches a device and a point."""
+    """Points that are published. For each point, the first row that matches it and its device applies."""
 
     device: Name = Field(description="The names of devices, images or mirrors; `*` stands for any characters.")
     points: Annotated[tuple[Name, ...], ListOf] = Field(

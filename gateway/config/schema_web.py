@@ -44,6 +44,6 @@ class Web(Table):
     )
     history: bool = Field(
         True,
-        description="Whether `history.sqlite` in the state directory keeps what units did in the last day and lines in "
-        "the last week. If not, it is gone after a restart.",
+        description="Whether the history of units (one day) and lines (one week) is kept in `history.sqlite` in the "
+        "state directory. If not, it is lost at a restart.",
     )

@@ -57,35 +57,35 @@ GATEWAY: Final = (
     Register(0, "layout", "uint16", f"{LAYOUT}: this map"),
     Register(1, "trouble", "uint16", "1 while a line, server line or upstream is down or a unit does not answer"),
     Register(2, "uptime", "uint32", "Time since the gateway was started", "s"),
-    Register(4, "lines", "uint16", "Lines on which the gateway asks"),
+    Register(4, "lines", "uint16", "Lines on which the gateway is the client"),
     Register(5, "lines-down", "uint16", "Those of them that are down"),
-    Register(6, "server-lines", "uint16", "Lines on which the gateway is asked"),
+    Register(6, "server-lines", "uint16", "Lines on which the gateway is the server"),
     Register(7, "server-lines-down", "uint16", "Those of them that are down"),
     Register(8, "upstreams", "uint16", "Other servers"),
     Register(9, "upstreams-down", "uint16", "Those of them without a connection"),
     Register(10, "units", "uint16", "Units on lines and behind upstreams"),
-    Register(11, "units-failing", "uint16", "Those of them that failed last, that rest, or whose line is down"),
+    Register(11, "units-failing", "uint16", "Those whose last request failed, that back off, or whose line is down"),
     Register(12, "clients", "uint16", "Clients that are connected"),
-    Register(13, "reload-failed", "uint16", "1 if the config file was rejected when it was read last"),
-    Register(14, "loop-lag", "uint16", "By how much the gateway was late at most in the last minute", "ms"),
+    Register(13, "reload-failed", "uint16", "1 if the config file was rejected the last time it was read"),
+    Register(14, "loop-lag", "uint16", "Largest delay of the gateway in the last minute", "ms"),
     Register(16, "answered", "uint32", "Requests that units have answered, exceptions included"),
-    Register(18, "failed", "uint32", "Requests that they have not answered well, or that were not sent"),
+    Register(18, "failed", "uint32", "Requests without a valid response, or not sent"),
 )
 LINE: Final = (
     Register(0, "state", "uint16", "State of the line", labels=STATES),
     Register(1, "busy", "uint16", "Share of the last minute in which it was busy; 65535: not known yet", "0.1 %"),
-    Register(2, "rate", "uint16", "Frames sent in a second of the last minute; 65535: not known yet", "0.1/s"),
+    Register(2, "rate", "uint16", "Frames sent per second in the last minute; 65535: not known yet", "0.1/s"),
     Register(3, "waiting", "uint16", "Requests that wait"),
     Register(4, "units", "uint16", "Its units"),
-    Register(5, "units-failing", "uint16", "Those of them that failed last, that rest, or whose line is down"),
+    Register(5, "units-failing", "uint16", "Those whose last request failed, that back off, or whose line is down"),
     Register(6, "answered", "uint32", "Requests that its units have answered"),
     Register(8, "exceptions", "uint32", "Those of them that were answered with an exception"),
     Register(10, "timeouts", "uint32", "Requests without any response"),
     Register(12, "bad-frames", "uint32", "Requests with nothing but damaged or foreign responses"),
     Register(14, "late", "uint32", "Responses after their time limit"),
-    Register(16, "line-down", "uint32", "Requests that met a line that was down, or went down"),
+    Register(16, "line-down", "uint32", "Requests that failed because the line was down or went down"),
     Register(18, "refused-busy", "uint32", "Requests that found the queue full, or waited too long"),
-    Register(20, "resting", "uint32", "Requests to units that rest after failures"),
+    Register(20, "resting", "uint32", "Requests to units that back off after failures"),
     Register(22, "reopened", "uint32", "How often its port was opened again"),
     Register(24, "silent-for", "uint32", "Time since the last answer of any unit; 4294967295: none yet", "s"),
     Register(30, "name", "string", "Its name"),
@@ -100,7 +100,7 @@ UPSTREAM: Final = (
     Register(0, "state", "uint16", "State of the connection", labels=STATES),
     Register(3, "waiting", "uint16", "Requests that wait"),
     Register(4, "units", "uint16", "Units behind it"),
-    Register(5, "units-failing", "uint16", "Those of them that failed last, that rest, or whose line is down"),
+    Register(5, "units-failing", "uint16", "Those whose last request failed, that back off, or whose line is down"),
     Register(6, "answered", "uint32", "Requests that its units have answered"),
     Register(8, "exceptions", "uint32", "Those of them that were answered with an exception"),
     Register(10, "timeouts", "uint32", "Requests without any response"),
@@ -211,10 +211,10 @@ counters.
 
 - Addresses count from 0, as everywhere here: address 100 is 40101 or 30101. In values of 32 bits the first register has
   the high word.
-- Values are at most {freshness} old, and those of one request are of one instant.
-- Counters count from the start of the gateway and wrap round.
-- Parts have places in the order of the config file. Add new ones at the end of the file, and no place moves. Places
-  without a part are 0. The first {places} of each kind have a place.
+- Values are at most {freshness} old, and all values of one request are of the same moment.
+- Counters count from the start of the gateway and wrap around.
+- Lines, server lines and upstreams have places in the order of the config file. Add new ones at the end of the file, so
+  that no place moves. Unused places are 0. The first {places} of each kind have a place.
 """
 
 
@@ -240,7 +240,8 @@ def _document_states() -> str:
     return f"""\
 ## All states at once
 
-One register for each part: {", ".join(f"{number} {name}" for number, name in STATES.items())}.
+One register for each line, server line and upstream:
+{", ".join(f"{number} {name}" for number, name in STATES.items())}.
 
 | registers | |
 |---|---|
@@ -252,7 +253,7 @@ def _document(section: Section) -> str:
     return f"""\
 ## {section.title}: {PLACE_SIZE} registers each, from {section.start} on
 
-The first one begins at {section.start}, the second at {section.place(1)}, and so on. Add these to that:
+The first one begins at {section.start}, the second at {section.place(1)}, and so on. Add these numbers to that address:
 
 {_rows(section.registers)}"""
 

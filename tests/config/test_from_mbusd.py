@@ -91,7 +91,7 @@ def test_what_cannot_be_is_left_out_and_said(second, why):
     [
         ("trx_control = sysfs_0", "# mbusd switched the direction with a GPIO in sysfs"),
         ("trx_control = rts_0", "# RTS was low while sending"),
-        ("replyonbroadcast = yes", "# mbusd answered broadcasts; nobody does here"),
+        ("replyonbroadcast = yes", "# mbusd answered broadcasts; the gateway does not"),
         ("retries = 1", "# mbusd repeated writes too"),
         ("colour = blue", "# mbusd had colour = blue, which is not known here"),
     ],
