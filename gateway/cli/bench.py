@@ -105,4 +105,4 @@ def _address(text: str) -> int:
     try:
         return int(text, 0)
     except ValueError:
-        raise argparse.ArgumentTypeError(f'"{text}" is no address; write a number such as 107') from None
+        raise argparse.ArgumentTypeError(f'"{text}" is not an address; write a number such as 107') from None

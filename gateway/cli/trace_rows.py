@@ -92,5 +92,5 @@ _OWNERS: Mapping[str, str] = {
     "a late response": "late response",
     "an echo": "echo",
     "another's request": "request of another client",
-    "nobody": "nobody has asked for it",
+    "nobody": "not requested by anybody",
 }

@@ -71,7 +71,7 @@ def _add_file_argument(parser: argparse.ArgumentParser) -> None:
 
 def _add(file: Path, args: argparse.Namespace) -> int:
     if not is_user_name(args.name):
-        raise WrongUsageError(f'"{args.name}" is no name for a user', "1 to 64 letters, digits, and . _ @ -")
+        raise WrongUsageError(f'"{args.name}" is not a valid user name', "1 to 64 letters, digits, and . _ @ -")
     with changing_users(file) as users:
         if args.name in users:
             raise WrongUsageError(f"{args.name} is there already", f"modbus-gateway user password {args.name}")

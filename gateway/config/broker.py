@@ -53,7 +53,7 @@ def parse_broker(value: object) -> Broker:
     scheme, _, rest = value.partition("://")
     host, slash, path = rest.partition("/")
     if "@" in host:
-        what = "has a user in it, which everybody sees who sees the config"
+        what = "contains a user, which everybody who sees the config can see"
         raise WrongValue(what, "write user and password as keys of their own")
     address = parse_address(f"{scheme}://{host}", _SCHEMES)
     if scheme not in ("ws", "wss"):
@@ -61,7 +61,7 @@ def parse_broker(value: object) -> Broker:
             raise WrongValue(f"{scheme}:// has no path", f'write "{address}"')
         return Broker(address)
     if not path.isprintable() or " " in path:
-        raise WrongValue("has a path that is none")
+        raise WrongValue("has an invalid path")
     return Broker(address, f"{slash}{path}" if path else _PATH)
 
 
@@ -106,7 +106,7 @@ def parse_sparkplug(value: object) -> Sparkplug | None:
         raise WrongValue("must be false or a table with a group", example)
     for key, name in value.items():
         if key not in _SPARKPLUG_KEYS:
-            raise WrongValue(f'"{key}" is no key of it', example)
+            raise WrongValue(f'"{key}" is not a key of this table', example)
         check_topic_part(name, key)
     return Sparkplug(**value)
 

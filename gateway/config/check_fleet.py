@@ -44,12 +44,12 @@ def _check_servers(fleet: Fleet) -> Iterator[Problem]:
             yield warning(path, "the connection is not encrypted", f"write tls://{server.host}:{server.port}")
     encrypted = any(server.scheme == "tls" for server in fleet.servers)
     for key in () if encrypted else filter(fleet.has, _TLS_KEYS):
-        yield error((*fleet.path, key), "only tls:// has use for it", "write tls:// in servers")
+        yield error((*fleet.path, key), "is used only with tls://", "write tls:// in servers")
 
 
 def _check_login(fleet: Fleet) -> Iterator[Problem]:
     for one, other in (("certificate", "key"), ("key", "certificate"), ("password", "user"), ("user", "password")):
         if fleet.has(one) and not fleet.has(other):
-            yield error((*fleet.path, one), f"is of no use without {other}", f"add {other}")
+            yield error((*fleet.path, one), f"has no effect without {other}", f"add {other}")
     if fleet.credentials is not None and fleet.user is not None:
-        yield error((*fleet.path, "user"), "is of no use beside credentials", "leave one of the two out")
+        yield error((*fleet.path, "user"), "cannot be used together with credentials", "leave one of the two out")

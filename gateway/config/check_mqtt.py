@@ -71,15 +71,15 @@ def _check_broker(mqtt: Mqtt) -> Iterator[Problem]:
     if not address.port:
         yield error(path, "port 0 is not the port of a broker")
     for key in () if mqtt.broker.is_encrypted else filter(mqtt.has, _TLS_KEYS):
-        yield error((*mqtt.path, key), "only mqtts:// and wss:// have use for it", "write mqtts:// in broker")
+        yield error((*mqtt.path, key), "is used only with mqtts:// and wss://", "write mqtts:// in broker")
 
 
 def _check_files(mqtt: Mqtt) -> Iterator[Problem]:
     for one, other in (("certificate", "key"), ("key", "certificate")):
         if mqtt.has(one) and not mqtt.has(other):
-            yield error((*mqtt.path, one), f"is of no use without {other}", f"add {other}")
+            yield error((*mqtt.path, one), f"has no effect without {other}", f"add {other}")
     if mqtt.password is not None and mqtt.user is None:
-        yield error((*mqtt.path, "password"), "is of no use without user", "add user")
+        yield error((*mqtt.path, "password"), "has no effect without user", "add user")
 
 
 def _check_row(row: Publish, known: tuple[Publishable, ...]) -> Iterator[Problem]:

@@ -40,7 +40,7 @@ def _check_keys(
             yield error((*table.path, key), f"tls:// needs {', '.join(missing)}", f"add {lines}; {_HOW}")
         return
     for each in filter(table.has, (*needed, *optional)):
-        yield error((*table.path, each), "only tls:// has use for it", f"write tls:// in {key}, or leave it out")
+        yield error((*table.path, each), "is used only with tls://", f"write tls:// in {key}, or leave it out")
 
 
 def _check_role(row: Access, config: Config) -> Iterator[Problem]:

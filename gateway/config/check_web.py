@@ -31,7 +31,7 @@ def _check_encryption(web: Web) -> Iterator[Problem]:
         if is_encrypted and not web.has(key):
             yield error((*web.path, "bind"), f"https:// needs {key}", f'add {key} = "/etc/modbus-gateway/tls/web.pem"')
         elif not is_encrypted and web.has(key):
-            yield error((*web.path, key), "only https:// has use for it", "write https:// in bind, or leave it out")
+            yield error((*web.path, key), "is used only with https://", "write https:// in bind, or leave it out")
     if web.users and not (is_encrypted or web.bind.is_loopback or web.proxy):
         what = "passwords come in plain text, for everybody on the way to read"
         yield warning((*web.path, "bind"), what, "use https:// with certificate and key, or a proxy that does")

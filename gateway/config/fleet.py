@@ -74,7 +74,7 @@ def _server(value: object) -> Address:
     if not isinstance(value, str):
         raise NotText
     if "@" in value:
-        what = "has a user in it, which everybody sees who sees the config"
+        what = "contains a user, which everybody who sees the config can see"
         raise WrongValue(what, "write user and password as keys of their own")
     scheme, mark, rest = value.partition("://")
     host, _, port = rest.rpartition(":")

@@ -197,7 +197,7 @@ def _port(settings: _Settings) -> str:
             return device
     except WrongValue as wrong:
         raise ImportedFileError(f"{settings.where('device')}: {wrong}") from None
-    raise ImportedFileError(f"{settings.where('device')}: {device} is no serial port")
+    raise ImportedFileError(f"{settings.where('device')}: {device} is not a serial port")
 
 
 def _bind(settings: _Settings) -> Address:

@@ -21,7 +21,7 @@ SENDING_DEADLINE: Final = 10.0
 TAKING_DEADLINE: Final = 30.0
 
 #: Why a client is rejected before anything is read from it; for other reasons see `admission`.
-NOT_MEANT: Final = "it came to another address than the listener's, through a socket of systemd that takes more"
+NOT_MEANT: Final = "it connected to an address of the socket unit that this listener does not serve"
 #: The last request of a client that has sent none.
 NEVER: Final = -inf
 

@@ -38,7 +38,7 @@ _NO_RIGHT: Final = (
 )
 _TAKEN_BY_US: Final = "{} has this port, by modbus-gateway.socket: name that address, or change it there to {}"
 _SHARED_WITH_US: Final = (
-    "{} has this port, by modbus-gateway.socket: of several [[listen]] on one port each is named there, beside [::] "
+    "{} has this port, by modbus-gateway.socket: if several [[listen]] share a port, each must be named there, [::] "
     "with BindIPv6Only=ipv6-only; add {}"
 )
 _EVERY_ADDRESS: Final = "::"

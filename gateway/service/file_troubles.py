@@ -111,7 +111,7 @@ def _read_credentials(secret: SecretFile) -> None:
 def _unreadable(path: ProblemPath, file: str, loss: str, reason: str, cause: BaseException | None) -> Problem:
     """The warning about a file that cannot be read: perhaps only by who looks at it."""
     if isinstance(cause, PermissionError) and cause.strerror == os.strerror(EACCES):
-        return warning(path, f"{file} cannot be read by who runs this command", "run it as root")
+        return warning(path, f"{file} cannot be read by the user who runs this command", "run it as root")
     return warning(path, f"{loss}: {reason}")
 
 
@@ -128,7 +128,7 @@ def _about_users(web: Web, name: str, folder: Path) -> Iterator[Problem]:
         add = f"modbus-gateway user add NAME --role operator --file {file}"
         yield warning(path, f"there is no file {file}: {NO_PAGE}", add)
     except PermissionError:
-        yield warning(path, f"{file} cannot be read by who runs this command", "run it as root")
+        yield warning(path, f"{file} cannot be read by the user who runs this command", "run it as root")
     except OSError as error:
         yield warning(path, f"{file} cannot be read: {error.strerror}")
     except UsersError as error:
@@ -166,7 +166,7 @@ def _no_folder(file: Path) -> str:
     if not there.is_dir():
         return f"{there} is not a folder"
     may_write = os.access(there, os.W_OK | os.X_OK, effective_ids=True)
-    return "" if may_write else f"who runs this command may make nothing in {there}"
+    return "" if may_write else f"the user who runs this command cannot create files in {there}"
 
 
 def _about_access(path: ProblemPath, file: str, folder: Path) -> Iterator[Problem]:

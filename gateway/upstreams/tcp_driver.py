@@ -47,7 +47,7 @@ class TcpDriver(UpstreamDriver):
         try:
             step(*arguments)
         except NotModbus as error:
-            self._close_connection(f"what came is no Modbus TCP: {error}")
+            self._close_connection(f"what came is not Modbus TCP: {error}")
         if self.upstream.is_spent:
             self._close_connection("too many answers are overdue on it")
 

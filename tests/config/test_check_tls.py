@@ -33,10 +33,10 @@ def test_what_is_missing_is_named() -> None:
 
 def test_what_only_tls_has_use_for() -> None:
     assert problems(f'[[listen]]\nbind = "tcp://127.0.0.1"\n{FILES}crl = "/a/ca.crl"\n') == [
-        f"error: listen[0].{key}: only tls:// has use for it" for key in ("certificate", "key", "clients_ca", "crl")
+        f"error: listen[0].{key}: is used only with tls://" for key in ("certificate", "key", "clients_ca", "crl")
     ]
     upstream = '[[upstream]]\nto = "tcp://10.0.0.1"\nunits = [{ as = 2, unit = 2 }]\nserver_name = "plc"\n'
-    assert problems(upstream) == ["error: upstream[0].server_name: only tls:// has use for it"]
+    assert problems(upstream) == ["error: upstream[0].server_name: is used only with tls://"]
 
 
 @pytest.mark.parametrize(

@@ -104,7 +104,7 @@ def test_who_may_not_read_it_is_told(tmp_path):
     loaded = load(file)
     with not_as_root():
         (told,) = with_file_troubles(loaded, str(file), tmp_path / "elsewhere").problems
-    assert "cannot be read by who runs this command" in str(told)
+    assert "cannot be read by the user who runs this command" in str(told)
 
 
 @pytest.fixture
@@ -145,7 +145,7 @@ def test_a_password_that_cannot_be_used_is_a_warning_at_its_place(about_mqtt, tm
 def test_who_may_not_read_the_password_is_told(about_mqtt, tmp_path):
     (tmp_path / "password").touch(mode=0o200)
     (told,) = about_mqtt(f'file = "{tmp_path}/password"', not_as_root())
-    assert "cannot be read by who runs this command" in told
+    assert "cannot be read by the user who runs this command" in told
 
 
 @pytest.mark.parametrize(
@@ -253,7 +253,9 @@ def test_who_may_not_read_credentials_is_told(about, tmp_path):
     secret = tmp_path / "secret"
     secret.touch(mode=0o200)
     (told,) = about(FLEET.format(login=f'credentials = "{secret}"'), not_as_root())
-    assert told.startswith(f"9:15: warning: fleet.credentials: {secret} cannot be read by who runs this command")
+    assert told.startswith(
+        f"9:15: warning: fleet.credentials: {secret} cannot be read by the user who runs this command"
+    )
 
 
 def test_credentials_need_a_library(about, tmp_path, monkeypatch):
@@ -309,4 +311,4 @@ def test_a_control_socket_that_cannot_be_made_is_told(about, tmp_path, path, rea
 def test_who_may_not_make_the_control_socket_is_told(about):
     text = '[[image]]\nunit = 1\nholding = 10\n[control]\nsocket = "/no-such-folder/control.sock"\n'
     (told,) = about(text, not_as_root())
-    assert told.endswith(": /no-such-folder/control.sock: who runs this command may make nothing in /")
+    assert told.endswith(": /no-such-folder/control.sock: the user who runs this command cannot create files in /")

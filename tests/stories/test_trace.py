@@ -127,7 +127,7 @@ async def test_an_answer_of_another_unit_is_no_damaged_one() -> None:
         device.script.append([Answer(0.01, encode(9, bytes.fromhex("03 02 01 10")))])
         assert await home.client(CLIENT).asks(41, READ) == "83 0B"
         assert "(it is not the response to this request)." in why(home)[0]
-        assert "hall < 9 03 read holding registers: 03 02 01 10  [nobody has asked for it]" in shown(home)
+        assert "hall < 9 03 read holding registers: 03 02 01 10  [not requested by anybody]" in shown(home)
 
 
 async def test_resting() -> None:

@@ -89,7 +89,7 @@ async def test_it_hangs_up_when_what_comes_is_no_modbus(driven: Driven) -> None:
     assert driven.port.closed
     (told,) = driven.events
     assert isinstance(told, UpstreamClosed)
-    assert told.reason == "what came is no Modbus TCP: a protocol identifier of 21584; that of Modbus is 0"
+    assert told.reason == "what came is not Modbus TCP: a protocol identifier of 21584; that of Modbus is 0"
 
 
 @pytest.mark.interpreted

@@ -92,7 +92,7 @@ def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> d
     usual = next((each for each in _FIRST_SHOWN if areas.get(each)), Area.HOLDING)
     name = query.get("area", str(usual))
     if name not in set(Area):
-        raise ProblemError(400, f"{name} is no area; there are {', '.join(Area)}")
+        raise ProblemError(400, f"{name} is not an area; areas are {', '.join(Area)}")
     area = Area(name)
     data_type, swap = query.get("type", ""), query.get("swap", "none")
     if (data_type == "bit") != has_bits(area):

@@ -212,7 +212,7 @@ def _asked_for(asked: Mapping[str, str]) -> tuple[Area, list[Point]]:
         ProblemError: there is no such area, address, type, or count.
     """
     if asked["area"] not in set(Area):
-        raise ProblemError(400, f"{asked['area']} is no area; there are {', '.join(Area)}")
+        raise ProblemError(400, f"{asked['area']} is not an area; areas are {', '.join(Area)}")
     area, start, count = Area(asked["area"]), whole(asked["start"], "start"), whole(asked["count"], "count")
     one = values_at(area, start, None, asked["type"], asked["swap"])[0]
     return area, values_at(area, start, start + count * one.count - 1, asked["type"], asked["swap"])

@@ -13,7 +13,7 @@ export const TEXTS = {
   },
   owners: {
     "another client": "response to another client", "a late response": "late response to an earlier request", "an echo": "echo of a request",
-    "another's request": "request of another client", nobody: "nobody has asked for it", noise: "bytes that are no frame", "a damaged frame": "a character of it was damaged",
+    "another's request": "request of another client", nobody: "not requested by anybody", noise: "bytes that are no frame", "a damaged frame": "a character of it was damaged",
   },
   portOpen: "port open",
   portLost: (reason) => `port lost: ${reason}`,
