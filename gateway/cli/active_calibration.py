@@ -19,9 +19,9 @@ from gateway.registers.items import items_read, read_request, write_request
 #: How many sizes of each table are asked, and how often without a time to go on for.
 SIZES: Final = 5
 ROUNDS: Final = 10
-#: So many failures in a row end it: after one more the unit would rest, for clients too.
+#: This many failures in a row end it: after one more the unit would rest, for clients too.
 MOST_FAILURES: Final = FAILURES - 1
-#: After a failure a late response may come; so often at most, so many seconds each time, nothing is asked.
+#: After a failure a late response may come: then nothing is sent, at most this often and for this many seconds.
 MOST_PAUSES: Final = 15
 PAUSE: Final = 2.0
 
@@ -64,7 +64,7 @@ def parse_registers(value: object) -> Span:
 
 
 def ask_actively(unit: DaemonUnit, registers: Span | None, seconds: float | None) -> Iterator[str]:
-    """Ask each size once in a round, for ROUNDS or so many seconds; after each round tells what is wrong, if anything.
+    """Ask each size once in a round, for ROUNDS or this many seconds; yields what is wrong after each round.
 
     Raises:
         DaemonError: the gateway is gone.

@@ -12,7 +12,7 @@ from gateway.cli.usage import parsed_by
 from gateway.config.duration import parse_duration, show_duration
 from gateway.errors import DaemonError
 
-#: A client's reads may wait so long behind the end of the measurement, in seconds.
+#: A client's reads may wait this long behind the end of the measurement, in seconds.
 _SLACK = 40.0
 #: A difference between both rates that deserves a word.
 _CLOSE = 0.03

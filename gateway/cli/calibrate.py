@@ -234,7 +234,7 @@ _ONE_ITEM: Final = frozenset({5, 6, 22})
 
 
 def _wait(source: Source, seconds: float) -> None:
-    """Gather times for so long, and show how many there are on a terminal."""
+    """Gather times for this long, and show how many there are on a terminal."""
     end = time.monotonic() + seconds
     shown = sys.stderr.isatty()
     while (left := end - time.monotonic()) > 0:

@@ -66,7 +66,7 @@ def _set(device: PublishedDevice) -> list[str]:
 
 
 def _names(names: list[str]) -> str:
-    """So many that a terminal has room for them."""
+    """As many names as fit into a line of a terminal."""
     if not names:
         return "none"
     shown = ", ".join(names[:3])

@@ -26,7 +26,7 @@ _WATCH_STEP: Final = 1.0
 _NOTHING: Final = "-"
 _INDENT: Final = "  "
 
-#: So many users of each line are shown.
+#: At most this many users of each line are shown.
 _USERS_SHOWN: Final = 3
 
 #: Terminal sequences: go to the upper left; clear to the end of the line; clear below.
@@ -76,7 +76,7 @@ def _ask(args: argparse.Namespace) -> Mapping[str, Any]:
 
 
 def _redraw(text: str, rows: int) -> str:
-    """`text` with the sequences that draw it over the present content of a terminal with so many rows."""
+    """`text` with the sequences that draw it over the present content of a terminal with this many rows."""
     lines = printable(text).splitlines()
     if len(lines) >= rows:
         lines = [*lines[: rows - 2], f"{len(lines) - rows + 2} more lines: make the window higher"]

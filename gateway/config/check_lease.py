@@ -12,7 +12,7 @@ from gateway.config.resolve import resolve
 from gateway.config.schema import Config
 from gateway.timing.lease_time import HOLDS
 
-#: A holder may write for so long after each renewal at least, in seconds: it renews three times in it, over a network.
+#: A holder can write for at least this many seconds after each renewal: in this time it renews three times, by network.
 _LEAST: Final = 0.6
 
 

@@ -24,7 +24,7 @@ from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime, Budget
 from gateway.timing.characters import LineTiming
 
-#: A guard is longer than what it guards by so many seconds: what the operating system adds.
+#: A guard is longer than the transaction by this many seconds: the delay that the operating system may add.
 _MARGIN: Final = 0.05
 
 #: How much longer than a unit's longest wait the time-out of another site is: the owner sends in five sixths of it.
@@ -230,7 +230,7 @@ def _items_of(function: int) -> list[Items]:
 
 @lru_cache(maxsize=_REQUESTS)
 def request_for(function: int, count: int) -> RequestPdu:
-    """A request for so many items from address 0 on, or for the most there can be."""
+    """A request for this many items from address 0 on, or for the most there can be."""
     pdu = bytes((function,))
     for items in _items_of(function):
         named = min(count, items.most)

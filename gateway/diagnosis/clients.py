@@ -8,7 +8,7 @@ from gateway.config.duration import show_duration
 from gateway.diagnosis.evidence import ClientEvidence
 from gateway.diagnosis.finding import Finding
 
-#: A client that has left so often before its response does it again and again.
+#: A client that has left this often before its response does so regularly.
 OFTEN: Final = 3
 
 

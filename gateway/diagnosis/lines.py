@@ -11,7 +11,7 @@ from gateway.diagnosis.units import about_unit
 
 #: An adapter that echoes returns every request: some may be lost in noise.
 ECHOED: Final = 0.8
-#: So many are no chance.
+#: From this many on, it is no coincidence.
 ENOUGH: Final = 3
 #: From which share of the received characters on errors are no chance, and from which share of the time on a line is
 #: full.

@@ -16,9 +16,9 @@ WRONG: Final = 0.05
 SOME: Final = 0.01
 #: Less than that says nothing yet.
 ENOUGH: Final = 3
-#: So many units are named in a row.
+#: This many units are named in a row.
 MOST: Final = 5
-#: A limit is so many times what an answer takes.
+#: A limit is this many times what an answer takes.
 _MARGIN: Final = 1.5
 
 

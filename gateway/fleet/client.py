@@ -7,7 +7,7 @@ from nats.aio.client import Client
 
 from gateway.fleet.counts import LostMessages
 
-#: After so many messages other work has its turn.
+#: After this many messages, other work in the event loop gets a turn.
 MESSAGES_AT_ONCE: Final = 16
 #: The shortest and the longest block of headers that the library may read: the first line with its end and an empty
 #: line, and several times what gateways send.

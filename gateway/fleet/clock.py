@@ -53,7 +53,7 @@ class Clocks:
         return max((at + SILENCE for _, at in self._heard.values()), default=None)
 
     def until(self, seconds: float, now: float) -> str:
-        """The end of so many of our seconds by each of these clocks, or earlier: for the header of a request."""
+        """The end of this many of our seconds by each of these clocks, or earlier: for the header of a request."""
         shown = {
             each: told + (now - at + seconds) * (1 - DRIFT)
             for each, (told, at) in self._heard.items()

@@ -110,7 +110,7 @@ class NatsConnection:
     ) -> Callable[[], Awaitable[None]]:
         """Have what comes on `subject` delivered; one member of the group `queue` gets each message.
 
-        At most so many wait to be delivered; more are lost, and counted. Returns what ends the subscription.
+        At most this many wait to be delivered; more are lost, and counted. Returns what ends the subscription.
 
         Raises:
             FleetError: the connection is lost.

@@ -6,7 +6,7 @@ from typing import Final
 from gateway.fleet.lease_entry import LeaseEntry, State
 from gateway.timing.lease_time import LOOKS, WAITS
 
-#: So many writes without a known result are remembered.
+#: At most this many writes without a known result are remembered.
 _UNKNOWN: Final = 8
 
 

@@ -5,7 +5,7 @@ from typing import Final, Literal
 
 from gateway.timing.lease_time import HOLDS
 
-#: The holder renews so many times in the time in which it may write.
+#: The holder renews this many times in the time in which it may write.
 _RENEWALS: Final = 3
 
 

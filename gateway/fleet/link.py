@@ -15,7 +15,7 @@ from gateway.ports.threads import ThreadPerCall
 #: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
 FIRST_PAUSE: Final = 0.25
 LONGEST_PAUSE: Final = 2.0
-#: A connection that lasted so long, in seconds, makes the next pause the first one again.
+#: A connection that lasted this long, in seconds, makes the next pause the first one again.
 STEADY: Final = 10.0
 #: The most refusals of one connection that are told.
 _MOST_REFUSALS: Final = 20

@@ -5,7 +5,7 @@ from typing import Final
 #: The most requests under way, of one sender and of all.
 MOST_OF_SENDER: Final = 64
 MOST: Final = 1024
-#: So many clients of one sender take turns with those that are here. What is beyond shares one more turn.
+#: This many clients of one sender take turns with local clients. All further ones share one more turn.
 MOST_CLIENTS: Final = 16
 #: The name of all clients beyond MOST_CLIENTS; no header has such a one.
 _OTHERS: Final = "\n"

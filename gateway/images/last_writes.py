@@ -7,7 +7,7 @@ from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import Span, parse_request
 from gateway.request import Request
 
-#: So many writes are kept, each to other addresses; the oldest are forgotten.
+#: This many writes are kept, each to other addresses; the oldest are forgotten.
 MOST: Final = 256
 
 

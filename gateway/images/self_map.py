@@ -17,7 +17,7 @@ from gateway.registers.datatypes import encode, registers_of
 
 #: What is at register 0; it changes only when a register gets another meaning.
 LAYOUT: Final = 1
-#: So many lines, server lines and upstreams have a place.
+#: This many lines, server lines and upstreams have a place.
 PLACES: Final = 100
 #: Registers of each place.
 PLACE_SIZE: Final = 50
@@ -275,7 +275,7 @@ They have 16 bits; sub-function 0A clears them, for this function only.
 | 12 | always 0 |
 """
 
-#: For so many seconds values are shown before they are looked up again.
+#: For this many seconds values are shown before they are looked up again.
 FRESHNESS: Final = 0.2
 
 

@@ -32,9 +32,9 @@ from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.modbus.scan import NEVER, Token
 from gateway.timing.budget import AnswerTime
 
-#: So many requests of other clients to one unit are kept.
+#: At most this many requests of other clients to one unit are kept.
 _PER_UNIT: Final = 16
-#: A request to a unit that we send none to is kept for so many seconds.
+#: A request to a unit that we send none to is kept for this many seconds.
 _LONGEST: Final = 300.0
 
 #: See the table above.

@@ -59,7 +59,7 @@ class Counts:
     echoes: int = 0
 
     def count_error(self, error: RequestError, requests: int) -> None:
-        """So many requests failed with `error`."""
+        """This many requests failed with `error`."""
         setattr(self, error.result, getattr(self, error.result) + requests)
 
 
@@ -105,7 +105,7 @@ class UnitCounts(dict[int, Counts]):
         return counts
 
     def count_exception(self, code: int, requests: int, now: float) -> None:
-        """So many requests got the exception `code` from the unit."""
+        """This many requests got the exception `code` from the unit."""
         self.codes[code] = self.codes.get(code, 0) + requests
         self.record_error(f"exception {code:02X}", now)
 

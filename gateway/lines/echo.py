@@ -10,9 +10,9 @@ from typing import Final
 from gateway.lines.report import Report
 from gateway.lines.transaction import Transaction
 
-#: After copies of so many requests in a row, the adapter echoes.
+#: After copies of this many requests in a row, the adapter echoes.
 ECHOES: Final = 5
-#: After so many early responses in a row, the port has no wire.
+#: After this many early responses in a row, the port has no wire.
 EARLY_ANSWERS: Final = 3
 
 

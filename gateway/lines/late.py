@@ -16,8 +16,8 @@ from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.modbus.scan import Expected, Token
 from gateway.timing.budget import AnswerTime
 
-#: A request that a window forbids waits if the window ends within so many seconds. Otherwise it fails at once, so that
-#: a client that polls one unit after the other is not blocked.
+#: A request that a window forbids waits if the window ends within this many seconds. Otherwise it fails at once, so
+#: that a client that polls one unit after the other is not blocked.
 WORTH_WAITING: Final = 0.250
 
 
@@ -81,7 +81,7 @@ class _Window:
 
 
 class LateWindows:
-    """The late windows of a line, each of so many seconds; None: as long as the device's answer times say."""
+    """The late windows of a line, each of this many seconds; None: as long as the device's answer times say."""
 
     def __init__(self, seconds: float | None) -> None:
         self.windows: list[_Window] = []

@@ -54,7 +54,7 @@ class Overheard:
         self.second_responses[unit] = self.second_responses.get(unit, 0) + 1
 
     def count_belated(self, unit: int, seconds: float) -> None:
-        """A response of `unit` came so long after its request."""
+        """A response of `unit` came this long after its request."""
         belated = self.belated.setdefault(unit, Belated())
         belated.count += 1
         belated.longest = max(belated.longest, seconds)

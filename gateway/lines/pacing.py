@@ -7,11 +7,11 @@ docs/adr/0011-who-looks-at-each-byte.md
 
 from typing import Final
 
-#: An adapter may have delayed a byte by so many seconds, so that the next ones follow sooner: a USB frame's length.
+#: An adapter may have delayed a byte by this many seconds (a USB frame), so that the next ones follow sooner.
 HELD_BACK: Final = 0.001
 #: The last byte is read as it comes: the one before may be one character old.
 AS_THEY_COME: Final = 1
-#: A pause is worth it if so many bytes come meanwhile.
+#: A pause is worth it if this many bytes come meanwhile.
 WORTH: Final = 2
 #: The longest pause, in seconds: a lost port is noticed only when it is read.
 LONGEST: Final = 0.05
@@ -50,13 +50,13 @@ class Pace:
         self._first = self._came = self._unparted = 0
 
     def add(self, size: int, now: float) -> None:
-        """So many bytes came that may be part of the response."""
+        """This many bytes came that may be part of the response."""
         if not self._came:
             self._first_at, self._first = now, size
         self._came += size
 
     def add_idle(self, size: int, now: float) -> None:
-        """So many bytes came on the idle line."""
+        """This many bytes came on the idle line."""
         if now - self._idle_at - size * self._character > self._silence:
             self._unparted = 0
         self._idle_at = now

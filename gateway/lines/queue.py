@@ -28,7 +28,7 @@ OVERTAKES: Final = 4
 #: How many others may go while a mirror waits for its poll.
 YIELDS: Final = 16
 
-#: Up to so many clients, empty rows are kept for the next request.
+#: Up to this many clients, empty rows are kept for the next request.
 _EMPTY_ROWS: Final = 256
 
 #: Whether a transaction must not be sent yet.

@@ -24,7 +24,7 @@ from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.timing.budget import AnswerTime, Budget
 
-#: So many bytes and frames are kept to report what was received before a response or instead of one.
+#: At most this many bytes and frames are kept to report what was received before a response or instead of one.
 _BYTES: Final = 1024
 _FRAMES: Final = 64
 

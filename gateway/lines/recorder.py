@@ -73,7 +73,7 @@ class Recorder:
     def refused(
         self, refused: Transaction, error: RequestError, now: float, *, waiting: int, late_until: float = 0.0
     ) -> None:
-        """A transaction was not sent: a late window forbids it until then, or so many others wait."""
+        """A transaction was not sent: a late window forbids it until then, or this many others wait."""
         until, count = late_until, waiting
         if isinstance(error, UnitResting):
             breaker = refused.device.breaker
@@ -93,7 +93,7 @@ class Recorder:
             self._ring.add(Heard(token.at, self._line, kind, bytes((frame.unit,)) + frame.pdu, 1))
 
     def noise(self, data: bytes, count: int, now: float) -> None:
-        """So many bytes came that are no frame, or no part of one, these first."""
+        """This many bytes came that are not part of any frame; these are the first of them."""
         if self._ring.is_on:
             self._ring.add(Heard(now, self._line, "noise", data[:MOST_HEARD], count))
 

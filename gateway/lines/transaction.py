@@ -212,7 +212,7 @@ class ScanTransaction(Transaction):
 
     At address 0 it asks a lone device, which answers from its own address. With `awaits_second` another answer may
     follow the first one: two devices may have the same address. A client that asks the same unit may allow it more
-    time than the scan does: for so long, `patience`, a late answer may come.
+    time than the scan does: for this long, `patience`, a late answer may come.
     """
 
     __slots__ = ("_patience",)

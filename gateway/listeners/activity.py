@@ -6,9 +6,9 @@ from typing import Final, Protocol
 from gateway.listeners.session import NEVER
 from gateway.routing.access import Rights
 
-#: A pause of so many seconds between two requests shows a client's interval. Listeners look more often than that.
+#: A pause of this many seconds between two requests shows a client's interval. Listeners look more often than that.
 PAUSE: Final = 0.4
-#: A client that polls faster shows its interval after so many seconds on one connection. Until then it counts as this.
+#: A client that polls faster shows its interval after this many seconds on a connection; until then, it counts as this.
 ORDINARY: Final = 1.0
 #: A client that is silent for more than this many of its intervals has stopped.
 PATIENCE: Final = 2.0

@@ -221,7 +221,7 @@ class TcpConnection:
         self._timer.set(when)
 
     def release_after(self, seconds: float) -> None:
-        """Stop holding the client back after so many seconds."""
+        """Stop holding the client back after this many seconds."""
         asyncio.get_running_loop().call_later(seconds, self._run, self.session.release)
 
     def close(self) -> None:

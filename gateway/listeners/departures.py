@@ -5,7 +5,7 @@ from typing import Final
 
 from gateway.timing.measured import NEVER
 
-#: So many addresses are kept; those that have not done it for the longest time are forgotten first.
+#: At most this many addresses are kept; the one that did this the longest time ago is forgotten first.
 MOST_HOSTS: Final = 64
 
 

@@ -11,10 +11,10 @@ from math import inf
 from pathlib import Path
 from typing import Final
 
-#: The routes of this process, one a line. Only so many characters are read.
+#: The routes of this process, one a line. Only this many characters are read.
 ROUTES: Final = "/proc/self/net/ipv6_route"
 MOST_READ: Final = 64 * 1024
-#: They are read again after so many seconds.
+#: They are read again after this many seconds.
 KEPT: Final = 10.0
 
 #: The smallest network of a customer, and the largest site (RFC 6177): a larger one without a router is a tunnel.

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-#: So many addresses are kept; those that were not rejected for the longest time are forgotten first.
+#: At most this many addresses are kept; the one that was rejected the longest time ago is forgotten first.
 MOST_HOSTS: Final = 64
 
 

@@ -97,7 +97,7 @@ class Connection(Protocol):
         """Call `proceed` at `when`, soon if that has passed; None cancels it, but not a call due to `resume`."""
 
     def release_after(self, seconds: float) -> None:
-        """Call `release` after so many seconds."""
+        """Call `release` after this many seconds."""
 
     def close(self) -> None:
         """Close once everything has been sent."""

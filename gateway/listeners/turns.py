@@ -45,7 +45,7 @@ class Turns(Generic[AnyStream]):
         return stream
 
     def took(self, seconds: float, now: float) -> None:
-        """A step has taken so long."""
+        """A step has taken this long."""
         self._count(now)
         self._credit -= seconds
 

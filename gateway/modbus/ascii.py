@@ -30,7 +30,7 @@ def encode(unit: int, pdu: bytes) -> bytes:
 
 
 def characters(size: int) -> int:
-    """Characters of a frame with so many bytes between colon and CR LF."""
+    """Characters of a frame with this many bytes between colon and CR LF."""
     return len(START) + 2 * size + len(END)
 
 

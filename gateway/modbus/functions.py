@@ -39,7 +39,7 @@ class Items:
     values_at: int = 0
 
     def byte_count(self, count: int) -> int:
-        """Bytes of the values of so many items: two for a register, one for eight coils or inputs."""
+        """Bytes of the values of this many items: two for a register, one for eight coils or inputs."""
         return 2 * count if self.area in (Area.HOLDING, Area.INPUT) else (count + 7) // 8
 
 

@@ -18,7 +18,7 @@ _PROTOCOL: Final = bytes((0, _MODBUS))
 _HEAD: Final = 7
 #: Receive buffer of one connection: a burst of 64 reads, four of the largest ADUs.
 _BUFFER: Final = 4 * MAX_TCP_ADU
-#: So many requests it holds at most.
+#: It holds at most this many requests.
 MOST_AT_ONCE: Final = _BUFFER // (_UNCOUNTED + _SHORTEST)
 
 

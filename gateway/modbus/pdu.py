@@ -8,7 +8,7 @@ from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.modbus.functions import ALL, Function, Items, row_of
 from gateway.modbus.shapes import need
 
-#: So many parsed requests are remembered.
+#: At most this many parsed requests are remembered.
 MOST_PARSED: Final = 2048
 
 

@@ -14,7 +14,7 @@ from gateway.modbus.functions import request_size, response_size
 OVERHEAD = 3
 #: The shortest frame: a PDU of one byte.
 SHORTEST = OVERHEAD + 1
-#: Switching an RS-485 line may leave so many bytes before a frame.
+#: Switching an RS-485 line may leave this many bytes before a frame.
 _GLITCH = 3
 
 

@@ -43,7 +43,7 @@ class Expected:
         self.unit = unit
         self.asked = asked
         self.since = since
-        #: How a normal response begins, after so many unknown bytes.
+        #: How a normal response begins, after this many unknown bytes.
         self.skipped = 1 - len(known)
         self.head = known + asked.response_head
 

@@ -37,7 +37,7 @@ _FIRST_SIZES: Final = tuple(
     tuple((reading, size) for reading, pdu_size in enumerate(_READINGS) if (size := pdu_size(bytes((code,)))))
     for code in range(256)
 )
-#: Clients repeat the same few requests: their ADUs, by unit and PDU, of each unit so many.
+#: Clients repeat the same few requests, so their ADUs are kept by unit and PDU: at most this many for each unit.
 _encoded: Final[tuple[dict[bytes, bytes], ...]] = tuple({} for _ in range(256))
 _MOST_ENCODED: Final = 64
 #: A unit identifier before a function code, no exception, whose frames tell their size.

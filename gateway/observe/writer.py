@@ -14,7 +14,7 @@ from gateway.observe.limiter import Limiter, Subject, subject_of
 
 #: How long stopping waits for the log to be written, in seconds.
 CLOSING_PATIENCE: Final = 0.5
-#: While clients cause more events than are written, they are looked at every so many seconds. To wake the thread for
+#: While clients cause more events than are written, the thread looks at them once in this many seconds. Waking it for
 #: each of them would take more of the event loop's time than the event itself.
 PAUSE: Final = 0.02
 #: Events that clients can cause in any number from any number of addresses, because datagrams can be forged. Without

@@ -6,7 +6,7 @@ from typing import Final
 
 from gateway.plant.messages import Message
 
-#: Births that hosts ask for are published at most so often, in seconds.
+#: Births that hosts ask for are published at most this often, in seconds.
 REBIRTH_PAUSE: Final = 1.0
 
 

@@ -22,7 +22,7 @@ FIRST_PAUSE: Final = 1.0
 LONGEST_PAUSE: Final = 30.0
 #: How long the last messages may take at a stop, in seconds.
 ENDING_TIME: Final = 1.0
-#: So many messages are published before lines and clients have their turn.
+#: After this many messages, lines and clients get a turn.
 _SLICE: Final = 10
 
 

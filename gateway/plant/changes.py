@@ -7,7 +7,7 @@ from gateway.plant.messages import DeviceState, Reading
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.registers.datatypes import Value
 
-#: A device that was there is gone after so many reads in a row without an answer. One may be lost on the line.
+#: A device that was there is gone after this many reads in a row without an answer. One may be lost on the line.
 LOST_AFTER: Final = 2
 
 

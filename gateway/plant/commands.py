@@ -15,7 +15,7 @@ from gateway.trace.pdus import exception_in_words
 
 #: The name of this client of devices, in rights and events.
 CLIENT: Final = "mqtt"
-#: So many commands are carried out at once, and so many are remembered to find those that come again.
+#: At most this many commands are carried out at once, and this many are remembered to recognize repeated ones.
 MOST_COMMANDS: Final = 32
 MOST_REMEMBERED: Final = 1000
 

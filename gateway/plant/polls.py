@@ -26,10 +26,10 @@ MOST_READS: Final = 16
 RETRY: Final = 5.0
 #: Exceptions by which devices refuse a range: address and quantity.
 _REFUSALS: Final = frozenset({IllegalDataAddress.code, IllegalDataValue.code})
-#: A failure of the device, which passes. Some send it for addresses that they do not have: so often in a row.
+#: A temporary failure of the device. Some send it for addresses that they do not have: then this often in a row.
 _FAILURE: Final = 4
 _FAILURES_OF_REFUSAL: Final = 3
-#: After so many seconds points that are read one by one are tried together again.
+#: After this many seconds points that are read one by one are tried together again.
 TOGETHER_AGAIN: Final = 60.0
 #: The unit is not reached, or does not answer.
 _NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})

@@ -29,7 +29,7 @@ from gateway.plant.polls import Answer, PolledTarget, Polls
 from gateway.profiles.published import PublishedDevice
 from gateway.request import Request, Target
 
-#: So many results wait until they are published; the oldest are dropped for more.
+#: At most this many results wait to be published; for further ones the oldest are dropped.
 MOST_RESULTS: Final = 100
 
 

@@ -23,7 +23,7 @@ _NAMES: Final = (
     (selectors.EpollSelector, "_selector_cls"),  # which makes its `_selector`
     *((asyncio.Handle, name) for name in ("_context", "_callback", "_args")),
 )
-#: The kernel may let a thread sleep so many nanoseconds longer, by default 50 000 (proc(5)).
+#: The kernel may let a thread sleep this many nanoseconds longer, by default 50 000 (proc(5)).
 _SLACK: Final = Path("/proc/self/timerslack_ns")
 #: How long a thread that computes (one that makes a page) may keep the loop waiting, in seconds; by default 5 ms.
 _HAND_OVER: Final = 0.0005

@@ -19,7 +19,7 @@ from typing import Final
 EXACT_PART: Final = 0.06
 #: `select` supports only descriptors below this number (select(2)).
 SELECTABLE: Final = 1024
-#: So many descriptors are looked at between two looks at the timers.
+#: This many descriptors are looked at between two looks at the timers.
 _BATCH: Final = 64
 #: The longest wait in seconds, a day as in asyncio: `epoll` takes no more than 24 days.
 _LONGEST: Final = 86400.0

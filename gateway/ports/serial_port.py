@@ -19,9 +19,9 @@ from gateway.ports.serial_transport import PortTransport
 
 #: More than a line delivers between two looks, and little enough that Python has room for it at hand.
 READ_SIZE: Final = 256
-#: So many pieces are what a terminal keeps (N_TTY_BUF_SIZE, 4096 bytes): all that had come when somebody looked.
+#: A terminal keeps this many pieces (N_TTY_BUF_SIZE, 4096 bytes): all that can have arrived before a read.
 PIECES_OF_A_TERMINAL: Final = 16
-#: A port that never runs dry delivers so many pieces; then it is the turn of others.
+#: A port that always has more delivers this many pieces; then others get a turn.
 PIECES_IN_A_TURN: Final = 4
 
 

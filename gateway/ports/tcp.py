@@ -23,7 +23,7 @@ LOOKUP_DEADLINE: Final = 1.5
 CONNECTING_DEADLINE: Final = 2.5
 #: How long at most received bytes are dropped after that, in seconds.
 LONGEST_SETTLING: Final = 0.5
-#: With TLS 1.3, a server may refuse our certificate after our side of the handshake is done: within so many seconds.
+#: With TLS 1.3, a server may refuse our certificate after our side of the handshake is done: within this many seconds.
 VERDICT_WITHIN: Final = 0.2
 #: Much more than a line carries between two reads.
 READ_SIZE: Final = 4096

@@ -56,7 +56,7 @@ def items_read(span: Span, response: bytes) -> bytes:
 def write_function(
     area: Area, count: int, functions: Container[int] | None = None, *, multiple: bool = False
 ) -> FunctionCode:
-    """The function that writes so many coils or holding registers of a unit that knows `functions` (None: all).
+    """The function that writes this many coils or holding registers of a unit that knows `functions` (None: all).
 
     One item is written with 05 or 06, unless `multiple` or the unit knows only 15 or 16; several with 15 or 16.
     """

@@ -24,7 +24,7 @@ READING: Final[Right] = READING_FUNCTIONS | {READING_IDENTIFICATION}
 WRITING: Final[Right] = frozenset(bytes((function,)) for function in range(256) if function not in READING_FUNCTIONS)
 EVERYTHING: Final[Right] = READING | WRITING
 
-#: The rights of at most so many clients are cached, and of so many roles.
+#: The rights of at most this many clients are cached, and of this many roles.
 MOST_CLIENTS: Final = 1000
 MOST_ROLES: Final = 100
 

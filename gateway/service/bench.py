@@ -32,7 +32,7 @@ LONGEST: Final = 3600.0
 USUAL: Final = 60.0
 #: How many items a read has when nobody says it.
 USUAL_ITEMS: Final = 10
-#: A unit is read no more after so many failures in a row: after one more it would rest, for clients too.
+#: After this many failures in a row a unit is no longer read: after one more it would rest, for clients too.
 MOST_FAILURES: Final = FAILURES - 1
 _NOT_ANSWERED: Final = ("timeout", "bad_frame", "ambiguous")
 #: How long after a read that failed the next one follows, in seconds: a line that is down refuses at once.
@@ -93,9 +93,9 @@ class _Read:
 
 
 async def bench(running: Running, question: Mapping[str, Any], is_there: Callable[[], bool]) -> BenchResult:
-    """Read the units of `line`, or one `unit` of it, for so many `seconds`.
+    """Read the units of `line`, or one `unit` of it, for this many `seconds`.
 
-    Each read is of so many `items` from `address` on. It ends sooner if the client has left, or no unit answers.
+    Each read is of this many `items` from `address` on. It ends sooner if the client has left, or no unit answers.
 
     Raises:
         WrongQuestion: there is no such line or unit, nothing of it can be read, or a reload has changed the line.

@@ -42,7 +42,7 @@ os._exit(0)
 ANSWER: Final = f"\0config of modbus-gateway {__version__}\n".encode()
 #: What taking over an answer of another version raises.
 _NOT_OURS: Final = (pickle.UnpicklingError, EOFError, TypeError, AttributeError, ImportError, ValueError, LookupError)
-#: What the process says of its own failure goes to the log, up to so many characters.
+#: What the process says of its own failure goes to the log, up to this many characters.
 _MOST_SAID: Final = 200
 
 

@@ -18,12 +18,12 @@ from gateway.service.config_process import READING_TIME, ConfigRead
 from gateway.service.reload import Outcome, Reloader, differences, find_settled
 from gateway.service.running import Running
 
-#: So many lines of a comparison are shown, and so many characters of a file.
+#: This many lines of a comparison are shown, and this many characters of a file.
 MOST_LINES: Final = 400
 MOST_TEXT: Final = 128 * 1024
-#: Files that it names may change too: after so many seconds all is looked at again.
+#: Files that it names may change too: after this many seconds all is looked at again.
 KEPT: Final = 30.0
-#: Why a file cannot be read is kept for so many seconds: to find out may have taken READING_TIME.
+#: The reason why a file cannot be read is kept for this many seconds: finding it may have taken READING_TIME.
 UNREAD_KEPT: Final = 10.0
 
 

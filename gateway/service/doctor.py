@@ -30,7 +30,7 @@ from gateway.service.running import Running
 from gateway.service.search import search
 from gateway.timing.measured import NEVER
 
-#: A unit that was asked less often is asked until it was, or did not answer so often.
+#: A unit with fewer requests than this is asked until it has this many, or until it has failed to answer this often.
 SAMPLES: Final = 4
 FAILURES: Final = 2
 #: How long all that may take on a line, and how long late answers are waited for at least and at most, in seconds.

@@ -26,7 +26,7 @@ RATES: Final = (
     *(187500, 230400, 250000, 460800, 500000, 921600),
 )
 FORMATS: Final = ("8N1", "8E1", "8O1", "8N2", "7N2", "7E1", "7O1")
-#: So many reads show the times, and one may take so long, in seconds.
+#: This many reads show the times, and one may take this long, in seconds.
 READS: Final = 20
 LIMIT: Final = 1.0
 #: How long what is done by hand is waited for, and how long is read meanwhile, in seconds.
@@ -200,7 +200,7 @@ async def _tried(opener: Opener, settings: SerialSettings, what: str) -> Row:
 async def read_for(
     opener: Opener, settings: SerialSettings, unit: int, *, count: int | None = None, seconds: float = PATIENCE
 ) -> list[Row]:
-    """Read the unit so often, or for so many seconds, and say what came of it.
+    """Read the unit this often, or for this many seconds, and say what came of it.
 
     Raises:
         PortError: the port cannot be opened.

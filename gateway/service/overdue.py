@@ -80,7 +80,7 @@ def as_entry(answers: Iterable[Overdue], now: float) -> Entry:
 
 
 def read_entry(entry: Entry, now: float, later: float) -> list[Overdue]:
-    """The responses that may still arrive; their times are so many seconds later by this clock."""
+    """The responses that may still arrive; their times are this many seconds later by this clock."""
     return [each for answer in entry["answers"] if (each := _overdue(answer, later)).ends_at > now]
 
 

@@ -46,7 +46,7 @@ def _is_ordinary(record: Record) -> bool:
 
 
 def _spread(places: list[int], most: int) -> list[int]:
-    """At most so many of them, at even distances."""
+    """At most this many of them, at even distances."""
     if len(places) <= most:
         return places
     return [places[at * len(places) // most] for at in range(most)]

@@ -14,7 +14,7 @@ from gateway.service.parts import GatewayLine
 from gateway.service.running import Running
 from gateway.service.scan import USUAL_LIMIT, Progress, Scan, Steps, scan_speeds
 
-#: The longest time limit that may be asked for, in seconds: for so long nobody else is asked.
+#: The longest time limit that may be asked for, in seconds: for this long nobody else is asked.
 LONGEST_LIMIT: Final = 10.0
 
 

@@ -31,7 +31,7 @@ from gateway.timing.table import TimingTable
 
 #: How long a device may think that is looked for, in seconds.
 PATIENCE: Final = 0.25
-#: So many addresses are asked at most, and so many units at each rate and format.
+#: At most this many addresses are asked, and this many units at each rate and format.
 MOST_ADDRESSES: Final = 16
 MOST_UNITS: Final = 2
 #: The longest that a search at other rates and formats may take, in seconds.

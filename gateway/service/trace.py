@@ -22,9 +22,9 @@ from gateway.trace.records import MOST_STORIES, Answered, Exchange, Heard, Incid
 from gateway.trace.results import RESULTS, function_of, has_result
 from gateway.trace.ring import STEP
 
-#: Who asks for no time gets so many records first.
+#: How many records a reader gets first, if it names no time.
 TAIL: Final = 20
-#: Of so many records before a failure it is looked up what it waited behind.
+#: How many records before a failure are searched for what it waited behind.
 _LOOK_BACK: Final = 4 * STEP
 
 #: Why requests are not sent after another one has failed.

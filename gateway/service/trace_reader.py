@@ -26,14 +26,14 @@ from gateway.trace.ring import STEP, Ring
 _STEP: Final = 0.1
 _MORE: Final = 0.01
 _CLOCK_EVERY: Final = 1.0
-#: So many texts are kept for other readers: what some steps at full rate bring.
+#: How many texts are kept for other readers: those of a few steps at full rate.
 _MOST_TEXTS: Final = 1024
 #: The PDUs and bytes in facts: None where a reader may not see them.
 _VALUES: Final = ("request", "response", "heard", "frame")
 
 #: What chooses among the records.
 _CHOICES: Final = ("line", "unit", "function", "client", "result")
-#: So many records are looked at for the latest ones, at most.
+#: At most this many records are searched for the latest ones.
 MOST_LOOKED_AT: Final = 20_000
 
 Query = Mapping[str, Any]

@@ -30,7 +30,7 @@ from gateway.timing.verdict import CLOSE, ENOUGH_TO_SHORTEN, verdict
 from gateway.trace.pdus import request_in_words
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept, PolledAge, Written
 
-#: So many failures are told.
+#: At most this many failures are shown.
 MOST_FAILURES: Final = 6
 
 

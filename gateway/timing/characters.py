@@ -71,7 +71,7 @@ class LineTiming:
         return self.silence(3.5)
 
     def silence(self, characters: float) -> float:
-        """A silence of so many characters; above 19200 baud in proportion to the fixed t3.5."""
+        """A silence of this many characters; above 19200 baud in proportion to the fixed t3.5."""
         if self.baud > FASTEST_SCALED_BAUD:
             return T35_FIXED * characters / 3.5
         return characters * self.character
@@ -81,7 +81,7 @@ class LineTiming:
         return 0.0 if self.mode == "ascii" else self.silence(idle_chars)
 
     def frame(self, pdu_size: int) -> float:
-        """A frame with a PDU of so many bytes."""
+        """A frame with a PDU of this many bytes."""
         return (self._each * pdu_size + self._around) * self.character
 
     @property

@@ -14,7 +14,7 @@ class Fit:
     per_item: float
 
     def time(self, items: int) -> float:
-        """Seconds for so many items."""
+        """Seconds for this many items."""
         return max(self.start + self.per_item * items, 0.0)
 
 

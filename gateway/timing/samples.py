@@ -3,7 +3,7 @@
 from collections import deque
 from typing import Final
 
-#: So many numbers of items are told apart for each function, and so many times are kept of each.
+#: For each function, at most this many different numbers of items are kept, and for each of them this many times.
 MOST_SIZES: Final = 24
 KEPT: Final = 32
 

@@ -40,7 +40,7 @@ class Usage:
         self._size = 0
 
     def add(self, client: str, unit: int, function: int, seconds: float) -> None:
-        """A transaction of this user has taken the line so long, with the silence behind it."""
+        """A transaction of this user has taken the line this long, with the silence behind it."""
         of_client = self._clients.get(client)
         use = None if of_client is None else of_client.get(unit << _FUNCTION_BITS | function)
         if use is None:

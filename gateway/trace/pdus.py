@@ -47,7 +47,7 @@ EXCEPTIONS: Final[Mapping[int, str]] = {
     0x0B: "gateway target failed to respond",
 }
 
-#: So many values are shown; the rest is counted.
+#: This many values are shown; the rest is counted.
 _MOST: Final = 16
 
 Word = Callable[[str], str]

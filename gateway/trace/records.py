@@ -14,7 +14,7 @@ BYTES: Final = 48
 #: What an incident takes beyond that, and each client that shares its transaction.
 INCIDENT: Final = 112
 SHARER: Final = 128
-#: So many bytes are kept of what came instead of an answer, or of noise.
+#: At most this many bytes are kept of what came instead of an answer, or of noise.
 MOST_HEARD: Final = 256
 #: The most incidents that are told at once, as stories.
 MOST_STORIES: Final = 50

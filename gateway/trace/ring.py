@@ -1,4 +1,4 @@
-"""The last records, as many as fit into so many bytes. A reader that follows looks here from time to time.
+"""The last records, as many as fit into this many bytes. A reader that follows looks here from time to time.
 
 So a reader costs the lines nothing, however slow it is: what it has not fetched in time is gone, and it is told how
 much that was (docs/adr/0017-trace.md).
@@ -14,12 +14,12 @@ from gateway.trace.records import RECORD, Answered, PortChanged, Record, Refused
 
 #: Failures are kept for longer than all else, in this part of the ring.
 FAILURES_SHARE: Final = 8
-#: So many records are looked at in one go: some 0.1 ms.
+#: This many records are looked at in one go: some 0.1 ms.
 STEP: Final = 256
 
 
 class Ring:
-    """Keeps so many bytes of records; 0: none at all.
+    """Keeps this many bytes of records; 0: none at all.
 
     `added` is how many there ever were: the number of a record is how many there were before it. `first` is the number
     of the oldest that is kept.
@@ -92,7 +92,7 @@ class Ring:
             self.add(PortChanged(now, line, reason))
 
     def resize(self, limit: int) -> None:
-        """Keep so many bytes from now on, and of what is there as much as fits."""
+        """Keep this many bytes from now on, and of what is there as much as fits."""
         if limit == self._limit + self._failures_limit:
             return
         kept = self.after(self.first, self.added)
@@ -109,7 +109,7 @@ class Ring:
         self._trim_failures()
 
     def after(self, number: int, most: int = STEP) -> list[Record]:
-        """The next records from this number on, at most so many. Some before may be gone: see `first`."""
+        """The next records from this number on, at most this many. Some before may be gone: see `first`."""
         begin = max(number, self.first)
         return [self._record(each) for each in range(begin, min(self.added, begin + most))]
 

@@ -26,7 +26,7 @@ from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import TcpFrame, encode
 from gateway.trace.ring import Ring
 
-#: After so many requests without a response, a new connection is opened, on which none of the responses can come.
+#: After this many requests without a response, a new connection is opened, on which none of the responses can come.
 MAX_OUTSTANDING: Final = 4096
 
 #: Sends a request with its transaction identifier.

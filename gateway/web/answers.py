@@ -109,7 +109,7 @@ class WebClient:
 class Which:
     """Which records: those of the last `seconds`, of one line, unit, function, client and result, or of all.
 
-    A stream has all of them, or at most so many `per_second`.
+    A stream has all of them, or at most this many `per_second`.
     """
 
     seconds: int

@@ -34,14 +34,14 @@ _SPAN: Final = r"{span:\d{1,5}(?:-\d{1,5})?}"
 _AREA: Final = f"{{area:{'|'.join(Area)}}}"
 _NUMBER: Final = re.compile(r"\d{1,3}")
 _DIGITS: Final = re.compile(r"[0-9]{1,5}")
-#: A reader of the trace may begin so many seconds before.
+#: A reader of the trace may begin this many seconds before.
 LONGEST_LOOK_BACK: Final = 3600
 #: How many hours of a history are kept.
 MOST_HOURS_OF_A_LINE: Final = LINE_SLOTS * STEP // 3600
 MOST_HOURS_OF_A_UNIT: Final = UNIT_SLOTS * STEP // 3600
 #: The most records that a sample has in a second.
 MOST_PER_SECOND: Final = 2000
-#: Points that somebody else has read may be so many seconds old.
+#: Points that somebody else has read may be this many seconds old.
 LONGEST_AGE: Final = 60
 
 

@@ -22,15 +22,15 @@ from gateway.web.pieces import InPieces
 from gateway.web.problems import Handler
 from gateway.web.secured import SecuredConnections
 
-#: Connections at a time. For a new one, an address that has more than so many loses its oldest; otherwise it is closed
-#: itself at once. Browsers open six.
+#: Connections at a time. For a new one, an address that has more than this many loses its oldest; otherwise the new one
+#: is closed at once. Browsers open six.
 MOST_CONNECTIONS: Final = 128
 MOST_OF_ONE_ADDRESS: Final = 8
 #: How long a connection may take for its first request, with its TLS handshake, in seconds.
 FIRST_REQUEST_WITHIN: Final = 20.0
 #: How long a client may take nothing of what is sent to it, in seconds.
 UNREAD_FOR: Final = 20
-#: A client that is silent for so long is asked whether it is still there, so often and so many times.
+#: A client that is silent for this long is probed at this interval, and closed after this many probes.
 _SILENT_FOR: Final = 60
 _ASKED_EVERY: Final = 10
 _ASKED_TIMES: Final = 3

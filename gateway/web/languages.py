@@ -17,7 +17,7 @@ from gateway.web.cookies import cookie, keep
 FOLDER: Final = Path(__file__).parent / "translations"
 #: What a browser keeps the choice in.
 COOKIE: Final = "mbgw-lang"
-#: So many languages of an Accept-Language are looked at: browsers send fewer.
+#: This many languages of an Accept-Language are looked at: browsers send fewer.
 _MOST_PREFERRED: Final = 32
 
 

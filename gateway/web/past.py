@@ -67,7 +67,7 @@ TYPES: Final[Mapping[str, type]] = {"LinePast": LinePast, "UnitPast": UnitPast}
 
 
 def slots_in(hours: int) -> int:
-    """How many slots there are in so many hours."""
+    """How many slots there are in this many hours."""
     return hours * 3600 // STEP
 
 

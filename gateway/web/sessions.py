@@ -8,20 +8,20 @@ from typing import Final
 
 from gateway.web.users import User, Users
 
-#: A session ends when nothing was asked for so long, and so long after the login, in seconds.
+#: A session ends after this time without a request, and this long after the login, in seconds.
 IDLE_TIME: Final = 3600.0
 LONGEST_SESSION: Final = 12 * 3600.0
 #: Sessions at a time, of all and of one user; the one that has rested longest makes room.
 MOST_SESSIONS: Final = 256
 MOST_OF_ONE_USER: Final = 16
 
-#: After so many wrong passwords within so many seconds, who has tried must wait until the first of them is that old.
+#: After this many wrong passwords within this many seconds, the next attempt must wait until the first is that old.
 MOST_FAILURES: Final = 5
 MOST_FAILURES_OF_ONE_USER: Final = 20
 FAILURES_COUNT_FOR: Final = 300.0
 #: Addresses whose failures are remembered at a time.
 MOST_ADDRESSES: Final = 1000
-#: An address is a user's own for so many seconds after he has logged in from there, and so many are at a time.
+#: An address is a user's own for this many seconds after a login from there; a user has at most this many.
 OWN_FOR: Final = 30 * 24 * 3600.0
 MOST_OWN: Final = 8
 #: This machine is everybody's own.

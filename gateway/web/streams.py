@@ -20,7 +20,7 @@ from gateway.web.guard import Visitor
 from gateway.web.problems import ProblemError
 
 #: Readers at a time; fewer than connections, so that all else finds room. For a new one, a user at an address with more
-#: than so many loses the oldest.
+#: than this many loses the oldest.
 MOST_READERS: Final = 64
 MOST_OF_ONE: Final = 8
 #: How long a reader may take nothing, and how often there is a sign of life, in seconds.

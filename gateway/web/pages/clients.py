@@ -13,7 +13,7 @@ from gateway.web.guard import VISITOR, Need
 from gateway.web.problems import Handler
 from gateway.web.renderer import Renderer
 
-#: So many clients are shown, those first that asked last, and so many requests without a right.
+#: This many clients are shown, those first that asked last, and this many requests without a right.
 MOST_CLIENTS: Final = 200
 MOST_DENIED: Final = 10
 _NUMBER: Final = re.compile(r"[0-9]{1,3}")

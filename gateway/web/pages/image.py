@@ -25,7 +25,7 @@ from gateway.web.renderer import Renderer
 from gateway.web.values import values_at
 
 _FIRST_SHOWN: Final = (Area.HOLDING, Area.INPUT, Area.COILS, Area.DISCRETE)
-#: So many writes are listed.
+#: This many writes are listed.
 _MOST_WRITES: Final = 20
 
 

@@ -19,7 +19,7 @@ from gateway.web.pages.unit_states import states_of
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.renderer import Renderer
 
-#: The table without JavaScript: so many transactions at most, found among so many records of the line.
+#: The table without JavaScript: this many transactions at most, found among this many records of the line.
 MOST_FACTS: Final = 20
 _LOOKED_AT: Final = 5 * MOST_FACTS
 

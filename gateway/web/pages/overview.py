@@ -182,7 +182,7 @@ def shown_units(
     with_page: frozenset[str],
     most: int | None = None,
 ) -> ShownUnits:
-    """The units of the heat map, at most so many."""
+    """The units of the heat map, at most this many."""
     units = status.units
     if len(units) > ALL_SHOWN:
         units = [unit for unit in units if rows[unit.name].use.requests or states[unit.name].word != "not asked"]

@@ -18,7 +18,7 @@ from gateway.web.pages.transactions import asked, outcome, row
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.renderer import Renderer
 
-#: So many transactions are on the page as the server makes it; a script adds more as they come.
+#: This many transactions are on the page as the server makes it; a script adds more as they come.
 MOST_ROWS: Final = 50
 #: What chooses among them, and how long a capture file reaches back, in seconds.
 CHOICES: Final = ("line", "unit", "function", "client", "result")

@@ -32,7 +32,7 @@ from gateway.web.shared_reads import SharedReads, readable
 from gateway.web.unit_answers import Kept
 from gateway.web.values import Outcome, read, values_at
 
-#: Points are read at most once in so many seconds, whoever asks for them.
+#: Points are read at most once in this many seconds, whoever asks for them.
 READ_EVERY: Final = 1.0
 #: What the form for reading says at first, by its fields.
 _USUAL: Final[Mapping[str, str]] = {"area": "holding", "start": "0", "count": "10", "type": "", "swap": "none"}

@@ -8,7 +8,7 @@ from gateway.timing.history import Past, UnitUse
 from gateway.web.answers import Status, Unit
 from gateway.web.past import together
 
-#: So many slots of the history count, the present one among them: 10 to 20 minutes.
+#: This many slots of the history count, the present one among them: 10 to 20 minutes.
 SLOTS: Final = 2
 #: From which share and number of requests without an answer on a unit is failing.
 _MANY: Final = 0.05

@@ -32,7 +32,7 @@ from gateway.web.renderer import Renderer
 from gateway.web.shared_reads import SharedReads
 from gateway.web.values import Ask, point_named, prepared, read, values_at
 
-#: Who has confirmed a write and leaves at once wants it all the same; so long it is sent without him, in seconds.
+#: If a user confirms a write and closes the page at once, the write is still sent within this time, in seconds.
 GRACE: Final = 2.0
 #: After these the unit may have acted all the same, but not with these results: then nothing was sent.
 _UNCERTAIN: Final = frozenset({ExceptionCode.ACKNOWLEDGE, ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND})
