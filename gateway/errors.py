@@ -28,12 +28,12 @@ GatewayError
 │   └── PortClosed               it was closed by its user
 ├── ListenError                  a listener cannot use its address
 ├── TlsError                     a certificate, key or revocation list cannot be used
-├── BrokerError                  the broker cannot be reached, or takes nobody
+├── BrokerError                  the broker cannot be reached, or refuses
 ├── FleetError                   NATS cannot be reached, or refuses
 ├── StateError                   a file in the state directory cannot be read
-├── ConfigError                  the process that reads the config did not come to its end
+├── ConfigError                  the process that reads the config failed
 ├── UsersError                   the file with the users of the web page cannot be used
-├── WrongQuestion                what was asked for at the control socket cannot be
+├── WrongQuestion                a request at the control socket cannot be carried out
 └── DaemonError                  the running gateway cannot be reached
 
 A request in progress is not ended by raising: `Request.fail` turns a RequestError into the exception response.
@@ -239,7 +239,7 @@ class UsersError(GatewayError):
 
 
 class WrongQuestion(GatewayError):
-    """What was asked for at the control socket cannot be; the message says why."""
+    """A request at the control socket cannot be carried out; the message says why."""
 
 
 class DaemonError(GatewayError):

@@ -19,11 +19,11 @@ class Origin(Protocol):
 
     @property
     def address(self) -> str:
-        """What counts as its address where clients share something: see `listeners.origin`; empty if it has none."""
+        """Its address for fair shares between clients: see `listeners.origin`; empty if it has none."""
 
     @property
     def row(self) -> str:
-        """Whose requests take turns as one: its own name, or with UDP its address, which may have many ports."""
+        """The name of its row in the queue of a line: its own name, or with UDP its address, whatever the port."""
 
     def wants(self, request: "Request") -> bool:
         """Whether a waiting request should still be sent: not for a client that has disconnected."""

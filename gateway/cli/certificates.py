@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make, revoke or list certificates; 2 when that cannot be meant.
+    """Make, revoke or list certificates; 2 for wrong usage.
 
     Raises:
         TlsError: openssl is missing, or a file cannot be read or written.

@@ -1,4 +1,4 @@
-"""How `read` and `write` begin: which unit is meant, by which way, and what of it."""
+"""The common beginning of `read` and `write`: finds the unit, and opens it through the gateway or directly."""
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence

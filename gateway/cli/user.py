@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Change or list the users; 2 when that cannot be meant.
+    """Change or list the users; 2 for wrong usage.
 
     Raises:
         UsersError: the file cannot be read or written.

@@ -12,7 +12,7 @@ HOME_ASSISTANT: Final = "homeassistant"
 #: Where brokers take WebSocket connections, unless the address says it.
 _PATH: Final = "/mqtt"
 _SCHEMES: Final = ("mqtt", "mqtts", "ws", "wss")
-#: They mean something in topics.
+#: These characters have a meaning in topics.
 _IN_TOPICS: Final = frozenset("+#/\0")
 _SPARKPLUG_KEYS: Final = ("group", "node", "primary_host")
 

@@ -57,7 +57,7 @@ def _defaults(config: Config) -> Iterator[Problem]:
 
 
 def _check_reads(rows: tuple[Access, ...]) -> Iterator[Problem]:
-    """Who may write may usually read. Where no row allows anything, that is meant."""
+    """A client that may write should usually be able to read. If no row allows anything, that is intended."""
     first = next((row for row in rows if row.allow or row.functions), None)
     reads = any(
         "read" in (row.allow or ()) or any(only_reads(bytes((number,))) for number in row.functions or ())

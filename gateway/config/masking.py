@@ -1,4 +1,4 @@
-"""A config file as it may be shown: without what is nobody else's business. Names of files with secrets stay."""
+"""A config file without its secrets, as it may be shown. The names of files with secrets stay."""
 
 import re
 import tomllib
@@ -24,7 +24,7 @@ _KEY_OR_COMMENT: Final = re.compile(rf"({_KEY})|(?<=\n)[ \t]*+#[^\n]*\n|(?<![ \t
 
 
 def masked(text: str) -> str:
-    """The text of a config file without its comments, and with a mask in place of passwords, tokens and private keys.
+    """The text of a config file without comments, and with a mask in place of passwords, tokens and private keys.
 
     Raises:
         ValueError: it is no TOML: nobody knows where its secrets are.

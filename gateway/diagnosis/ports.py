@@ -63,7 +63,7 @@ def _other_programs(port: PortEvidence) -> Iterator[Finding]:
 
 
 def _ending(holder: Holder) -> str:
-    """How a program leaves a port alone. Who sees no more than `python` is not to be told to kill it."""
+    """How to make a program leave the port alone. If only its interpreter is known, the advice is to look first."""
     if holder.is_interpreter:
         return f"ps -fp {holder.pid} shows what it is; end it if nothing needs it"
     return _KEEPING_AWAY.get(holder.name, f"end it: kill {holder.pid}")

@@ -55,7 +55,7 @@ class Bucket:
     """A bucket of the key-value store. Each call may take some seconds.
 
     All of them raise FleetError if the server does not answer, or refuses, or the bucket was deleted. Then `forget` is
-    called, so that who asks the connection for it again has it made again.
+    called, so that the connection creates it again when it is asked for it the next time.
     """
 
     def __init__(self, name: str, stream: JetStreamContext, store: KeyValue, forget: Callable[[], object]) -> None:

@@ -1,14 +1,14 @@
 """The lease of a line: of all gateways that name it, at most one writes to the line at any time (ADR 26).
 
-A lease is one entry in a key-value store that changes an entry only for who names its latest revision. The holder
-renews it. It counts what it may do from the moment at which it *sent* a renewal; the others count from the moment at
-which they *saw* the latest one. No clock but the machine's own CLOCK_BOOTTIME is used, and only for differences:
+A lease is one entry in a key-value store, which accepts a change only from a writer that names the latest revision. The
+holder renews it. It may write for a time that begins when it *sent* a renewal; the others wait for a time that begins
+when they *saw* the latest one. Only the machine's own CLOCK_BOOTTIME is used, and only for differences:
 
     holder   |-- writes ---------------->|-- guard -->|                  sent + HOLDS x time to live: the end
     others         |-- wait ------------------------------------>|       seen + WAITS x time to live: one may take it
 
-The guard is longer than any transaction on the line, so what the holder wrote last is over when its share ends. Between
-the two ends, clocks may run at different rates, by a fifth.
+The guard is longer than any transaction on the line, so the last one of the holder is over when its share ends. The
+distance between the two ends allows the rates of the clocks to differ by a fifth.
 
 | state   | event                                                          | next    | action                      |
 |---------|----------------------------------------------------------------|---------|-----------------------------|
@@ -18,10 +18,10 @@ the two ends, clocks may run at different rates, by a fifth.
 | held    | a renewal is due                                               | held    | it is written               |
 | held    | the entry is somebody else's                                   | standby | nothing is written any more |
 | held    | our share ends without a renewal                               | standby | nothing is written any more |
-| held    | another asker was heard on the line                            | standby | the entry is released       |
+| held    | another client was heard on the line                           | standby | the entry is released       |
 | held    | `release`                                                      | standby | the entry is released       |
 
-A store that has nothing, or an entry that is older than one seen before, has lost what was written there.
+A store without an entry, or with one older than an entry seen before, has lost data.
 
 There is no I/O here: time is an argument, `next` says what to ask of the store, and the caller reports the result.
 """

@@ -10,7 +10,7 @@ from typing import Final
 
 #: Failures in a row after which a unit rests.
 FAILURES: Final = 3
-#: The first rest and the default maximum, in seconds; a rest is never shorter than this many time limits.
+#: The first rest and the default maximum, in seconds; by default a rest is at least this many time limits long.
 FIRST_REST: Final = 1.0
 LONGEST_REST: Final = 60.0
 LIMITS_PER_REST: Final = 9

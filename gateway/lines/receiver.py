@@ -31,7 +31,7 @@ _FRAMES: Final = 64
 #: How long another client's copy of a request takes at least, as a share of the request: its clock may be faster.
 _SOONEST: Final = 0.9
 
-#: The response, or that one came which may be another client's; None as long as neither has come.
+#: The response; or an error if one came that may be another client's; None while neither has come.
 Outcome = Frame | AmbiguousResponse | None
 
 

@@ -25,7 +25,7 @@ _NO_ROOM: Final = memoryview(bytearray())
 
 
 def most_answered(in_flight: int) -> int:
-    """The bytes of all that is answered after reading stops: what is in progress, and a buffer answered at once."""
+    """The most bytes of responses after reading has stopped: to requests in progress, and to those in the buffer."""
     return (in_flight + MOST_AT_ONCE) * MAX_TCP_ADU
 
 

@@ -23,10 +23,10 @@ class MbapSession(Session):
     """A Modbus TCP client.
 
     Responses carry the client's own transaction and unit identifiers, and are sent in the order in which they arrive.
-    A client that uses an identifier again, as those do that do not count, has given up the request before: only the
-    latest one with it gets a response. So reading goes on while the session finishes. And what has arrived is read
-    before a response leaves, unless the client counts, and the response is quick: then its next requests carry other
-    identifiers.
+    A client that uses an identifier again has given up its earlier request: only the latest request with an identifier
+    gets a response. So reading goes on while the session finishes. And before a response is sent, everything that has
+    arrived is read. This is not needed if the client counts its identifiers up and the response is quick, because then
+    its next requests have other identifiers.
     """
 
     __slots__ = ("_framer", "_latest", "_rises", "_under_way")

@@ -36,7 +36,7 @@ class Area(StrEnum):
     INPUT = "input"
     HOLDING = "holding"
 
-    __hash__ = str.__hash__  # that of an Enum is a function of Python, and each table is looked up by it
+    __hash__ = str.__hash__  # the hash of an Enum is slow (a Python function), and each table is looked up by it
 
 
 #: Set in the function code of an exception response (A 4.1).

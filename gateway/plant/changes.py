@@ -78,7 +78,7 @@ class Watch:
         self.changed.difference_update(readings)
 
     def taken_back(self) -> None:
-        """It was published that what had changed, and was not published as a reading, has none."""
+        """The points that had changed but have no reading any more were published as unknown."""
         for name in self.changed:
             self._published.pop(name, None)
         self.changed.clear()

@@ -134,7 +134,7 @@ class ConfigProcess:
 
 
 def _handed_over(output: bytes) -> ConfigRead:
-    """What the process has read, of what it said: a library may have said something before.
+    """What the process has read, from its output: a library may have printed something before it.
 
     Raises:
         _NOT_OURS: it is of another version of the gateway.

@@ -1,4 +1,4 @@
-"""Who may do what, for those who ask: the rows in words, and what they mean for one client."""
+"""The access rights for display: the rows in words, and what they mean for one request of one client."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

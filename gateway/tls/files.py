@@ -1,4 +1,4 @@
-"""Files whose content is nobody else's business: where they are, and that nobody else may read them."""
+"""Files with secrets: where they are, and a check that no other user can read them."""
 
 import os
 import stat

@@ -1,4 +1,4 @@
-"""A file whose content is nobody else's business, as the config names it."""
+"""A file with a secret, as the config names it."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Who cannot connect although an authority is named for him: something is missing that OpenSSL needs to trust him."""
+"""Peers that cannot connect although their authority is configured: OpenSSL needs another certificate or list."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from gateway.tls.certificate import Certificate, RevocationList, is_same_name, s
 
 @dataclass(frozen=True, slots=True)
 class Untrusted:
-    """What is `said` of each authority that nobody is trusted by; `is_everybody` if there is no other one."""
+    """`said` explains for each unusable authority why its peers are not trusted; `is_everybody` if all are unusable."""
 
     said: tuple[str, ...]
     is_everybody: bool

@@ -1,6 +1,6 @@
 """Requests and responses in words: what is asked, at which addresses, and the values.
 
-`word` makes of an English word that of another language.
+`word` translates an English word into another language.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,9 +1,9 @@
-"""Who asks, and whether he may: every request passes here first.
+"""Authentication and authorization: every HTTP request passes here first.
 
-A web page that somebody reads elsewhere may make his browser ask here, under a name of its own that leads to this
-address (DNS rebinding), or across sites with the cookie that his browser has. So the Host must be an address,
-`localhost` or one of the `hosts`; what changes something needs a login, an Origin of ours and the token of the session
-that only our own pages know; and what asks a device is not answered to pages of other sites.
+A page of another site can make a browser send requests to this server: by a host name of its own that resolves to this
+address (DNS rebinding), or across sites with the cookie that the browser has. So the Host must be an address,
+`localhost` or one of the `hosts`. A request that changes something needs a login, an Origin of ours, and the token of
+the session, which only our own pages know. A request that reads from a device is refused to pages of other sites.
 """
 
 import asyncio
