@@ -171,7 +171,7 @@ class Lease:
     def heard_asker(self, now: float) -> None:
         """Somebody else asks on the line. Nothing is written any more, and the lease not claimed while one lasts."""
         if self.is_held:
-            self._drop("another asker was heard on the line")
+            self._drop("another client was heard on the line")
             self._give_back(self.settings.guard + self.settings.late)
             self._claims_from = now + self.settings.ttl
 

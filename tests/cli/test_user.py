@@ -39,7 +39,7 @@ def test_users_are_added_listed_changed_and_removed(monkeypatch, users, capsys):
 @pytest.mark.parametrize(
     ("words", "typed", "said"),
     [
-        (("add", "an:na"), "correct horse\n", "no name for a user"),
+        (("add", "an:na"), "correct horse\n", "not a valid user name"),
         (("add", "anna"), "correct horse\n", "anna is there already"),
         (("add", "vera"), "short\n", "8 characters"),
         (("add", "vera"), "", "8 characters"),

@@ -266,7 +266,7 @@ async def test_who_hears_another_asker_closes_its_port_and_sends_nothing_more(st
         await asyncio.sleep(0.1)
         assert not is_open(one)
         assert await one.client().asks(41, READ_7) == "83 0A"
-        assert [event.reason for event in told(one, LeaseLost)] == ["another asker was heard on the line"]
+        assert [event.reason for event in told(one, LeaseLost)] == ["another client was heard on the line"]
         await asyncio.sleep(4.0)
         assert not is_open(one)
         await asyncio.sleep(3.0)

@@ -73,7 +73,7 @@ def test_two_never_ask_at_once_when_the_store_comes_back_older(tmp_path: Path, r
         stage.suffer(OLDER_STORE, LONG_TTL)
         assert not [each for each in stage.bus.collisions if not stage.was_just_continued(each)]
         losses = [why for site, known in zip(stage.sites, before, strict=True) for why in site.losses[known:]]
-        assert not [why for why in losses if "another asker" in why]
+        assert not [why for why in losses if "another client" in why]
         assert sum(site.answers["wrong"] for site in stage.sites) == 0
 
 
