@@ -13,12 +13,17 @@ A response does not say which request it answers, nor whose. So the first of the
 | another's request| it can be read as a request: another client has sent it                                        |
 | nobody           | everything else                                                                                |
 
-A frame with a damaged byte is no response. It counts as a request: the device may have received it undamaged.
+A frame with a damaged byte is no response. It counts as a request, because the device may have received it undamaged,
+unless it looks like the response to our request and nobody else was ever heard.
+
+Some frames can be read both ways: `01 03 10 00 18` is a read of 24 coils, and a response with 24 coils. For five
+minutes after another client was heard, such a frame counts as a request too, and is not believed as a response.
 """
 
 from collections import deque
 from collections.abc import Callable
 from functools import partial
+from math import inf
 from typing import Final, Literal, NamedTuple
 
 from gateway.errors import RequestError
@@ -27,14 +32,15 @@ from gateway.lines.overheard import Overheard
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
-from gateway.modbus.functions import KNOWN_FUNCTIONS
+from gateway.modbus.functions import KNOWN_FUNCTIONS, request_size, response_size
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.modbus.scan import NEVER, Token
 from gateway.timing.budget import AnswerTime
 
 #: At most this many requests of other clients to one unit are kept.
 _PER_UNIT: Final = 16
-#: A request to a unit that we send none to is kept for this many seconds.
+#: A request to a unit that we send none to is kept for this many seconds. For as long after any request, another client
+#: may be there.
 _LONGEST: Final = 300.0
 
 #: See the table above.
@@ -108,19 +114,12 @@ class Attribution:
 
     def owner(self, token: Token) -> Owner:
         """The owner of a frame. To be called once for each, in order."""
-        if self._answers_request(token):
+        is_twofold = self._is_twofold(token)
+        if self._answers_request(token, is_twofold=is_twofold):
             return "the request"
-        self._count_copy(token)
-        if self._answers_other_client(token):
-            return "another client"
-        if self._is_late(token):
-            return "a late response"
-        if self._is_echo(token):
-            return "an echo"
-        if self._is_request(token):
-            return "another's request"
-        self._count_stray_response(token)
-        return "nobody"
+        if self._is_damaged_response(token):
+            return "nobody"
+        return self._other_owner(token, is_twofold=is_twofold)
 
     def foreign_requests(self) -> list[ForeignRequest]:
         """Other clients' requests without a response."""
@@ -132,7 +131,27 @@ class Attribution:
             return bool(self.foreign)
         return transaction.unit in self.foreign
 
-    def _answers_request(self, token: Token) -> bool:
+    def _other_owner(self, token: Token, *, is_twofold: bool) -> Owner:
+        """The owner of a frame that is not the response to our request."""
+        self._count_copy(token)
+        if not self._is_stripped(token) and self._answers_other_client(token):
+            if is_twofold:
+                self._is_request(token, is_sure=False)
+            return "another client"
+        if not is_twofold and self._is_late(token):
+            return "a late response"
+        if self._is_echo(token):
+            return "an echo"
+        if self._is_request(token, is_sure=not is_twofold):
+            return "another's request"
+        self._count_stray_response(token)
+        return "nobody"
+
+    def _is_twofold(self, token: Token) -> bool:
+        """Whether it may be a response or a request: another client asks here, and the frame can be read both ways."""
+        return token.at - self.overheard.requested_at < _LONGEST and _is_request_and_response(token.frame.pdu)
+
+    def _answers_request(self, token: Token, *, is_twofold: bool) -> bool:
         asked = self._asked
         if asked is None or not self._is_on_line or token.is_damaged:
             return False
@@ -142,6 +161,8 @@ class Attribution:
         self._is_answered = True
         if self.foreign or self.doubts:
             self.doubts = self._doubts_about(token.frame, asked)
+        if is_twofold:
+            self.doubts.append(ForeignRequest(token.at, token.end, token.frame, parse_request(token.frame.pdu)))
         return not self.doubts
 
     def _doubts_about(self, frame: Frame, asked: Transaction) -> list[ForeignRequest]:
@@ -154,6 +175,20 @@ class Attribution:
             and request.at + self._patience(request.asked, asked.device.answer_time) >= asked.sent_at
             and (request.end <= self._place or not asked.is_copy(request.frame))
         ]
+
+    def _is_damaged_response(self, token: Token) -> bool:
+        """Whether it is the response to our request with a damaged byte, and nobody else was ever heard."""
+        asked = self._asked
+        if not token.is_damaged or asked is None or not self._is_on_line or self.is_shared or self._echo_until == inf:
+            return False
+        return token.start >= asked.expected.since and asked.accepts(token.frame)
+
+    def _is_stripped(self, token: Token) -> bool:
+        """Whether it is the echo behind which the response begins: it answers nobody."""
+        asked = self._asked
+        if asked is None or not asked.expects_answer or not asked.is_copy(token.frame):
+            return False
+        return self._place <= token.start and token.end <= asked.expected.since
 
     def _answers_other_client(self, token: Token) -> bool:
         """If one of our late responses looks the same, this may have been that one: its window is extended."""
@@ -207,7 +242,8 @@ class Attribution:
             self._copies += 1
             self.is_shared = True
 
-    def _is_request(self, token: Token) -> bool:
+    def _is_request(self, token: Token, *, is_sure: bool) -> bool:
+        """Whether it can be read as a request. One that is not sure proves no other client."""
         frame = token.frame
         try:
             asked = parse_request(frame.pdu)
@@ -218,13 +254,13 @@ class Attribution:
         is_copy = self._asked is not None and self._asked.is_copy(frame)
         if is_copy:
             self.overheard.count_copy(token.at)
-        else:
+        elif is_sure:
             self.overheard.count_request(token.at)
         self.is_shared = True
         request = ForeignRequest(token.at, token.end, frame, asked)
         self.foreign.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(request)
         may_be_response = is_copy and asked.accepts(frame.pdu)
-        if self.heard_asker is not None and not may_be_response:
+        if self.heard_asker is not None and is_sure and not may_be_response:
             self.heard_asker()
         return True
 
@@ -259,6 +295,20 @@ class Attribution:
 def _is_repeated(asked: Transaction, frame: Frame) -> bool:
     """Whether `frame` is a copy of the request; of a broadcast, from any unit."""
     return frame.pdu == asked.asked.data and asked.unit in (frame.unit, BROADCAST_UNIT)
+
+
+def _is_request_and_response(pdu: bytes) -> bool:
+    """Whether a PDU is a valid request, and as large as a response. Not where a response is equal to its request (05).
+
+    That is so for 17 to 24 coils or discrete inputs (01, 02), and for five registers of function 23.
+    """
+    if pdu[0] not in KNOWN_FUNCTIONS or not len(pdu) == request_size(pdu) == response_size(pdu):
+        return False
+    try:
+        asked = parse_request(pdu)
+    except RequestError:
+        return False
+    return asked.data != asked.response_head
 
 
 def _may_answer(response: bytes, asked: RequestPdu) -> bool:

@@ -24,7 +24,7 @@ from kit.noise import flipped
 #: Registers that only this client writes, and what it reads.
 _OWN: Final = range(480, 488)
 _SPANS: Final = [(0, 1), (0, 4), (16, 4), (32, 4), (7, 1), (9, 1), (60, 1), (192, 4), (100, 100)]
-_BITS: Final = [(0, 16), (16, 16), (40, 16), (3, 30), (800 & 0xFF, 24)]
+_BITS: Final = [(0, 16), (40, 20), (784, 24), (800, 20), (776, 17)]
 #: Addresses and quantities that the gateway never requests: an exception to them is never its response.
 _REFUSED: Final = {b"\x00\x3c\x00\x01", b"\x00\xc0\x00\x04"}
 #: The size of its PDUs.
@@ -69,10 +69,24 @@ class OtherClient:
 
     def _pdu(self) -> bytes:
         if self._dice.random() < 0.15:
-            return b"\6" + self._dice.choice(_OWN).to_bytes(2) + self._dice.randbytes(2)
+            return self._write()
         function = self._dice.choice((3, 3, 3, 4, 1, 2))
         start, count = self._dice.choice(_SPANS if function > 2 else _BITS)
         return bytes((function,)) + start.to_bytes(2) + count.to_bytes(2)
+
+    def _write(self) -> bytes:
+        """A write of up to three coils or registers, with any function."""
+        dice, address, count = self._dice, self._dice.choice(_OWN).to_bytes(2), self._dice.randint(1, 3)
+        registers = address + count.to_bytes(2) + bytes((2 * count,)) + dice.randbytes(2 * count)
+        return dice.choice(
+            (
+                b"\x06" + address + dice.randbytes(2),
+                b"\x0f" + address + count.to_bytes(2) + b"\1" + dice.randbytes(1),
+                b"\x10" + registers,
+                b"\x16" + address + dice.randbytes(4),
+                b"\x17" + address + count.to_bytes(2) + registers,
+            )
+        )
 
     def _response(self, device: FaultyDevice, pdu: bytes) -> bytes:
         if pdu[1:] in _REFUSED and self._dice.random() < 0.3:

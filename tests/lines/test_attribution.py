@@ -194,7 +194,7 @@ def test_a_request_that_looks_like_its_own_answer_is_repeated() -> None:
     bench.respond("01 03 20 00 18")
     bench.respond("01 03 20 00 18")
     assert len(bench.line._receiver.attribution.foreign[1]) == 3
-    bench.respond("01 03 01 02 03")
+    bench.respond("01 03 01 FF 03")
     assert len(bench.line._receiver.attribution.foreign[1]) == 2
 
 

@@ -295,3 +295,36 @@ def test_a_damaged_echo_costs_no_answer(bench: Bench) -> None:
     bench.line.received(bytes.fromhex(bench.written[-1]), bench.now, damaged=True)
     bench.respond()
     assert bench.client.answers == [RESPONSE]
+
+
+def respond_with_wrong_parity(bench: Bench, pdu: str) -> None:
+    """The last character is right, but for its parity bit."""
+    bench.pass_time(0.03)
+    frame = bytes.fromhex(bench.frame(1, pdu))
+    bench.line.received(frame[:-1], bench.now)
+    bench.line.received(frame[-1:], bench.now, damaged=True)
+    bench.pass_time(silence(bench) + 1e-6)
+
+
+@pytest.mark.parametrize("pdu", ["06 00 30 00 07", "05 00 30 FF 00"])
+def test_the_answer_to_a_write_with_a_wrong_parity_bit_is_no_copy_of_it(pdu: str) -> None:
+    bench = Bench(virtual=False)
+    for _ in range(2):  # nor does it show that somebody else asks here
+        bench.ask(pdu)
+        respond_with_wrong_parity(bench, pdu)
+    assert bench.client.answers == [f"8{pdu[1]} 0B"] * 2
+    assert bench.line.late_windows(bench.now) == 0
+    assert not bench.line.overheard.copies
+
+
+def test_coils_with_a_wrong_parity_bit_are_no_request() -> None:
+    bench, heard = Bench(virtual=False), list[str]()
+    bench.line.share(lambda: True, lambda: heard.append("another client"))
+    bench.ask("01 00 00 00 18")
+    respond_with_wrong_parity(bench, "01 03 05 00 81")
+    assert bench.client.answers == ["81 0B"]
+    assert heard == []
+    bench.ask("01 00 00 00 18")
+    bench.pass_time(0.03)
+    bench.respond("01 03 05 00 81")
+    assert bench.client.answers[1:] == ["01 03 05 00 81"]

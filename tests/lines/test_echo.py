@@ -346,3 +346,27 @@ def hear_an_echo(bench: Bench) -> None:
     bench.pass_time(0.01)
     bench.client.answers.clear()
     bench.written.clear()
+
+
+@pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
+@pytest.mark.parametrize(
+    ("theirs", "ours", "their_answer", "exception"),
+    [
+        ("01 00 00 00 18", "01 03 10 00 18", "01 03 AA AA AA", "81 0B"),
+        ("06 00 30 00 07", "06 00 30 00 07", "86 04", "86 0B"),
+    ],
+    ids=["coils", "write"],
+)
+def test_an_announced_echo_answers_no_other_client(
+    timing: LineTiming, theirs: str, ours: str, their_answer: str, exception: str
+) -> None:
+    bench = Bench(timing=timing, virtual=False, echo=True)
+    bench.device(1)
+    bench.respond(theirs)
+    bench.pass_time(0.05)
+    bench.ask(ours)
+    bench.pass_time(0.03)
+    bench.hear(bench.written[-1])
+    bench.pass_time(0.01)
+    bench.respond(their_answer)
+    assert bench.client.answers == [exception]

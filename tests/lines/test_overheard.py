@@ -161,3 +161,69 @@ def test_what_comes_before_the_request_has_left_is_bounded_too() -> None:
     for _ in range(100):
         bench.hear("55" * 100)
     assert len(bench.line._receiver._text) <= 1024 + 100
+
+
+#: Another client's read of 24 coils. As a response, it has 24 coils.
+TWOFOLD = "01 03 10 00 18"
+COILS = "01 00 20 00 18"
+
+
+@pytest.fixture(params=[TIMING, ASCII], ids=["rtu", "ascii"])
+def shared(request) -> Bench:
+    """A line on which another client was heard."""
+    bench = Bench(timing=request.param, virtual=False)
+    bench.device(1)
+    bench.respond(THEIRS)
+    bench.pass_time(0.05)
+    bench.respond(THEIR_RESPONSE)
+    bench.pass_time(0.1)
+    return bench
+
+
+def ask_coils(bench: Bench) -> None:
+    bench.ask(COILS)
+    bench.pass_time(0.03)
+
+
+def test_a_request_that_looks_like_the_response_is_none(shared: Bench) -> None:
+    ask_coils(shared)
+    shared.respond(TWOFOLD)
+    assert shared.client.answers == ["81 0B"]
+
+
+def test_nor_is_it_the_response_that_is_late(shared: Bench) -> None:
+    ask_coils(shared)
+    shared.pass_time(0.3)
+    shared.respond(TWOFOLD)
+    assert shared.line.late_windows(shared.now) == 1
+
+
+def test_it_is_answered_though_it_may_answer_an_earlier_one(shared: Bench) -> None:
+    shared.respond("01 00 00 00 18")
+    shared.pass_time(0.1)
+    shared.respond(TWOFOLD)
+    shared.pass_time(0.05)
+    ask_coils(shared)
+    shared.respond("01 03 AA AA AA")
+    assert shared.client.answers == ["81 0B"]
+
+
+def test_it_makes_no_other_gateway_give_up_the_line(shared: Bench) -> None:
+    heard: list[str] = []
+    shared.line.share(lambda: True, lambda: heard.append("another client"))
+    ask_coils(shared)
+    shared.respond(TWOFOLD)
+    assert heard == []
+
+
+def test_coils_are_no_request_where_nobody_else_was_heard_for_long(shared: Bench) -> None:
+    shared.pass_time(301)
+    ask_coils(shared)
+    shared.respond(TWOFOLD)
+    assert shared.client.answers == [TWOFOLD]
+
+
+def test_most_coils_are_no_request(shared: Bench) -> None:
+    ask_coils(shared)
+    shared.respond("01 03 10 08 18")  # as a request, it would be for more coils than one response can have
+    assert shared.client.answers == ["01 03 10 08 18"]

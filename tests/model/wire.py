@@ -102,13 +102,15 @@ class Wire:
     def other_asked(self, unit: int, pdu: bytes, now: float) -> bytes:
         """Another client has asked; its frame. Who asks the same as we do, after us, has the same answer as we.
 
-        Each write of a register has a value of its own.
+        If ours was lost, the answer to an equal read is as good. Each write of a register has a value of its own.
         """
         if pdu[0] == FunctionCode.WRITE_SINGLE_REGISTER:
             self._writes_of_others += 1
             pdu = pdu[:-1] + bytes((self._writes_of_others,))
         self._unanswered.add((unit, pdu))
-        same = [each for each in self.askings if each.is_ours and each.is_owed and (each.unit, each.pdu) == (unit, pdu)]
+        only_reads = parse_request(pdu).only_reads
+        ours = [each for each in self.askings if each.is_ours and (each.is_owed or only_reads)]
+        same = [each for each in ours if (each.unit, each.pdu) == (unit, pdu)]
         self._add(unit, pdu, [question for each in same for question in each.questions], now, is_ours=False)
         return self._encode(unit, pdu)
 

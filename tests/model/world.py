@@ -170,10 +170,10 @@ class World:
     def answer(self, asking: Asking, pdu: bytes) -> None:
         """A device answers, or goes on to answer."""
         if asking.has_begun:
-            self.hear(self.wire.ends(asking))
-            return
-        frame = self.wire.answers(asking, pdu)
-        self.last = asking.shape, frame
+            frame = self.wire.ends(asking)
+        else:
+            frame = self.wire.answers(asking, pdu)
+            self.last = asking.shape, frame
         if self.sent is not None and any(question in self.sent.questions for question in asking.questions):
             self.sent = None  # answered; if that was on the wire twice, one more answer follows
         self.hear(frame)

@@ -216,7 +216,7 @@ class Questions:
 
 
 _SPANS = [(0, 1), (0, 4), (16, 4), (32, 4), (48, 4), (100, 2), (102, 2), (7, 1), (9, 1), (60, 40), (100, 100)]
-_BIT_SPANS = [(0, 16), (16, 16), (40, 16), (3, 30), (100, 100)]
+_BIT_SPANS = [(0, 16), (16, 24), (40, 20), (3, 30), (100, 18)]
 _MIX: dict[Callable[[Questions, int, int], Question], int] = {
     Questions._read_registers: 440,
     Questions._read_bits: 120,
