@@ -234,7 +234,7 @@ class MovableDevice(Device):
             return
         if response is None:
             advice = "old or new: no answer came, so the device may speak at either rate"
-        elif self._is_alone and baud in BAUD_RATES:
+        elif self._is_alone and baud.is_integer() and int(baud) in BAUD_RATES:  # a range looks through all for a float
             self._change_rate(int(baud))
             advice = f"the line follows it; set baud = {baud:g} in {self._line_source}"
         else:

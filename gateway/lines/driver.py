@@ -62,7 +62,7 @@ class LineDriver:
         line = self.line
         if line.is_quiet(now):
             self._read_port()
-        is_planned = line.is_busy and line.waiting > 0  # then what comes behind others makes nothing due earlier
+        is_planned = line.is_busy and line.has_expiry  # then what comes behind others makes nothing due earlier
         try:
             line.submit(transaction, now)
         except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary

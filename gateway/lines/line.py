@@ -95,6 +95,11 @@ class Line:
         return len(self._scheduler)
 
     @property
+    def has_expiry(self) -> bool:
+        """See WaitingQueue."""
+        return self._scheduler.has_expiry
+
+    @property
     def overheard(self) -> Overheard:
         """Counters of frames that are not responses to its requests."""
         return self._receiver.attribution.overheard

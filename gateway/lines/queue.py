@@ -167,6 +167,11 @@ class WaitingQueue:
             return []
         return self._too_late(now)
 
+    @property
+    def has_expiry(self) -> bool:
+        """Whether a request waits that may expire, so that who waits behind it does not expire earlier."""
+        return bool(self._expiries and self._waiting)
+
     def next_expiry(self) -> float | None:
         """When the next request will have waited too long, or earlier."""
         expiry = self._expiries[0][0] if self._expiries and self._waiting else None

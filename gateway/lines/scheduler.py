@@ -83,6 +83,11 @@ class Scheduler:
         """Remove the transactions that it is too late to send again."""
         return self._queue.given_up(now)
 
+    @property
+    def has_expiry(self) -> bool:
+        """See WaitingQueue."""
+        return self._queue.has_expiry
+
     def next_expiry(self) -> float | None:
         """When the next request will have waited too long, or earlier."""
         return self._queue.next_expiry()

@@ -393,3 +393,28 @@ async def test_a_request_that_comes_first_behind_the_one_on_the_line_expires_in_
     await asyncio.sleep(0.05)
     assert driven.client.answers == ["83 06", "83 06"]
     driven.driver.close()
+
+
+async def test_who_waits_beside_a_repeat_does_not_wait_longer_than_others() -> None:
+    driven = Driven(replace(SETTINGS, retries=1, max_wait=2.0, rest=0.0))
+
+    def ask(unit: int, timeout: float) -> Asker:
+        client, known = Asker(f"client of {unit}"), driven.device.settings
+        settings = replace(
+            known,
+            name=f"unit-{unit}",
+            unit=unit,
+            known_as=unit,
+            answer_time=replace(known.answer_time, timeout=timeout),
+        )
+        now = driven.loop.time()
+        Device(settings, driven.driver).submit(client.ask(READ, unit=unit, now=now), now)
+        return client
+
+    ask(1, timeout=3.0)
+    await asyncio.sleep(3.1)  # it is silent, and its repeat waits
+    ask(2, timeout=6.0)
+    await asyncio.sleep(2.5)  # that is on the line
+    third = ask(3, timeout=0.2)
+    await asyncio.sleep(2.1)
+    assert third.answers == ["83 06"]
