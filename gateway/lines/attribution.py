@@ -134,11 +134,12 @@ class Attribution:
     def _other_owner(self, token: Token, *, is_twofold: bool) -> Owner:
         """The owner of a frame that is not the response to our request."""
         self._count_copy(token)
-        if not self._is_stripped(token) and self._answers_other_client(token):
+        is_stripped = self._is_stripped(token)
+        if not is_stripped and self._answers_other_client(token):
             if is_twofold:
                 self._is_request(token, is_sure=False)
             return "another client"
-        if not is_twofold and self._is_late(token):
+        if not (is_stripped or is_twofold) and self._is_late(token):
             return "a late response"
         if self._is_echo(token):
             return "an echo"
@@ -184,10 +185,12 @@ class Attribution:
         return token.start >= asked.expected.since and asked.accepts(token.frame)
 
     def _is_stripped(self, token: Token) -> bool:
-        """Whether it is the echo behind which the response begins: it answers nobody."""
+        """Whether it is our echo, which comes before the response, if there is one: it answers nobody."""
         asked = self._asked
-        if asked is None or not asked.expects_answer or not asked.is_copy(token.frame):
+        if asked is None or not asked.is_copy(token.frame):
             return False
+        if not asked.expects_answer:
+            return self._echo_until == inf and not self._had_echo
         return self._place <= token.start and token.end <= asked.expected.since
 
     def _answers_other_client(self, token: Token) -> bool:

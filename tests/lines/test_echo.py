@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.devices.quirks import AddressZeroDevice
-from gateway.events import BadFrame, EchoHeard
+from gateway.events import BadFrame, EchoHeard, LateResponse
 from gateway.lines.echo import ECHOES
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.line_bench import ASCII, READ, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, TIMING, Bench, frame
@@ -370,3 +370,14 @@ def test_an_announced_echo_answers_no_other_client(
     bench.pass_time(0.01)
     bench.respond(their_answer)
     assert bench.client.answers == [exception]
+
+
+@pytest.mark.parametrize("timing", [TIMING, ASCII], ids=["rtu", "ascii"])
+def test_the_echo_of_listen_only_is_no_late_response(timing: LineTiming) -> None:
+    bench = Bench(timing=timing, virtual=False, echo=True)
+    bench.ask("08 00 04 00 00")
+    bench.pass_time(0.02)
+    bench.hear(bench.written[-1])
+    assert bench.client.answers == [None]
+    assert bench.told(LateResponse) == []
+    assert bench.line.late_windows(bench.now) == 1
