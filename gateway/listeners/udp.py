@@ -5,7 +5,7 @@ import socket
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 from gateway import events
 from gateway.listeners.admission import MADE_ROOM, Admission
@@ -31,10 +31,21 @@ from gateway.routing.router import Router
 
 #: How often a listener looks for idle peers, in seconds.
 SWEEP_STEP: Final = 0.25
-#: The most datagrams that are read before the first of them is processed: as many as the kernel's buffer holds.
+#: The most datagrams that are read before the first of them is processed: as many as the kernel's buffer holds. As many
+#: wait for the admission of their senders.
 MOST_AT_ONCE: Final = 256
+#: Why a peer is rejected before it has its turn.
+_TOO_MANY_NEW: Final = "too many new clients at once"
 #: Why a peer is no longer that of a listener.
 _STOPPING: Final = "the gateway is stopping"
+
+
+class Arrived(NamedTuple):
+    """A request, where it arrived, and whether it repeated one in progress then: that may have been answered since."""
+
+    sock: socket.socket
+    adu: mbap.TcpFrame
+    is_repeated: bool
 
 
 @dataclass(slots=True)
@@ -54,7 +65,8 @@ class UdpListener:
 
     Datagrams from an address without any right are dropped, and those to another address than the listener's, through a
     wider socket of systemd. At most `clients` peers are known at a time; `admission`
-    decides which one is forgotten for a new one, and whose datagrams are dropped.
+    decides which one is forgotten for a new one, and whose datagrams are dropped. That takes a while if many are known,
+    so peers are admitted one by one, and everything else has its turn in between.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -66,9 +78,10 @@ class UdpListener:
         self._peers: dict[PeerAddress, Peer] = {}
         #: Peers of other listeners that are heard here since a reload, and were not admitted yet.
         self._taken_over: dict[PeerAddress, Peer] = {}
-        #: The requests that have arrived, the latest of each identifier, until they are processed; and whether each
-        #: repeated one in progress: that may be answered before.
-        self._arrived: dict[tuple[PeerAddress, int], tuple[socket.socket, mbap.TcpFrame, bool]] = {}
+        #: The requests that have arrived, the latest of each identifier, until they are processed.
+        self._arrived: dict[tuple[PeerAddress, int], Arrived] = {}
+        #: Those of peers that wait for their admission. While there are any, the next admission is scheduled.
+        self._waiting: dict[tuple[PeerAddress, int], Arrived] = {}
         self._is_finishing = False
         self._origins = Origins()
         self._admission: Admission[Peer] = Admission(self._origins.of)
@@ -135,6 +148,9 @@ class UdpListener:
         for sock in self._sockets:
             self._readable(sock)
         self._is_finishing = True
+        while self._waiting:
+            self._admit_first()
+            self._process()
         for peer in self._peers.values():
             peer.finish()
 
@@ -171,6 +187,7 @@ class UdpListener:
             peer.closed()
         self._taken_over.clear()
         self._arrived.clear()
+        self._waiting.clear()
         for sock in self.sockets:
             self._close_socket(sock)
 
@@ -215,34 +232,64 @@ class UdpListener:
                 continue
             peer = self._peers.get(key) or self._taken_over.get(key)
             is_repeated = peer is not None and peer.notice(adu)
-            self._arrived[key, adu.transaction] = sock, adu, is_repeated
+            self._arrived[key, adu.transaction] = Arrived(sock, adu, is_repeated)
 
     def _process(self) -> None:
         """Process the requests that have arrived. One that is read meanwhile may replace another that still waits."""
         now = asyncio.get_running_loop().time()
         for arrived in list(self._arrived):
-            sock, adu, is_repeated = self._arrived.pop(arrived)
+            request = self._arrived.pop(arrived)
             key, _ = arrived
+            peer = self._peers.get(key)
             try:
-                peer = self._peer(sock, key, now)
                 if peer is not None:
-                    peer.received(adu, now, is_repeated=is_repeated)
+                    peer.received(request.adu, now, is_repeated=request.is_repeated)
+                elif not self._is_finishing:
+                    self._let_wait(arrived, request, now)
             except Exception as error:  # noqa: BLE001 - the error boundary of a datagram
-                self.emit(events.PartFailed.of(f"client {join_host_port(key.host, key.port)}", error))
+                self._failed(key, error)
 
-    def _peer(self, sock: socket.socket, key: PeerAddress, now: float) -> Peer | None:
-        """The sender of a datagram; None if it has no rights or is not meant, or the listener is full or finishing."""
-        peer = self._peers.get(key)
-        if peer is not None or self._is_finishing:
-            return peer
+    def _let_wait(self, arrived: tuple[PeerAddress, int], request: Arrived, now: float) -> None:
+        """Keep a request until its sender is admitted."""
+        if len(self._waiting) >= MOST_AT_ONCE and arrived not in self._waiting:
+            self._reject(arrived[0], _TOO_MANY_NEW, now)
+            return
+        if not self._waiting:
+            asyncio.get_running_loop().call_soon(self._admit_next)
+        self._waiting[arrived] = request
+
+    def _admit_next(self) -> None:
+        """Admit one peer in each iteration of the event loop, and process its requests."""
+        if self._waiting:
+            self._admit_first()
+        if self._waiting:
+            asyncio.get_running_loop().call_soon(self._admit_next)
+        self._process()
+
+    def _admit_first(self) -> None:
+        """Admit the peer that has waited longest, if it may be; its requests are processed before all others."""
+        key, _ = first = next(iter(self._waiting))
+        sock = self._waiting[first].sock
+        requests = {each: self._waiting.pop(each) for each in list(self._waiting) if each[0] == key}
+        now = asyncio.get_running_loop().time()
+        try:
+            why_not = self._admit(sock, key, now)
+        except Exception as error:  # noqa: BLE001 - the error boundary of an admission
+            self._failed(key, error)
+            return
+        if why_not:
+            for _ in requests:
+                self._reject(key, why_not, now)
+        else:
+            self._arrived = requests | self._arrived
+
+    def _admit(self, sock: socket.socket, key: PeerAddress, now: float) -> str:
+        """Why a peer is rejected: no rights, not meant, or the listener is full. Empty if it is known from now on."""
         client = join_host_port(key.host, key.port)
         is_ours = is_meant(key.asked_host, sock, self._addresses)
         why_not = self._refusal(key.host, now) if is_ours else NOT_MEANT
         if why_not:
-            self.counts.rejected += 1
-            self.rejections.add(key.host, why_not, now)
-            self.emit(events.ClientRejected(self.settings.name, client, why_not))
-            return None
+            return why_not
         peer = self._taken_over.pop(key, None)
         if peer is None:
             path, address = self._path(sock, key), self._origins.of(key.host, now)
@@ -253,7 +300,15 @@ class UdpListener:
         self._admission.enter(peer, now)
         self.counts.accepted += 1
         self.emit(events.ClientConnected(self.settings.name, client))
-        return peer
+        return ""
+
+    def _reject(self, key: PeerAddress, why_not: str, now: float) -> None:
+        self.counts.rejected += 1
+        self.rejections.add(key.host, why_not, now)
+        self.emit(events.ClientRejected(self.settings.name, join_host_port(key.host, key.port), why_not))
+
+    def _failed(self, key: PeerAddress, error: Exception) -> None:
+        self.emit(events.PartFailed.of(f"client {join_host_port(key.host, key.port)}", error))
 
     def _refusal(self, host: str, now: float) -> str:
         """Why a sender is rejected; empty if it is accepted, perhaps after another one was forgotten."""

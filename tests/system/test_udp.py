@@ -6,6 +6,7 @@ import gc
 import socket
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, suppress
+from itertools import pairwise
 
 import pytest
 
@@ -351,6 +352,38 @@ async def test_many_forged_senders_leave_no_more_than_the_bound() -> None:
         assert not [event for event in bench.told(ClientClosed) if event.client in (busy.name, good.name)]
         bench.plant.requests[0].respond(RESPONSE)
         assert await busy.hears() == encode(1, PATIENT, RESPONSE)
+
+
+async def test_everybody_has_a_turn_between_the_admissions_of_two_peers() -> None:
+    """To find a place takes a millisecond where there are many clients: many senders must not stall all listeners."""
+    async with listening(clients=4) as bench:
+        clients, counts, seen = [bench.client() for _ in range(50)], bench.listener.counts, [0]
+        for client in clients:
+            client.ask()
+        async with asyncio.timeout(PATIENCE):
+            while seen[-1] < len(clients):
+                await asyncio.sleep(0)
+                seen.append(counts.accepted + counts.rejected)
+        assert max(after - before for before, after in pairwise(seen)) == 1
+
+
+async def test_of_many_new_peers_only_so_many_wait_and_known_ones_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one of them sends again still replaces what it has given up."""
+    monkeypatch.setattr(udp_module, "MOST_AT_ONCE", 3)
+    async with listening() as bench:
+        known, new = bench.client(), [bench.client() for _ in range(4)]
+        await known.asks()
+        for client in (*new[:3], new[0]):
+            client.ask(PATIENT)
+        new[0].ask(PATIENT, 1, OTHER_READ)
+        new[3].ask(PATIENT)
+        known.ask(PROMPT, 2)
+        for _ in range(3):
+            bench.listener._readable(bench.listener.sockets[0])
+        assert await known.hears() == encode(2, PROMPT, RESPONSE)
+        assert [event.client for event in bench.told(ClientRejected)] == [new[3].name]
+        await until(lambda: len(bench.plant.requests) == 2 + 3)
+        assert [request.pdu for request in bench.plant.requests[2:]] == [OTHER_READ, READ, READ]
 
 
 async def test_when_all_are_busy_the_datagram_of_another_one_is_dropped() -> None:
