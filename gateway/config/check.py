@@ -20,6 +20,7 @@ from gateway.config.check_tls import check_tls
 from gateway.config.check_units import (
     check_asked,
     check_device_rows,
+    check_numbers_as_names,
     check_overlaps,
     check_passing_through,
     check_references,
@@ -34,6 +35,7 @@ from gateway.config.schema import Config, Device, Image, Line, Listen, Upstream
 from gateway.config.schema_profile import ProfileTable
 from gateway.config.schema_web import Web
 from gateway.config.table import Table
+from gateway.images.self_image import NAME
 
 #: Why the port at a path cannot be used, as far as can be seen without opening it; None if it can.
 PortTrouble = Callable[[str], str | None]
@@ -97,6 +99,7 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
     yield from check_access(config, failed)
     yield from check_device_rows(config)
     yield from check_overlaps(config)
+    yield from check_numbers_as_names(config)
     yield from check_passing_through(config, failed)
     yield from check_line_listeners(config, failed)
     yield from check_asked(config, failed)
@@ -125,7 +128,6 @@ def _check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
     for called in (listeners, kept_open):
         yield from _find_repeated("name", ((one.label, one) for one in called if one.name or one.path not in misplaced))
     yield from _find_repeated("lease", ((line.lease, line) for line in config.line if line.lease is not None))
-    yield from _find_repeated("name", ((image.label, image) for image in config.image))
     yield from _find_repeated("name", (*_generate_names(config).items(), *_list_names(config)))
 
 
@@ -144,6 +146,9 @@ def _list_names(config: Config) -> Iterator[tuple[str, Table]]:
         for row in line.devices or ():
             if row.name is not None:
                 yield from ((name, row) for name in line.device_names(row))
+    if config.own is not None:
+        yield NAME, config.own
+    yield from ((image.label, image) for image in config.image)
 
 
 def _check_binds(config: Config, failed: frozenset[str]) -> Iterator[Problem]:

@@ -19,7 +19,7 @@ class Claim:
     path: Path
     source: str
     remedy: str = ""
-    #: The names of the units, for mirrors, in their order.
+    #: The names of the units, in their order.
     names: tuple[str, ...] = ()
 
 
@@ -36,7 +36,8 @@ def claims(config: Config) -> Iterator[Claim]:
             owner, remedy = f'of line "{line.label}"', 'give one of them another unit ID for clients with "as"'
             yield Claim(row.client_units, owner, path, row.source, remedy, tuple(line.device_names(row)))
     for image in config.image:
-        yield Claim((image.unit,), f'of image "{image.label}"', (*image.path, "unit"), image.source)
+        owner = f'of image "{image.label}"'
+        yield Claim((image.unit,), owner, (*image.path, "unit"), image.source, names=(image.label,))
     if config.own is not None:
         yield Claim((config.own.unit,), "of the gateway itself", (*config.own.path, "unit"), config.own.source)
     for upstream in config.upstream:
@@ -71,6 +72,15 @@ def check_overlaps(config: Config) -> Iterator[Problem]:
         for owner, units in taken.items():
             verb = "is already a unit" if len(units) == 1 else "are already units"
             yield error(claim.path, f"{show_units(units)} {verb} {owner}", claim.remedy)
+
+
+def check_numbers_as_names(config: Config) -> Iterator[Problem]:
+    """Who asks for a unit by digits means its number: no other unit is called so."""
+    for claim in claims(config):
+        for unit, name in zip(claim.units, claim.names, strict=False):
+            if name.isdecimal() and int(name) != unit:
+                what = f'"{name}" is a number, and means unit {name}; this is unit {unit}'
+                yield error((*claim.path[:-1], "name"), what, f'add a letter, such as "unit-{name}"')
 
 
 def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Problem]:

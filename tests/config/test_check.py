@@ -91,6 +91,46 @@ def test_two_images_with_one_name():
     assert problems(text) == ['error: image[1].name: "x" is already used in gateway.toml:1']
 
 
+def test_an_image_with_the_name_of_a_device():
+    """A broker would get the values of the one as those of the other, and write to it."""
+    text = LINE + '[[image]]\nunit = 200\nname = "one"\nholding = 4\n'
+    said = 'error: image[0].name: "one" is already used in gateway.toml:4, line[0].devices[0]'
+    assert problems(text) == [said]
+    assert problems(text.replace("holding = 4", 'of = "one"\nread = [{ holding = "0-9", every = "1 s" }]')) == [said]
+
+
+def test_an_image_with_the_name_of_a_unit_that_nobody_has_named():
+    for line in ('name = "a"\nport = "/dev/a"\n', 'name = "a"\nport = "/dev/a"\ndevices = [{ unit = 2 }]\n'):
+        text = f'[[line]]\n{line}[[image]]\nunit = 200\nname = "a/2"\nholding = 4\n'
+        (said,) = problems(text)
+        assert said.startswith('error: image[0].name: "a/2" is already used in gateway.toml:')
+
+
+def test_an_image_with_the_name_of_the_gateway_itself():
+    """At a reload the one was looked for where the other was."""
+    image = '[[image]]\nunit = 200\nname = "gateway"\nholding = 4\n'
+    assert problems(image) == []
+    assert problems(image + "[self]\nunit = 246\n") == [
+        'error: image[0].name: "gateway" is already used in gateway.toml:5'
+    ]
+
+
+def test_a_name_that_is_the_number_of_another_unit():
+    """`write 102` would write unit 102."""
+    text = '[[line]]\nport = "/dev/a"\ndevices = [{{ unit = 101, name = "{}" }}, {{ unit = 102 }}]\n'
+    assert problems(text.format("101")) == problems(text.format("102a")) == []
+    for name in ("102", "4711"):
+        what = f'error: line[0].devices[0].name: "{name}" is a number, and means unit {name}; this is unit 101'
+        assert problems(text.format(name)) == [f'{what} | add a letter, such as "unit-{name}"']
+
+
+def test_an_image_whose_name_is_the_number_of_another_unit():
+    text = '[[image]]\nunit = 200\nname = "{}"\nholding = 4\n'
+    assert problems(text.format("200")) == []
+    (said,) = problems(text.format("41"))
+    assert said.startswith('error: image[0].name: "41" is a number, and means unit 41; this is unit 200')
+
+
 def test_two_upstreams_with_one_name():
     one = '[[upstream]]\nname = "x"\nto = "tcp://10.0.0.1"\nunits = [{{ as = {0}, unit = 1 }}]\n'
     assert problems(one.format(1) + one.format(2)) == ['error: upstream[1].name: "x" is already used in gateway.toml:1']

@@ -114,6 +114,15 @@ class Printed:
                 for unit in parse_units(line["addresses"].split(", ")):
                     self.places[f"{line['name']}/{unit}"] = Place(line["port"], unit)
                     self.waits[Place(line["port"], unit)] = wait
+        self._check_names()
+
+    def _check_names(self) -> None:
+        """Each name means one unit, and so does each number."""
+        others = [(one["unit"], one["name"]) for one in (*self.picture["images"], *self.picture["mirrors"])]
+        names = [*self.places, *(name for _, name in others)]
+        assert len(set(names)) == len(names), f"one of {names} is printed twice"
+        for unit, name in (*((unit, name) for unit, name, _ in self._all_devices()), *others):
+            assert not name.isdecimal() or int(name) == unit, f"unit {unit} is called {name}"
 
     @property
     def units(self) -> dict[int, Any]:
