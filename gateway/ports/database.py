@@ -131,6 +131,16 @@ def open_table(file: Path, table: Table) -> Opened:
         raise StateError(f"{file}: {error.strerror}; {table.needed_by} need a folder to write in") from error
 
 
+def is_damage(error: BaseException) -> bool:
+    """Whether a file is damaged, or from another program: not only in use, without permission, or on a full disk.
+
+    Where the name of its table or of a column is damaged, SQLite finds none of that name, or tells one that is no text.
+    """
+    if isinstance(error, sqlite3.OperationalError):
+        return getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_ERROR
+    return isinstance(error, (sqlite3.DatabaseError, UnicodeDecodeError))
+
+
 def _advice(error: sqlite3.Error, table: Table) -> str:
     """What an operator can do about it."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the high bits are the extended error code
@@ -158,9 +168,9 @@ def _open(file: Path, table: Table) -> Opened:
     with ExitStack() as unless_used:
         try:
             database = _load(file, table, rows, unless_used)
-        except sqlite3.OperationalError:  # in use, no permission, disk full: the file may be good
-            raise
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+            if not is_damage(error):
+                raise
             # Before it is closed: SQLite writes the log of a file into it at the end, but not if it was moved.
             damage = f"{error}; it is now {_move_aside(file)}"
         else:
@@ -189,8 +199,9 @@ def _load(file: Path, table: Table, rows: list[Row], unless_used: ExitStack) -> 
     """Open `file` and read it into `rows`. `unless_used` closes it.
 
     Raises:
-        sqlite3.OperationalError: it cannot be opened at the moment.
-        sqlite3.DatabaseError: it is damaged, or from another program; `rows` has what could be read.
+        sqlite3.DatabaseError: it is damaged, or from another program, as `is_damage` tells; `rows` has what could be
+            read. Or it cannot be opened at the moment.
+        UnicodeDecodeError: it is damaged.
     """
     if file.exists() and not file.stat().st_size:
         raise sqlite3.DatabaseError("it is empty")

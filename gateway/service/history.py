@@ -16,7 +16,7 @@ from zlib import crc32
 
 from gateway.errors import StateError
 from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
-from gateway.ports.database import Database, Row, Table, open_table
+from gateway.ports.database import Database, Row, Table, is_damage, open_table
 from gateway.ports.threads import ThreadPerCall
 from gateway.service.running import Running
 from gateway.service.uses import Look
@@ -152,7 +152,7 @@ class HistoryFile:
             await _in_thread(_save, database, changes)
         except BaseException as error:
             self._history.put_back(changes)
-            if _is_damage(error):
+            if is_damage(error):
                 self._database = None
             raise
 
@@ -176,14 +176,9 @@ def _save(database: Database, changes: Changes) -> None:
     try:
         database.write([(slot.number, slot.as_text()) for slot in changes.written], [(each,) for each in changes.gone])
     except sqlite3.DatabaseError as error:
-        if _is_damage(error):
+        if is_damage(error):
             database.close()
         raise
-
-
-def _is_damage(error: BaseException) -> bool:
-    """Whether the file is damaged, and has to be opened again to be replaced; not only that nothing can be written."""
-    return isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.OperationalError)
 
 
 async def _in_thread(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:

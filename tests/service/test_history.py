@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.ports.database import is_damage
 from gateway.service import history as history_module
 from gateway.service import uses as uses_module
 from gateway.service.history import FILE_NAME, LOOK_EVERY, WRITE_EVERY, history_kept
@@ -226,6 +227,20 @@ async def test_a_torn_file_is_set_aside_and_a_new_one_begun(tmp_path, content):
         assert bench.events("state_damaged") == []
 
 
+@pytest.mark.parametrize("name", [b"bontent", b"con\xf4ent"])
+async def test_a_file_in_which_the_name_of_a_column_has_changed_is_set_aside(tmp_path, name):
+    async with bench_with_history(tmp_path):
+        await asyncio.sleep(WRITE_EVERY + LOOK_EVERY)
+    file = tmp_path / FILE_NAME
+    good = file.read_bytes()
+    file.write_bytes(good.replace(b"content", name))
+    assert file.read_bytes() != good
+    async with bench_with_history(tmp_path) as bench:
+        await asyncio.sleep(LOOK_EVERY + 1)
+        (damaged,) = bench.events("state_damaged")
+        assert "it is now" in damaged.damage
+
+
 async def test_a_value_that_has_changed_by_itself_is_not_believed(tmp_path):
     async with bench_with_history(tmp_path) as bench:
         await bench.home.client().asks(1, READ)
@@ -273,7 +288,7 @@ async def test_a_disk_that_fails_is_told_once_and_nothing_is_lost(tmp_path, monk
     save = history_module._save
 
     def fail(database, changes):
-        if history_module._is_damage(error):
+        if is_damage(error):
             database.close()
         raise error
 

@@ -165,6 +165,22 @@ def test_any_bit_that_turns_is_noticed_or_harmless(folder: Path) -> None:
         assert damage or len(items) == len(ITEMS)
 
 
+@pytest.mark.parametrize("step", [13, pytest.param(1, marks=pytest.mark.search)])
+def test_any_bit_that_turns_in_the_names_of_the_columns_is_noticed_or_harmless(folder: Path, step: int) -> None:
+    """SQLite then says that there is no such column, or tells a name that is no text."""
+    good = (folder / FILE_NAME).read_bytes()
+    begin = good.index(b"CREATE TABLE")
+    for bit in range(8 * begin, 8 * good.index(b"WITHOUT ROWID", begin), step):
+        spoil = bytearray(good)
+        spoil[bit // 8] ^= 1 << bit % 8
+        _only(folder, bytes(spoil))
+        database, items, damage = open_database(folder)
+        database.close()
+        assert set(items) <= set(ITEMS)
+        assert damage or len(items) == len(ITEMS)
+        assert not damage or bytes(spoil) in [path.read_bytes() for path in folder.iterdir()]
+
+
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.7, 0.99])
 def test_a_torn_file_is_set_aside(folder: Path, share: float) -> None:
     good = (folder / FILE_NAME).read_bytes()
