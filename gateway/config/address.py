@@ -106,6 +106,7 @@ def parse_address(value: object, schemes: tuple[str, ...]) -> Address:
     if host in ("", "*"):
         raise WrongValue("names no host", f'"{scheme}://0.0.0.0:{port or 502}" stands for every IPv4 address')
     _check_host(host, in_brackets=ipv6 is not None)
+    host = _plain_ipv4(host)
     if port is None and scheme not in DEFAULT_PORTS:
         raise WrongValue("names no port", f'write "{value}:PORT"')
     number = int(port) if port else DEFAULT_PORTS[scheme]
@@ -125,6 +126,12 @@ def _check_host(host: str, *, in_brackets: bool) -> None:
     elif _HOST_NAME.fullmatch(host) is None:
         remedy = "letters, digits and hyphens, in parts joined by single dots, such as plc.example"
         raise WrongValue(f"{host!a} is not a valid host name", remedy)
+
+
+def _plain_ipv4(host: str) -> str:
+    """`host`; an IPv4 address that is written as an IPv6 one, as IPv4: that is what can be bound."""
+    ip = _ip(host)
+    return str(ip.ipv4_mapped) if isinstance(ip, IPv6Address) and ip.ipv4_mapped is not None else host
 
 
 def _ip(host: str) -> IPv4Address | IPv6Address | None:

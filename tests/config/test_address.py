@@ -14,6 +14,8 @@ NO_NAME = "letters, digits and hyphens, in parts joined by single dots, such as 
     [
         ("tcp://0.0.0.0:502", Address("tcp", "0.0.0.0", 502)),
         ("tcp://[::]:502", Address("tcp", "::", 502)),
+        ("tcp://[::ffff:127.0.0.1]:502", Address("tcp", "127.0.0.1", 502)),
+        ("udp://[::ffff:7f00:1]:502", Address("udp", "127.0.0.1", 502)),
         ("tcp://[fe80::1%eth0]:502", Address("tcp", "fe80::1%eth0", 502)),
         ("tcp://plc.example:1502", Address("tcp", "plc.example", 1502)),
         ("tcp://plc_2.hall-a:1502", Address("tcp", "plc_2.hall-a", 1502)),

@@ -222,6 +222,11 @@ def test_ipv4_and_ipv6_have_ports_of_their_own(one, other):
     assert [said for said in problems(text) if said.startswith("error")] == []
 
 
+def test_an_ipv4_address_that_is_written_as_an_ipv6_one_is_the_same_address():
+    text = LINE + "".join(f'[[listen]]\nbind = "tcp://{host}:1"\n' for host in ("127.0.0.1", "[::ffff:127.0.0.1]"))
+    assert problems(text) == ["error: listen[1].bind: this address is already used in gateway.toml:5"]
+
+
 def test_who_has_no_name_is_not_blamed_for_being_called_after_a_place_that_is_taken():
     line = '[[line]]\nport = "/dev/a"\ndevices = [{{ unit = {} }}]\n'
     assert problems(line.format(1) + line.format(2)) == [
