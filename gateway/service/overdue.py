@@ -22,8 +22,9 @@ from gateway.service.shared_file import Entries, SharedFile
 
 FILE_NAME: Final = "late.json"
 
-#: The longest late window, in seconds: an entry with a longer one is damaged.
-LONGEST: Final = 86_400.0
+#: The longest late window, in seconds: an entry with a longer one is damaged. A config can ask for a little more than
+#: twice a hundred weeks: `margin` x a time in a table.
+LONGEST: Final = 4 * 365 * 86_400.0
 UNITS: Final = range(256)
 
 _PSEUDO_TERMINALS: Final = Path("/dev/pts")
@@ -105,11 +106,18 @@ def is_entry(value: Any) -> bool:
     """Whether this is a well-formed entry of the file."""
     try:
         answers = [_overdue(answer, 0.0) for answer in value["answers"]]
-        sound = all(each.asked.function and each.unit in UNITS and each.owed > 0 for each in answers)
+        sound = all(map(_is_sound, answers))
         longest = max((each.ends_at for each in answers), default=0.0) - value["at"]
         return bool(value["at"] >= 0) and longest < LONGEST and sound
     except (ArithmeticError, LookupError, TypeError, ValueError, RequestError):
         return False
+
+
+def _is_sound(answer: Overdue) -> bool:
+    """Whether a line can await it. A number that was read from a file may be anything."""
+    units = (answer.unit,) if answer.answers_from is None else (answer.unit, answer.answers_from)
+    are_whole = all(isinstance(number, int) for number in (*units, answer.owed))
+    return are_whole and all(unit in UNITS for unit in units) and answer.owed > 0 and bool(answer.asked.function)
 
 
 def _overdue(answer: Entry, later: float) -> Overdue:

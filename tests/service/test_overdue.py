@@ -13,6 +13,7 @@ from gateway.ports.port import SerialSettings, TcpSettings
 from gateway.service.overdue import FILE_NAME, LeftBehind, is_entry, place_of
 from gateway.service.shared_file import SharedFile
 
+WEEK = 7 * 86_400.0
 PORT, OTHER = "/dev/ttyS1", "/dev/ttyS2"
 READ = Overdue(unit=1, answers_from=1, pdu=bytes.fromhex("03 00 07 00 01"), owed=1, ends_at=103.0)
 MOVE = Overdue(unit=1, answers_from=None, pdu=bytes.fromhex("06 01 00 00 05"), owed=2, ends_at=101.5)
@@ -110,7 +111,9 @@ ANSWER = {"unit": 1, "answers_from": 1, "pdu": "03 00 07 00 01", "owed": 1, "end
         *(
             {"at": 1.0, "answers": [ANSWER | {key: value}]}
             for key, value in [
-                ("unit", "x"), ("unit", 5000), ("pdu", "xy"), ("pdu", ""), ("pdu", "03 00"), ("owed", 0),
+                ("unit", "x"), ("unit", 5000), ("unit", 1.0), ("pdu", "xy"), ("pdu", ""), ("pdu", "03 00"),
+                ("answers_from", 256), ("answers_from", -1), ("answers_from", "x"), ("answers_from", []),
+                ("answers_from", 1.0), ("owed", 0), ("owed", 1.5),
                 ("ends_at", None), ("ends_at", 10**400), ("ends_at", float("inf")), ("ends_at", float("nan")),
             ]
         ),
@@ -124,6 +127,14 @@ def test_a_foreign_file_is_moved_aside(tmp_path: Path, entry: object) -> None:
     assert isinstance(event, StateDamaged)
     assert event.damage.startswith("1 of 1 entries are not valid; 0 entries of it could be read; it is ")
     assert Path(event.damage.rpartition("it is now ")[2]).read_text() == content
+
+
+@pytest.mark.parametrize("window", [48 * 3600.0, WEEK, 202 * WEEK])
+def test_a_window_may_be_as_long_as_a_config_can_ask_for(tmp_path: Path, window: float) -> None:
+    """A week, or twice a hundred times that: `margin` x a time of a table, and what the port adds."""
+    long = READ._replace(ends_at=100.0 + window)
+    Process(tmp_path).ends(100.0, long)
+    assert found(tmp_path, 101.0) == [long]
 
 
 def test_behind_a_damaged_file_nothing_is_awaited(tmp_path: Path) -> None:
