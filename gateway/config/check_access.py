@@ -1,6 +1,6 @@
 """Cross-checks of access rights: rows that match no client, and the defaults without rows."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from gateway.config.check_line_listeners import addresses_on
@@ -28,7 +28,7 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         yield from _check_reads(config.access)
     for listen in config.listen:
         yield from _check_reserve(listen, config, failed)
-    for index, row in enumerate(config.access):
+    for row in config.access:
         yield from _check_content(row)
         if not failed & {"listen", "line"}:
             yield from _check_listeners(row, config)
@@ -36,7 +36,7 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             yield from _check_sites(row)
         if not failed & {"line", "image", "upstream"}:
             yield from _check_units(row, config)
-        yield from _check_order(row, config.access[:index], _for_one_line(config))
+    yield from _check_order(config.access, _for_one_line(config))
 
 
 def _defaults(config: Config) -> Iterator[Problem]:
@@ -181,18 +181,40 @@ def _answered(row: Access, config: Config) -> frozenset[int]:
     return served_units(config) | (frozenset(range(FIRST_UNIT, LAST_UNIT + 1)) if apart else frozenset())
 
 
-def _check_order(row: Access, earlier: Iterable[Access], for_one_line: frozenset[str]) -> Iterator[Problem]:
-    """First match wins, so a special row must come before a more general one."""
-    by_address = not for_one_line.isdisjoint(row.listen or ())
-    comparable = (other for other in earlier if other.units == "all" or other.listen is not None or not by_address)
-    first = next((other for other in comparable if _covers(other, row)), None)
-    if first is not None:
-        what = f"never matches, because the row in {first.source} matches all that it would match"
-        yield warning(row.path, what, "first match wins: put the special row before the general one")
+def _check_order(rows: Sequence[Access], for_one_line: frozenset[str]) -> Iterator[Problem]:
+    """First match wins, so a special row must come before a more general one.
+
+    A row is compared with those only that name its first client: thousands of rows are one for each client.
+    """
+    #: The earlier rows that name a client, in their order; with None those for all clients.
+    naming: dict[Network | Site | None, list[int]] = {}
+    for index, row in enumerate(rows):
+        by_address = not for_one_line.isdisjoint(row.listen or ())
+        covering = (
+            next((one for one in naming.get(client, ()) if _covers(rows[one], row, by_address=by_address)), None)
+            for client in (None, *_around_first_client(row))
+        )
+        first = min((one for one in covering if one is not None), default=None)
+        if first is not None:
+            what = f"never matches, because the row in {rows[first].source} matches all that it would match"
+            yield warning(row.path, what, "first match wins: put the special row before the general one")
+        for client in (None,) if row.networks is None else row.networks:
+            naming.setdefault(client, []).append(index)
 
 
-def _covers(earlier: Access, row: Access) -> bool:
-    """Whether `earlier` matches every client and unit that `row` matches."""
+def _around_first_client(row: Access) -> Iterator[Network | Site]:
+    """What contains the first client of a row: the site itself, or every network around it."""
+    for client in (row.networks or ())[:1]:
+        if isinstance(client, Site):
+            yield client
+        else:
+            yield from (client.supernet(new_prefix=length) for length in range(client.prefixlen + 1))
+
+
+def _covers(earlier: Access, row: Access, *, by_address: bool) -> bool:
+    """Whether `earlier` matches every client and unit that `row` matches, whose units are addresses if `by_address`."""
+    if by_address and earlier.units != "all" and earlier.listen is None:
+        return False
     listeners = earlier.listen is None or (row.listen is not None and set(row.listen) <= set(earlier.listen))
     units = earlier.units == "all" or (row.units != "all" and set(row.units) <= set(earlier.units))
     # without a role and a listener, it does not count for clients with certificates

@@ -2,11 +2,13 @@
 
 import pytest
 
+from gateway.config import check_access as check_access_module
 from gateway.config.load import parse
 from gateway.config.problem import dotted
 
 UNITS = "[[image]]\nunit = 7\ncoils = 1\n[[image]]\nunit = 8\ncoils = 1\n"
 SCADA = '[[listen]]\nname = "scada"\nbind = "tcp://0.0.0.0:502"\n'
+EVERYWHERE = '[[listen]]\nname = "scada"\nbind = "tcp://[::]:502"\n'
 FIELD = '[[listen]]\nname = "field"\nbind = "udp://127.0.0.1:502"\n'
 PANEL = '[[line]]\nname = "panel"\nport = "/dev/p"\nrole = "server"\nserves = 7\n'
 READ = 'allow = ["read"]\n'
@@ -181,6 +183,34 @@ def test_a_row_that_an_earlier_one_hides(earlier, row):
     (said,) = access(earlier, row, listen=SCADA.replace("0.0.0.0", "[::]") + PANEL)
     what = "never matches, because the row in gateway.toml:15 matches all that it would match"
     assert said == f"warning: access[1]: {what} | first match wins: put the special row before the general one"
+
+
+def test_of_several_rows_that_hide_another_the_first_is_named():
+    rows = ['from = ["10.2.0.0/24"]\n', 'from = ["10.0.0.0/8"]\n', "", 'from = ["10.2.0.7"]\n']
+    for order in ((0, 1, 2, 3), (1, 2, 3), (2, 3)):
+        said = access(*(rows[each] for each in order))[-1]
+        assert said.startswith(f"warning: access[{len(order) - 1}]: never matches, because the row in gateway.toml:10 ")
+
+
+def test_a_row_for_sites_that_an_earlier_one_hides():
+    named = ('["plant-2", "plant-1"]', '["plant-1"]', '["plant-3"]')
+    said = access(*(f'listen = ["fleet"]\nfrom = {sites}\n' for sites in named))
+    assert [each.split(": ")[1] for each in said if "never matches" in each] == ["access[1]"]
+
+
+def test_rows_for_other_clients_are_not_compared(monkeypatch):
+    """Else thousands of them, one for each client, take longer than a reload may."""
+    compared, covers = [], check_access_module._covers
+
+    def count(earlier, row, **rest):
+        compared.append(row)
+        return covers(earlier, row, **rest)
+
+    monkeypatch.setattr(check_access_module, "_covers", count)
+    clients = [f"10.2.{number}.7" for number in range(200)] + [f"fd00::{number}" for number in range(200)]
+    said = access(*(f'from = ["{client}"]\n' for client in clients), 'from = ["10.2.9.7"]\n', listen=EVERYWHERE)
+    assert [each.split(": ")[1] for each in said if "never matches" in each] == ["access[400]"]
+    assert len(compared) == 1
 
 
 @pytest.mark.parametrize(
