@@ -82,6 +82,7 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
     places = [*_check_binds(config, failed), *_check_ports(config, real_path)]
     yield from places
     yield from _check_ipv6(config)
+    yield from _check_shared_ports(config)
     yield from _check_names(config, {problem.path[:-1] for problem in places})
     for line in config.line:
         yield from _check_device_server(line)
@@ -189,16 +190,21 @@ def _covering(bind: Address) -> str:
 def _check_ipv6(config: Config) -> Iterator[Problem]:
     for listen in config.listen:
         ipv4 = next((other for other in config.listen if listen.bind.takes_ipv4_of(other.bind)), None)
-        if ipv4 is None:
-            continue
-        if not ipv4.bind.is_wildcard:
+        if ipv4 is not None and not ipv4.bind.is_wildcard:
             remedy = f'to serve every IPv4 address, write "{replace(ipv4.bind, host="0.0.0.0")}" in {ipv4.source}'  # noqa: S104 - advice
             what = f"takes IPv6 clients only, because {ipv4.source} has an IPv4 address with the same port"
             yield warning((*listen.path, "bind"), what, remedy)
-        if ipv4.bind.port < _FIRST_FREE_PORT:
-            what = f"the service does not start with it and {listen.source}, unless modbus-gateway.socket names both"
-            remedy = 'without it [::] takes IPv4 clients too; for both see "Other addresses" in docs/operations.md'
-            yield warning((*ipv4.path, "bind"), what, remedy)
+
+
+def _check_shared_ports(config: Config) -> Iterator[Problem]:
+    """The socket unit opens the lower ports, by default at every address: such a socket is for one listener."""
+    for index, listen in enumerate(config.listen):
+        first = next((other for other in config.listen[:index] if listen.bind.has_port_of(other.bind)), None)
+        is_low = listen.bind.port < _FIRST_FREE_PORT
+        if first is not None and is_low and not listen.bind.collides_with(first.bind):
+            what = f"the service does not start with it and {first.source}, unless modbus-gateway.socket names both"
+            remedy = 'its [::] takes clients of every address; for both see "Other addresses" in docs/operations.md'
+            yield warning((*listen.path, "bind"), what, remedy)
 
 
 def _check_ports(config: Config, real_path: Callable[[str], str]) -> Iterator[Problem]:

@@ -38,8 +38,8 @@ _NO_RIGHT: Final = (
 )
 _TAKEN_BY_US: Final = "{} has this port, by modbus-gateway.socket: name that address, or change it there to {}"
 _SHARED_WITH_US: Final = (
-    "{} has this port, by modbus-gateway.socket: if several [[listen]] share a port, each must be named there, [::] "
-    "with BindIPv6Only=ipv6-only; add {}"
+    "{} has this port, by modbus-gateway.socket: if several [[listen]] share a port, each must be named there: "
+    "{key}= (empty), then a line for each address ([::] with BindIPv6Only=ipv6-only), such as {}"
 )
 _EVERY_ADDRESS: Final = "::"
 _EVERY_IPV4_ADDRESS: Final = "0.0.0.0"  # noqa: S104 - nothing is bound by it here
@@ -246,7 +246,7 @@ def _advise_on_systemd(settings: ListenSettings, error: OSError | UnicodeError, 
     wanted = f"{key}={join_host_port(settings.host, settings.port)}, then systemctl restart modbus-gateway.socket"
     if ours := ready.at(socket.SOCK_DGRAM if is_udp else socket.SOCK_STREAM, settings.port):
         taken = _SHARED_WITH_US if settings.shares_port else _TAKEN_BY_US
-        return taken.format(", ".join(ours), wanted)
+        return taken.format(", ".join(ours), wanted, key=key)
     return _NO_RIGHT.format(wanted) if error.errno == errno.EACCES else ""
 
 
