@@ -17,7 +17,7 @@ A frame with a damaged byte is no response. It counts as a request, because the 
 unless it looks like the response to our request and nobody else was ever heard.
 
 Some frames can be read both ways: `01 03 10 00 18` is a read of 24 coils, and a response with 24 coils. For five
-minutes after another client was heard, such a frame counts as a request too, and is not believed as a response.
+minutes after another client was heard, such a frame is not believed: it counts as a request, and settles none.
 """
 
 from collections import deque
@@ -70,6 +70,8 @@ class Attribution:
         self.overheard = Overheard()
         #: Whether another client, or a copy of our requests, was ever heard.
         self.is_shared = False
+        #: Until when another client may be there.
+        self._is_shared_until = 0.0
         #: Called when another client's request was heard.
         self.heard_asker: Callable[[], None] | None = None
         #: Where our last request ended; NEVER while it is on the line.
@@ -134,13 +136,11 @@ class Attribution:
     def _other_owner(self, token: Token, *, is_twofold: bool) -> Owner:
         """The owner of a frame that is not the response to our request."""
         self._count_copy(token)
-        is_stripped = self._is_stripped(token)
-        if not is_stripped and self._answers_other_client(token):
-            if is_twofold:
-                self._is_request(token, is_sure=False)
-            return "another client"
-        if not (is_stripped or is_twofold) and self._is_late(token):
-            return "a late response"
+        if not (is_twofold or self._is_stripped(token)):
+            if self._answers_other_client(token):
+                return "another client"
+            if self._is_late(token):
+                return "a late response"
         if self._is_echo(token):
             return "an echo"
         if self._is_request(token, is_sure=not is_twofold):
@@ -150,7 +150,7 @@ class Attribution:
 
     def _is_twofold(self, token: Token) -> bool:
         """Whether it may be a response or a request: another client asks here, and the frame can be read both ways."""
-        return token.at - self.overheard.requested_at < _LONGEST and _is_request_and_response(token.frame.pdu)
+        return token.at < self._is_shared_until and _is_request_and_response(token.frame.pdu)
 
     def _answers_request(self, token: Token, *, is_twofold: bool) -> bool:
         asked = self._asked
@@ -199,7 +199,8 @@ class Attribution:
         for request in self.foreign.get(frame.unit, ()):
             asked = request.asked
             is_repeated = frame.pdu == asked.data != asked.response_head
-            if not is_repeated and not token.is_damaged and asked.accepts(frame.pdu):
+            is_over = token.at > request.at + _LONGEST
+            if not (is_repeated or is_over or token.is_damaged) and asked.accepts(frame.pdu):
                 self.foreign[frame.unit].remove(request)
                 self._drop_empty(frame.unit)
                 self._windows.extend(token, request.at, partial(self._patience, asked))
@@ -259,6 +260,7 @@ class Attribution:
             self.overheard.count_copy(token.at)
         elif is_sure:
             self.overheard.count_request(token.at)
+            self._is_shared_until = token.at + _LONGEST
         self.is_shared = True
         request = ForeignRequest(token.at, token.end, frame, asked)
         self.foreign.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(request)

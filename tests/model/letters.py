@@ -170,7 +170,7 @@ def _may_copy(world: World) -> bool:
 def _other_asks(unit: int, pdu: str) -> Letter:
     data = bytes.fromhex(pdu)
     return Letter(
-        lambda world: _may_speak(world) and world.wire.may_ask(unit, data),
+        lambda world: _may_speak(world) and world.wire.may_ask(unit, data, world.now),
         lambda world: world.hear(world.wire.other_asked(unit, data, world.now)),
         speaks=True,
     )
@@ -218,6 +218,8 @@ LETTERS: Final[dict[str, Letter]] = {
     "read, then other read": _asks("a", 1, "03 00 10 00 01", "other read"),
     "other write": _asks("b", 1, "06 00 31 00 00"),
     "switch": _asks("a", 1, "05 00 30 FF 00"),
+    "read coils": _asks("a", 1, "01 00 20 00 18"),
+    "read coils further on": _asks("b", 1, "01 03 10 00 18"),
     "order to listen only": _asks("b", 1, "08 00 04 00 00"),
     "broadcast": _asks("b", 0, "06 00 30 00 00"),
     "client leaves": _leaves("a"),
@@ -234,6 +236,8 @@ LETTERS: Final[dict[str, Letter]] = {
     "other foreign read": _other_asks(1, "03 00 28 00 01"),
     "foreign read with other function": _other_asks(1, "04 00 28 00 01"),
     "foreign read from other unit": _other_asks(3, "03 00 10 00 01"),
+    "foreign read of coils": _other_asks(1, "01 03 10 00 18"),
+    "other foreign read of coils": _other_asks(1, "01 00 28 00 18"),
     "foreign write": _other_asks(1, "06 00 38 00 00"),
     "same foreign switch": _other_asks(1, "05 00 30 FF 00"),
     "foreign answer": _answers(_rightly, ours=False),

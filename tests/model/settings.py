@@ -37,6 +37,10 @@ ALPHABETS: Final[dict[str, tuple[str, ...]]] = {
         "switch", "write", "answer", "exception", "copy of answer", "same foreign switch", "foreign answer",
         "foreign exception", "foreign write", "silence", "limit", "window",
     ),
+    "coils": (
+        "read coils", "read coils further on", "answer", "exception", "foreign read of coils",
+        "other foreign read of coils", "foreign answer", "foreign exception", "silence", "limit", "window", "rest",
+    ),
     "together": (
         "read", "other read", "answer", "copy of answer", "foreign read", "other foreign read", "foreign answer",
         "noise", "next two together", "silence", "limit",

@@ -95,6 +95,13 @@ def test_other_clients_that_are_not_listened_to(monkeypatch) -> None:
 
 
 @pytest.mark.interpreted
+def test_a_request_that_is_taken_for_coils(monkeypatch) -> None:
+    monkeypatch.setattr(Attribution, "_is_twofold", lambda attribution, token: False)
+    letters = "read coils, foreign read, foreign read of coils, silence, limit"
+    assert LIE in finds(letters, 3).wrong[0]
+
+
+@pytest.mark.interpreted
 def test_answers_of_any_unit(monkeypatch) -> None:
     monkeypatch.setattr(Transaction, "accepts", lambda transaction, frame: transaction.asked.accepts(frame.pdu))
     assert LIE in finds("read, read from other unit, answer, limit", 4, mode="ascii").wrong[0]

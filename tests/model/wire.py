@@ -6,6 +6,8 @@ Each request on the wire is answered once by its device, whoever has asked. What
 - No answer comes after its late window, which is twice the limit of its request.
 - No answer comes a second time while one of the same unit and function is still to come, to us or to another client.
 - Another client's request is heard whole, or its answer is not heard either; its functions have known sizes.
+- No request of another client looks like an answer that anybody is owed, unless one that does not was heard in the last
+  five minutes.
 - No other client writes what we write while an answer to that may come, or the same again when it was not answered: a
   copy of such a request looks like its answer.
 - What comes is read at once: nothing is on its way when a request leaves.
@@ -34,6 +36,12 @@ _CODES: Final = (1, 2, 3, 4, 5, 8)
 _REPEATED: Final = frozenset(
     {FunctionCode.WRITE_SINGLE_COIL, FunctionCode.WRITE_SINGLE_REGISTER, FunctionCode.DIAGNOSTICS}
 )
+#: How a request to read coils begins that looks like three bytes of them.
+_TWOFOLD: Final = b"\x01\x03"
+#: In such a request, this would be the high byte of too large a quantity.
+_NO_QUANTITY: Final = 0xFF
+#: For so many seconds after a request of its own, another client may be there.
+_SHARED: Final = 300.0
 #: So many requests of other clients are unanswered at most.
 _OTHERS: Final = 2
 #: An answer comes at the latest so many seconds before its window ends.
@@ -67,7 +75,11 @@ class Asking:
     @property
     def answer(self) -> bytes:
         """The right response PDU."""
-        return self.pdu if self.pdu[0] in _REPEATED else bytes((self.pdu[0], 2, self.pdu[2], self.value))
+        if self.pdu[0] in _REPEATED:
+            return self.pdu
+        if self.pdu[0] == FunctionCode.READ_COILS:
+            return bytes((self.pdu[0], 3, self.pdu[2], _NO_QUANTITY, self.value))
+        return bytes((self.pdu[0], 2, self.pdu[2], self.value))
 
     @property
     def refusal(self) -> bytes:
@@ -84,6 +96,7 @@ class Wire:
         self._takes_time = takes_time
         self._encode = ascii_framing.encode if timing.mode == "ascii" else rtu.encode
         self._writes_of_others = 0
+        self._is_shared_until = 0.0
         #: Other clients' requests without an answer that was heard whole, and what looks like one.
         self._unanswered: set[tuple[int, bytes]] = set()
 
@@ -92,11 +105,15 @@ class Wire:
         unit, pdu = self.decoded(frame)
         return self._add(unit, pdu, questions, now + len(frame) * self._timing.character, is_ours=True)
 
-    def may_ask(self, unit: int, pdu: bytes) -> bool:
+    def may_ask(self, unit: int, pdu: bytes, now: float) -> bool:
         """Whether another client may ask this now."""
         asked = unit, pdu
-        is_awaited = any(each.is_owed and each.is_ours and (each.unit, each.pdu) == asked for each in self.askings)
+        owed = [each for each in self.askings if each.is_owed and each.is_ours]
+        is_awaited = any((each.unit, each.pdu) == asked for each in owed)
         looks_like_answer = pdu[0] == FunctionCode.WRITE_SINGLE_COIL and (is_awaited or asked in self._unanswered)
+        if pdu.startswith(_TWOFOLD) and now >= self._is_shared_until:
+            unanswered = {(each, other[0]) for each, other in self._unanswered}
+            looks_like_answer = (unit, pdu[0]) in unanswered | {each.shape for each in owed}
         return not looks_like_answer and sum(each.is_owed and not each.is_ours for each in self.askings) < _OTHERS
 
     def other_asked(self, unit: int, pdu: bytes, now: float) -> bytes:
@@ -108,6 +125,8 @@ class Wire:
             self._writes_of_others += 1
             pdu = pdu[:-1] + bytes((self._writes_of_others,))
         self._unanswered.add((unit, pdu))
+        if not pdu.startswith(_TWOFOLD):
+            self._is_shared_until = now + _SHARED
         only_reads = parse_request(pdu).only_reads
         ours = [each for each in self.askings if each.is_ours and (each.is_owed or only_reads)]
         same = [each for each in ours if (each.unit, each.pdu) == (unit, pdu)]
