@@ -7,12 +7,14 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from socket import socket
 from typing import Final, Literal
 
 from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.pdu import DecodePDU
 
+from gateway.cli.device_server import refuse_port_of_gateway, settle
 from gateway.cli.unit import Answer, NoResponseError
 from gateway.cli.usage import WrongUsageError
 from gateway.config.address import Address, parse_address
@@ -117,7 +119,7 @@ def open_directly(wanted: str, args: argparse.Namespace) -> Iterator[DirectUnit]
 
     Raises:
         WrongUsageError: an argument is wrong.
-        DirectError: port or server cannot be opened.
+        DirectError, PortError: port or server cannot be opened.
     """
     if not wanted.isdecimal():
         raise WrongUsageError(f'"{wanted}" is a name, and only a running gateway knows names', "use the unit number")
@@ -130,6 +132,8 @@ def open_directly(wanted: str, args: argparse.Namespace) -> Iterator[DirectUnit]
         client = (_tcp_client if args.tcp else _port_client)(args, place, open_parts)
         if not client.connect():
             raise DirectError(f"{args.tcp or args.port} cannot be reached: {_reason(told)}")
+        if args.port and isinstance(client.socket, socket):
+            settle(client.socket, args.port)
         yield DirectUnit(client, int(wanted), points, place)
 
 
@@ -172,6 +176,7 @@ def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack)
     except WrongValue as wrong:
         raise WrongUsageError(str(wrong), wrong.remedy) from wrong
     if isinstance(port, Address):
+        refuse_port_of_gateway(port, args.control)
         return _socket_client(port, _FRAMERS[DEVICE_SERVER_MODES[port.scheme]], place, open_parts)
     if not fits_mode(format_, place.mode):
         raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")

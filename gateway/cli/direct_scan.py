@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
+from gateway.cli.device_server import refuse_port_of_gateway
 from gateway.cli.usage import WrongUsageError
 from gateway.config.address import Address
 from gateway.config.character_format import DEFAULT_FORMATS, fits_mode, parse_format
@@ -38,7 +39,7 @@ async def scan_port(args: argparse.Namespace, wanted: list[str] | None, tell: Te
 
     Raises:
         WrongUsageError: an argument cannot be meant.
-        PortError: the port cannot be opened.
+        PortError: the port cannot be opened, or is that of a line of the running gateway.
         WrongQuestion: it was lost.
     """
     plan = _plan(args)
@@ -87,6 +88,7 @@ def _plan(args: argparse.Namespace) -> LinePlan:
     if isinstance(port, Address):
         if args.all_speeds:
             raise WrongUsageError("the rate of a port behind a device server is set there", "leave out --all-speeds")
+        refuse_port_of_gateway(port, args.control)
         settings = TcpSettings(str(port), port.host, port.port, NETWORK_LATENCY)
     else:
         settings = SerialSettings(port, args.baud, format_)

@@ -43,7 +43,7 @@ def _open_unit(wanted: str, args: argparse.Namespace) -> Iterator[Unit]:
 
     Raises:
         DaemonError: the gateway cannot be reached, or has no such unit.
-        DirectError: the port or the server cannot be reached.
+        DirectError, PortError: the port or the server cannot be reached.
         WrongUsageError: the arguments do not fit together.
     """
     if args.port and args.tcp:

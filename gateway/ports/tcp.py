@@ -34,6 +34,8 @@ FLUSHING_DEADLINE: Final = 1.0
 #: A vanished server is detected within half a minute. Seconds, seconds, probes; while data is sent: `arrives_within`.
 KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 10, 5, 3
 
+#: Why a connection is not used whose server has closed it at once.
+CLOSED_AT_ONCE: Final = "{port} takes the connection and closes it at once: is somebody else connected?"
 _NOT_SECURED: Final = "{port}: TLS failed: {reason}"
 _NO_ANSWER: Final = "{port} does not answer: is it on, and does every firewall let us through?"
 _NO_ROUTE: Final = "{port} cannot be reached: there is no route to it"
@@ -110,7 +112,7 @@ class TcpPort(asyncio.BufferedProtocol):
         if self._closed.is_set():
             if isinstance(self._loss, _NotSecuredError):
                 raise self._loss
-            raise PortError(f"{self._name} takes the connection and closes it at once: is somebody else connected?")
+            raise PortError(CLOSED_AT_ONCE.format(port=self._name))
 
     def begin(self, user: PortUser) -> None:
         """Deliver received bytes from now on."""

@@ -45,6 +45,19 @@ timeout = "20 s"
 socket = "{control}"
 """
 
+BEHIND_A_DEVICE_SERVER = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+
+[[line]]
+name = "roof"
+port = "rtu+tcp://127.0.0.1:{number}"
+baud = 9600
+
+[control]
+socket = "{control}"
+"""
+
 #: A pymodbus server with registers 0-199 of unit 3, each of which holds its address, and a few coils.
 PYMODBUS = """
 import asyncio, sys, warnings
@@ -192,6 +205,36 @@ def test_mbpoll_sees_what_was_written_and_the_help_for_it_means_the_same(tmp_pat
         assert told.returncode == 2
         words = told.stderr.split("help: modbus-gateway read ")[1].split()
         assert values(*words, *at) == [1.5]
+
+
+def test_a_device_server_of_the_gateway_is_not_asked_beside_it(tmp_path: Path) -> None:
+    control = str(tmp_path / "control.sock")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        number = server.getsockname()[1]
+        with GatewayProcess(tmp_path, BEHIND_A_DEVICE_SERVER.format(number=number, control=control)):
+            at = ("--port", f"rtu+tcp://localhost:{number}", "--control", control)
+            for words in (["read", "1", "holding", "0"], ["write", "1", "holding", "0", "1"], ["scan", "1"]):
+                refused = command(*words, *at)
+                assert (refused.returncode, refused.stdout) == (1, "")
+                assert f"rtu+tcp://localhost:{number} is the port of line roof of the running gateway" in refused.stderr
+                assert "leave out --port to go through it" in refused.stderr
+
+
+def test_a_device_server_that_somebody_else_uses_says_so() -> None:
+    def turn_away(server: socket.socket) -> None:
+        server.settimeout(PATIENCE)
+        connection, _ = server.accept()
+        with connection:
+            connection.sendall(b"Port already in use\r\n")
+
+    with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor() as pool:
+        turning_away = pool.submit(turn_away, server)
+        port = f"rtu+tcp://127.0.0.1:{server.getsockname()[1]}"
+        done = command("write", "1", "holding", "0", "1", "--port", port)
+        turning_away.result(PATIENCE)
+    assert done.returncode == 1
+    assert f"{port} takes the connection and closes it at once: is somebody else connected?" in done.stderr
+    assert "may have been carried out" not in done.stderr
 
 
 def test_a_server_that_closes_without_an_answer_may_want_tls() -> None:

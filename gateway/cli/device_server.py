@@ -1,0 +1,46 @@
+"""A device server that is asked without a gateway: it cannot tell whose response it carries."""
+
+import socket
+import time
+from contextlib import suppress
+from select import select
+from typing import Final
+
+from gateway.cli.daemon import Conversation
+from gateway.config.address import Address
+from gateway.config.plan import NETWORK_LATENCY
+from gateway.config.port import parse_port
+from gateway.errors import DaemonError, PortError
+from gateway.ports.tcp import CLOSED_AT_ONCE, READ_SIZE
+
+_TAKEN: Final = "{port} is the port of line {line} of the running gateway\n  help: leave out --port to go through it"
+
+
+def refuse_port_of_gateway(port: Address, control: str | None) -> None:
+    """Refuse a device server that the running gateway asks, if there is one: two clients get each other's responses.
+
+    Raises:
+        PortError: it is the port of a line.
+    """
+    with suppress(DaemonError), Conversation(control) as daemon:  # no gateway that answers, no line of it
+        status = daemon.ask("status")["status"]
+        for line in (*status["lines"], *status["servers"]):
+            taken = parse_port(line["port"])
+            if isinstance(taken, Address) and taken.collides_with(port):
+                raise PortError(_TAKEN.format(port=port, line=line["name"]))
+
+
+def settle(connection: socket.socket, port: str) -> None:
+    """Wait for the latency of a new connection, as a line does. What comes meanwhile is dropped.
+
+    Raises:
+        PortError: the device server has closed the connection again.
+    """
+    end = time.monotonic() + NETWORK_LATENCY
+    with suppress(ConnectionError):
+        while select([connection], [], [], max(0.0, end - time.monotonic()))[0]:
+            if not connection.recv(READ_SIZE):
+                break
+        else:
+            return
+    raise PortError(CLOSED_AT_ONCE.format(port=port))
