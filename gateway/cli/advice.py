@@ -21,6 +21,8 @@ _CAUSES: Final[Mapping[str, str]] = {
     "ambiguous": "another client on the line polls it",
     "line_lost": "its port was lost",
 }
+#: Of a unit in place of whose responses frames of others came.
+_OTHER_TRAFFIC: Final = "what came was probably other traffic: check its power, wiring and address"
 _MORE_TIME: Final = "modbus-gateway doctor says how to give it more time"
 
 
@@ -87,6 +89,9 @@ def for_unit(unit: _Row) -> Iterator[str]:
 def _about_failures(unit: _Row) -> Iterator[str]:
     error = str(unit["last_error"])
     cause = _CAUSES.get(error, "see the log")
+    counts = unit["counts"]
+    if error == "bad_frame" and counts["foreign_frames"] >= max(1, counts["bad_frame"]):
+        cause = _OTHER_TRAFFIC
     if error == "timeout" and not count_ok(unit):
         cause += ", and the unit identifier in the client"
     if unit["state"] == "resting":

@@ -6,6 +6,8 @@ from typing import Any
 from gateway.modbus import mbap, rtu
 from gateway.modbus.ascii import END, START
 from gateway.modbus.checks import with_crc
+from gateway.modbus.scan_ascii import AsciiScanner
+from gateway.modbus.scan_rtu import RtuScanner
 from gateway.trace.pcapng import Dissector, Packet
 
 Fact = Mapping[str, Any]
@@ -41,6 +43,18 @@ def wire_frame(unit: int, pdu: bytes, mode: str) -> bytes:
     return mbap.encode(0, unit, pdu) if mode == "tcp" else rtu.encode(unit, pdu)
 
 
+def count_frames(heard: bytes, mode: str) -> int:
+    """How many frames came instead of an answer: 0 if that is not all that came, as when one was damaged."""
+    if mode == "tcp":
+        return 1
+    scanner = AsciiScanner() if mode == "ascii" else RtuScanner()
+    count = end = 0
+    for token in sorted(scanner.received(heard, 0.0), key=lambda each: each.start):
+        if token.start == end:
+            count, end = count + 1, token.end
+    return count if end == len(heard) else 0
+
+
 def heard_frame(heard: bytes, mode: str) -> tuple[bytes, bool]:
     """What came instead of an answer, as it is shown in a file, and whether its check sum is wrong."""
     if mode == "tcp":
@@ -69,7 +83,10 @@ def _exchange(fact: Fact, mode: str) -> Iterator[Packet]:
         answer = wire_frame(address if unit is None else unit, bytes.fromhex(fact["response"]), mode)
         yield Packet(fact["time"], line, answer, elapsed, is_request=False, is_sent=False, dissector=dissector)
     elif fact.get("heard"):
-        frame, is_bad = heard_frame(bytes.fromhex(fact["heard"]), mode)
+        heard = bytes.fromhex(fact["heard"])
+        if mode != "tcp" and count_frames(heard, mode):
+            return  # each of them was heard, which is a fact of its own
+        frame, is_bad = heard_frame(heard, mode)
         what = "wrong check sum" if is_bad else "no response to the request"
         comment = f"{what}; {elapsed}"
         yield Packet(

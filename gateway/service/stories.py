@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from datetime import datetime
 from typing import Any, Final
 
-from gateway.service.capture import heard_frame
+from gateway.service.capture import count_frames, heard_frame
 from gateway.trace.pdus import exception_in_words, request_in_words
 
 Story = Mapping[str, Any]
@@ -78,9 +78,16 @@ def _bad_frame(story: Story, limit: str) -> str:
     heard = bytes.fromhex(story["heard"])
     is_text = story.get("mode") == "ascii" and heard.isascii()
     shown = heard.decode("ascii").strip() if is_text else story["heard"]
-    _, is_damaged = heard_frame(heard, story.get("mode", "rtu"))
-    why = "it is damaged: no check sum fits" if is_damaged else "it is not the response to this request"
+    why = _why_not_valid(heard, story.get("mode", "rtu"))
     return f"What came within {limit} was no valid response: {shown} ({why})."
+
+
+def _why_not_valid(heard: bytes, mode: str) -> str:
+    count = count_frames(heard, mode)
+    if count > 1:
+        return f"none of these {count} frames is the response to this request"
+    is_damaged = not count and heard_frame(heard, mode)[1]
+    return "it is damaged: no check sum fits" if is_damaged else "it is not the response to this request"
 
 
 def _not_sent(story: Story) -> list[str]:

@@ -251,6 +251,12 @@ def test_a_unit_that_fails_says_what_to_check() -> None:
     assert "10 requests failed; last was timeout, 3 s ago: check its power" in notes(state="fine", counts=lossy)
 
 
+def test_whole_frames_in_place_of_responses_say_nothing_against_rate_and_wiring() -> None:
+    counts = replace(Counts(), sent=9, bad_frame=9, foreign_frames=18)
+    shown = notes(state="failing", failures=9, last_error="bad_frame", counts=counts)
+    assert "bad_frame, 9 in a row: what came was probably other traffic: check its power" in shown
+
+
 @pytest.mark.parametrize(("last_ms", "told"), [(3000.0, ", 3 s ago"), (720_000.0, ", 12 min ago"), (None, "")])
 def test_how_long_ago_a_unit_failed_last_is_told(last_ms, told) -> None:
     lossy = Counts(sent=100, ok=90, timeout=10, responses=90)

@@ -1,17 +1,20 @@
 """Pages of the ring, as they are fetched by those who follow. In virtual time."""
 
 import asyncio
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
 from gateway.errors import WrongQuestion
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import rtu
 from gateway.service.calibration import measured
 from gateway.service.capture import heard_frame, packets
 from gateway.service.frames import frames_of
+from gateway.service.stories import sentences
 from gateway.service.trace import TAIL, causes, lines, page, stories
 from gateway.service.trace_reader import what_is_seen
-from kit.device import SimulatedDevice, SimulatedLine
+from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """
@@ -270,6 +273,30 @@ def test_a_wrong_check_sum_stays_wrong(heard: bytes, mode: str, is_damaged: bool
         assert heard_frame(frame, "rtu") == (frame, False)
     if heard.startswith(b":0203020000F8"):
         assert heard_frame(frame, "rtu") == (frame, True)
+
+
+@pytest.mark.parametrize(
+    ("line", "mode", "unit", "address"), [("hall", "rtu", 41, 1), ("axis", "ascii", 52, 2)], ids=["rtu", "ascii"]
+)
+async def test_frames_of_another_client_are_not_damaged_ones(
+    line: str, mode: Literal["rtu", "ascii"], unit: int, address: int
+) -> None:
+    encode = rtu.encode if mode == "rtu" else ascii_framing.encode
+    others = [encode(address, bytes.fromhex(pdu)) for pdu in ("03 00 02 00 01", "03 02 00 00")]
+    async with gateway_bench(CONFIG) as home:
+        device = SimulatedDevice(address)
+        home.attach(line, SimulatedLine(mode, device))
+        device.script.append([Answer(0.01, b"".join(others))])
+        assert await home.client().asks(unit, "04 00 00 00 01") == "84 0B"
+        (story,) = stories(home.gateway, {"who": str(unit)}, (0.0, 0.0))["stories"]
+        assert "(none of these 2 frames is the response to this request)." in sentences(story)
+        modes = {each["name"]: each["mode"] for each in lines(home.gateway)}
+        in_file = [each for fact in ask(home, since=60)["facts"] for each in packets(fact, modes)]
+        assert sorted((each.is_request, each.comment.split(",")[0]) for each in in_file if not each.is_sent) == [
+            (False, "another client"),
+            (True, "another's request"),
+        ]
+        assert not any(each.is_damaged for each in in_file)
 
 
 async def test_records_are_chosen_by_function_client_and_result() -> None:
