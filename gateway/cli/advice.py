@@ -14,6 +14,9 @@ ANSWERED: Final = 0.95
 
 _Row = Mapping[str, Any]
 
+#: Results of requests that are nothing against their unit: the gateway answers for it, or nobody waits any more.
+_WITHOUT_ITS_FAULT: Final = frozenset({"refused", "unwanted"})
+
 #: The usual cause of a unit's last error.
 _CAUSES: Final[Mapping[str, str]] = {
     "timeout": "check its power, wiring and address",
@@ -33,9 +36,9 @@ def count_ok(one: _Row) -> int:
 
 
 def count_failed(one: _Row) -> int:
-    """Requests that failed. A result that an older gateway does not know counts as 0."""
+    """Requests that failed for want of an answer. A result that an older gateway does not know counts as 0."""
     counts: Mapping[str, int] = one["counts"]
-    return sum(counts.get(result, 0) for result in RESULTS) - count_ok(one)
+    return sum(counts.get(result, 0) for result in RESULTS if result not in _WITHOUT_ITS_FAULT) - count_ok(one)
 
 
 def for_part(part: _Row) -> Iterator[str]:

@@ -155,7 +155,7 @@ def _cell(column: _Column, row: Any) -> object:
 
 
 def _was_polled(unit: Mapping[str, Any]) -> bool:
-    return bool(unit["counts"]["sent"] or unit["state"] != "fine" or count_failed(unit))
+    return bool(unit["counts"]["sent"] or unit["counts"]["refused"] or unit["state"] != "fine" or count_failed(unit))
 
 
 def _at(unit: Mapping[str, Any]) -> str:

@@ -251,6 +251,18 @@ def test_a_unit_that_fails_says_what_to_check() -> None:
     assert "10 requests failed; last was timeout, 3 s ago: check its power" in notes(state="fine", counts=lossy)
 
 
+def test_what_its_profile_forbids_is_no_failure_of_a_unit(monkeypatch, capsys) -> None:
+    healthy = replace(UNIT, state="fine", failures=0, counts=Counts(sent=5, ok=5, refused=10, unwanted=1))
+    text = "\n".join(shown(as_told(replace(STATUS, units=(healthy,))), monkeypatch, capsys))
+    assert "100 %" in text
+    assert "requests failed" not in text
+
+
+def test_a_unit_that_was_only_asked_what_its_profile_forbids_is_shown(monkeypatch, capsys) -> None:
+    refused = replace(UNIT, state="fine", failures=0, counts=Counts(refused=10))
+    assert any("silo" in line for line in shown(as_told(replace(STATUS, units=(refused,))), monkeypatch, capsys))
+
+
 def test_whole_frames_in_place_of_responses_say_nothing_against_rate_and_wiring() -> None:
     counts = replace(Counts(), sent=9, bad_frame=9, foreign_frames=18)
     shown = notes(state="failing", failures=9, last_error="bad_frame", counts=counts)
