@@ -74,7 +74,7 @@ def for_unit(unit: _Row) -> Iterator[str]:
     """Notes about a unit that was polled."""
     yield from _about_failures(unit)
     times, counts = unit["times"], unit["counts"]
-    share, late, limit = times["limit_share_p99"], counts["late_responses"], times["limit_ms"]
+    share, late, limit = times["limit_share_p99"], times["late"], times["limit_ms"]
     found = verdict(share, counts["responses"], late, limit or 0.0)
     if late:
         responses = "one response" if late == 1 else f"{late} responses"

@@ -177,7 +177,7 @@ def _others_tell(unit: UnitEvidence, line: LineEvidence) -> bool:
 
 
 def _hears_others_only(unit: UnitEvidence, line: LineEvidence) -> bool:
-    has_answered = bool(unit.answered or unit.late)
+    has_answered = bool(unit.answered or unit.late or unit.behind)
     return not has_answered and unit.bad_frames + unit.ambiguous >= ENOUGH and line.others >= ENOUGH
 
 

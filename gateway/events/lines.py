@@ -134,7 +134,7 @@ class BaudRemembered(Event):
 
 
 class LateResponse(Event):
-    """A response came after its time limit and was dropped. The device needs a longer one."""
+    """A response was dropped: its request had failed. After its time limit, the device needs a longer one."""
 
     level = Level.WARNING
     line: str

@@ -82,7 +82,7 @@ LINE: Final = (
     Register(8, "exceptions", "uint32", "Those of them that were answered with an exception"),
     Register(10, "timeouts", "uint32", "Requests without any response"),
     Register(12, "bad-frames", "uint32", "Requests with nothing but damaged or foreign responses"),
-    Register(14, "late", "uint32", "Responses after their time limit"),
+    Register(14, "late", "uint32", "Responses after their request had failed"),
     Register(16, "line-down", "uint32", "Requests that failed because the line was down or went down"),
     Register(18, "refused-busy", "uint32", "Requests that found the queue full, or waited too long"),
     Register(20, "resting", "uint32", "Requests to units that back off after failures"),

@@ -50,7 +50,7 @@ class Counts:
     retries: int = 0
     #: Reads that shared the transaction of an equal one.
     coalesced: int = 0
-    #: Responses after their limits, and before their requests can have been sent; valid frames that were not the
+    #: Responses after their requests had failed, and before these can have been sent; valid frames that were not the
     #: response; transactions with other bytes before the response; copies of the request.
     late_responses: int = 0
     early_responses: int = 0

@@ -39,10 +39,10 @@ class Report:
             self._log(events.RequestTimeout, transaction, now)
 
     def late_response(self, transaction: Transaction, now: float) -> None:
-        """A response came after its time limit."""
+        """A response came after its request had failed: at its limit, or when one came that may be another client's."""
         transaction.counts.late_responses += 1
-        transaction.times.latest = max(transaction.times.latest, now - transaction.ends_at)
-        transaction.device.counts.record("late", now)
+        if transaction.times.came_late(now - transaction.ends_at, transaction.limit):
+            transaction.device.counts.record("late", now)
         self._log(events.LateResponse, transaction, now)
 
     def too_early(self, transaction: Transaction, *, proven: bool) -> None:

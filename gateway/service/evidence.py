@@ -61,6 +61,7 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
     settings, counts = device.settings, device.counts
     whole = total(counts.values())
     times = tuple(counts.times[function] for function in counts)
+    late = sum(each.late for each in times)
     overheard = line.driver.line.overheard
     belated = overheard.belated.get(device.unit, Belated())
     answered_at = max((each.answered_at for each in times), default=NEVER)
@@ -75,8 +76,9 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
         timeouts=whole.timeout,
         bad_frames=whole.bad_frame,
         ambiguous=whole.ambiguous,
-        late=whole.late_responses + belated.count,
+        late=late + belated.count,
         latest=max((belated.longest, *(each.latest for each in times))),
+        behind=whole.late_responses - late,
         limit=max((each.limit for each in times), default=0.0),
         limit_share=merged(SHARES, (each.share for each in times)).quantile(0.99),
         twice=overheard.second_responses.get(device.unit, 0),

@@ -176,6 +176,7 @@ class TimesStatus:
 
     `wait` is until a request was sent; `answer` is from its last character to the last one of a valid response;
     `limit_share` is the share of the limit that this took. `limit_ms` is the last limit. None before the first request.
+    `late` more responses came after their limit.
     """
 
     wait_p50_ms: float | None
@@ -185,6 +186,7 @@ class TimesStatus:
     limit_share_p50: float | None
     limit_share_p99: float | None
     limit_ms: float | None
+    late: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -484,6 +486,7 @@ def _times(of: Iterable[Times]) -> TimesStatus:
         limit_share_p50=_optional_share(share.quantile(0.5)),
         limit_share_p99=_optional_share(share.quantile(0.99)),
         limit_ms=milliseconds(max((each.limit for each in times), default=0.0)) or None,
+        late=sum(each.late for each in times),
     )
 
 

@@ -145,7 +145,7 @@ def _times(function: int, times: Times, counts: Counts, proposed_ms: float | Non
         function=function,
         responses=counts.responses,
         timeouts=counts.timeout,
-        late=counts.late_responses,
+        late=times.late,
         latest_ms=milliseconds(times.latest),
         bounds_ms=tuple(bound * 1000 for bound in SECONDS.bounds),
         counts=tuple(times.answer.counts),
@@ -154,7 +154,7 @@ def _times(function: int, times: Times, counts: Counts, proposed_ms: float | Non
         share_p99=share,
         limit_ms=milliseconds(times.limit) or None,
         proposed_ms=proposed_ms,
-        verdict=verdict(share, counts.responses, counts.late_responses, limit_ms, proposed_ms),
+        verdict=verdict(share, counts.responses, times.late, limit_ms, proposed_ms),
     )
 
 

@@ -19,11 +19,11 @@ class Times:
     `wait` is from a request's arrival until it was sent, `answer` from its last character to the last one of a valid
     response, and `share` that time divided by the limit. `request` is from a request's arrival to its response, for all
     that were sent. `samples` are the last times of normal responses. `limit` is that of the last transaction,
-    `answered_at` the time of the last valid response. `latest` is the longest time of a response that came after its
-    limit, 0 if none did.
+    `answered_at` the time of the last valid response. `late` responses came after their limit, the slowest
+    of them after `latest` seconds.
     """
 
-    __slots__ = ("answer", "answered_at", "latest", "limit", "request", "samples", "share", "wait")
+    __slots__ = ("answer", "answered_at", "late", "latest", "limit", "request", "samples", "share", "wait")
 
     def __init__(self) -> None:
         self.wait = Histogram(SECONDS)
@@ -32,6 +32,7 @@ class Times:
         self.request = Histogram(SECONDS)
         self.samples = Samples()
         self.limit = 0.0
+        self.late = 0
         self.latest = 0.0
         self.answered_at = NEVER
 
@@ -41,6 +42,14 @@ class Times:
         self.answered_at = now
         self.answer.add(now - ends_at)
         self.share.add((now - ends_at) / limit if limit > 0.0 else 0.0)
+
+    def came_late(self, elapsed: float, limit: float) -> bool:
+        """A response was dropped `elapsed` seconds after its request: whether that was after the limit."""
+        if elapsed <= limit:
+            return False
+        self.late += 1
+        self.latest = max(self.latest, elapsed)
+        return True
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from gateway.service.status import (
 )
 from gateway.timing.measured import Phases
 
-TIMES = TimesStatus(0.4, 2.0, 12.3, 45.0, 0.05, 0.18, 250.4)
+TIMES = TimesStatus(0.4, 2.0, 12.3, 45.0, 0.05, 0.18, 250.4, 0)
 UNIT = UnitStatus(
     line="hall-a",
     unit=41,
@@ -226,14 +226,13 @@ def test_a_unit_close_to_its_limit_gets_the_line_to_edit() -> None:
     )
     few = Counts(sent=10, ok=10, responses=10)
     assert notes(state="fine", times=slow, counts=few) == ""
-    late = replace(many, late_responses=2)
     assert "2 responses came after the limit: modbus-gateway doctor says how" in notes(
-        state="fine", times=slow, counts=late
+        state="fine", times=replace(slow, late=2), counts=many
     )
 
 
 def test_a_limit_that_is_far_too_long_is_told_once_it_has_cost_the_line_something() -> None:
-    quick = TimesStatus(0.4, 2.0, 12.3, 20.0, 0.01, 0.03, 1005.0)
+    quick = TimesStatus(0.4, 2.0, 12.3, 20.0, 0.01, 0.03, 1005.0, 0)
     counts = Counts(sent=400, ok=399, timeout=1, responses=399)
     assert notes(state="fine", times=quick, counts=counts) == (
         "unit 41, silo: each request without a response stops its line for 1 s, which is 50 times what it needs: "

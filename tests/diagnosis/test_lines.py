@@ -321,6 +321,13 @@ def test_what_is_to_be_mended_comes_first_and_then_what_concerns_most_requests()
     ]
 
 
+def test_a_unit_whose_answers_come_behind_ambiguous_ones_needs_no_longer_limit_and_has_answered():
+    unit = replace(SILO, answered=0, ambiguous=6, behind=6)
+    told = fixes(replace(LINE, units=(unit,), others=1476))
+    assert "never answered" not in str(told)
+    assert "after the limit" not in str(told)
+
+
 def test_a_unit_that_has_never_answered_where_others_are_heard_is_silent_and_not_disturbed():
     unit = replace(SILO, answered=0, timeouts=6, bad_frames=14, instead=GARBLED)
     line = replace(LINE, units=(unit,), others=1476)

@@ -43,6 +43,9 @@ def test_the_answer_that_follows_an_ambiguous_one_is_late(bench: Bench) -> None:
     bench.respond()
     assert bench.client.answers == ["83 0B", "83 0B"]
     assert bench.counts.late_responses == 1
+    (times,) = bench.devices[1].counts.times.values()
+    assert (times.late, times.latest) == (0, 0.0)  # it came within its limit
+    assert "late" not in bench.devices[1].counts.last_times
 
 
 def test_nobody_speaks_into_the_true_answer_that_comes_after_an_ambiguous_one(bench: Bench) -> None:

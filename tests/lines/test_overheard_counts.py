@@ -94,6 +94,7 @@ def test_how_long_the_slowest_late_answer_took_is_kept(bench: Bench) -> None:
     bench.pass_time(2.0)
     (times,) = bench.devices[1].counts.times.values()
     assert 0.35 < times.latest < 0.4
+    assert times.late == 1
     bench.asks()
     assert times.latest > 0.35
 
