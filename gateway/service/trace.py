@@ -126,7 +126,7 @@ def stories(
     except WrongQuestion:
         unit = None
         if any(each["name"] == who for each in lines(gateway)):
-            is_his = _filter(gateway, who, None)
+            is_his = _is_of_line(gateway, who)
         elif _is_client(gateway, who):
             is_his = _asked_by_any(who)
         else:
@@ -248,6 +248,12 @@ def _is_client(gateway: Gateway, who: str) -> bool:
         with suppress(ValueError):
             return bool(ip_address(address))
     return any(map(_asked_by_any(who), gateway.ring.failures()))
+
+
+def _is_of_line(gateway: Gateway, name: str) -> Callable[[Record], bool]:
+    """Whether it was on this line, or is from the client there: a server line is called as its client is."""
+    is_there, is_from_there = _filter(gateway, name, None), _asked_by_any(name)
+    return lambda record: is_there(record) or is_from_there(record)
 
 
 def _asked_by(record: Record, who: str) -> bool:

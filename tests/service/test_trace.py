@@ -233,6 +233,15 @@ async def test_a_reload_keeps_the_ring() -> None:
         assert len(ask(home, since=60)["facts"]) == before
 
 
+async def test_the_client_on_a_server_line_is_called_as_the_line_is() -> None:
+    async with gateway_bench(CONFIG) as home:
+        home.attach("hall", SimulatedLine("rtu"))  # nobody answers
+        home.lines["panel"].deliver(bytes.fromhex("29 03 00 00 00 01 82 22"))
+        await asyncio.sleep(3.0)
+        found = stories(home.gateway, {"who": "panel"}, (0.0, 0.0))["stories"]
+        assert [(each["line"], each["client"]) for each in found] == [("hall", "panel")]
+
+
 @pytest.mark.parametrize(
     "question", [{}, {"who": 41}, {"who": ""}, {"who": "41", "count": 0}, {"who": "41", "count": "x"}]
 )
