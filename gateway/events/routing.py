@@ -10,7 +10,7 @@ from gateway.request import Request
 
 
 class RequestRefused(Event):
-    """A client requested something that `unit` does not have; it got exception `code`, and nothing was sent."""
+    """A client requested something that `unit` does not have: exception `code`, and nothing was sent."""
 
     client: str
     unit: int
@@ -42,7 +42,7 @@ class WriteAudit(ClientEvent):
     `address` and `count` are the coils or registers to write; None for functions without them, and for malformed
     requests. `result` is `ok` (also for 08/04, which has no response), `exception` (from the unit), `broadcast` (no
     response), `unwanted` (the client disconnected before it was sent), or why the gateway rejected it or got no
-    response, as in the counts of a unit. `code` is the exception that the client got, if any.
+    response, as in the counts of a unit. `code` is the exception, if any.
     """
 
     client: str

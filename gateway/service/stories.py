@@ -25,7 +25,7 @@ def told(story: Story, width: int = 80) -> str:
 
 
 def sentences(story: Story) -> str:
-    """What happened, one sentence after the other, and what the client got."""
+    """What happened, one sentence after the other, and the exception that is the result: a client may get none."""
     parts = _sent(story) if story["kind"] == "exchange" else _not_sent(story)
     return " ".join([*(part for part in parts if part), _outcome(story)])
 
@@ -119,7 +119,7 @@ def _behind(story: Story) -> str:
 
 def _outcome(story: Story) -> str:
     code = story.get("code") or story["response"][3:5]
-    return f"The client got {exception_in_words(int(code, 16))}."
+    return f"The result was {exception_in_words(int(code, 16))}."
 
 
 def _milliseconds(value: float) -> str:

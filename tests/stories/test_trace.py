@@ -62,7 +62,7 @@ async def test_no_route() -> None:
         assert await home.client(CLIENT).asks(9, READ) == "83 0A"
         assert why(home) == [
             (
-                "There is no route to unit 9: no such unit. Nothing was sent. The client got exception 0A, gateway "
+                "There is no route to unit 9: no such unit. Nothing was sent. The result was exception 0A, gateway "
                 "path unavailable."
             )
         ]
@@ -83,7 +83,7 @@ async def test_line_down() -> None:
         assert await home.client(CLIENT).asks(41, READ) == "83 0A"
         (story,) = why(home)
         assert story.startswith("Line hall was down: ")
-        assert story.endswith("Nothing was sent. The client got exception 0A, gateway path unavailable.")
+        assert story.endswith("Nothing was sent. The result was exception 0A, gateway path unavailable.")
         home.lines["hall"].plug()
         await asyncio.sleep(5.0)
         assert why(home)[0].startswith("Line hall was down, and is up now. ")
@@ -103,7 +103,7 @@ async def test_silent_behind_another_unit() -> None:
         (story,) = why(home)
         assert re.sub(r"\d+ ms", "N ms", story) == (
             "Waited N ms behind unit 43 (press) and was sent on line hall to address 1 at TIME. No response came "
-            "within N ms. A late response was awaited until TIME (late window). The client got exception 0B, "
+            "within N ms. A late response was awaited until TIME (late window). The result was exception 0B, "
             "gateway target failed to respond."
         )
         waited = int(story.split()[1])
@@ -118,7 +118,7 @@ async def test_spoiled_answer() -> None:
         (story,) = why(home)
         assert "was no valid response: 01 03 02 01 10 B8 00 (it is damaged: no check sum fits)." in story
         assert "late window" not in story
-        assert story.endswith("The client got exception 0B, gateway target failed to respond.")
+        assert story.endswith("The result was exception 0B, gateway target failed to respond.")
 
 
 async def test_an_answer_of_another_unit_is_no_damaged_one() -> None:
@@ -139,7 +139,7 @@ async def test_resting() -> None:
         assert await client.asks(41, READ) == "83 0B"
         assert why(home)[0] == (
             "The unit had not answered 3 times in a row, and rests until TIME: it is left alone. Nothing was "
-            "sent. The client got exception 0B, gateway target failed to respond."
+            "sent. The result was exception 0B, gateway target failed to respond."
         )
 
 
@@ -150,7 +150,7 @@ async def test_late_window() -> None:
         assert await client.asks(44, READ) == "83 0B"
         assert why(home)[0] == (
             "An earlier request to this unit got no response within its limit. It may still come until TIME (late"
-            " window) and could be taken for the response to this one. Nothing was sent. The client got exception "
+            " window) and could be taken for the response to this one. Nothing was sent. The result was exception "
             "0B, gateway target failed to respond."
         )
 
@@ -172,7 +172,7 @@ async def test_queue_full() -> None:
         client.ask(43, "01 00 00 00 01")
         assert await client.answer() == "81 06"
         assert why(home)[0] == (
-            "2 requests waited for line hall already: its queue was full. Nothing was sent. The client got "
+            "2 requests waited for line hall already: its queue was full. Nothing was sent. The result was "
             "exception 06, server device busy."
         )
 
@@ -197,7 +197,7 @@ async def test_expired() -> None:
         assert why(home) == [
             (
                 "Waited 300 ms behind unit 44 (slow) for line hall, which is longer than its max_wait. Nothing was "
-                "sent. The client got exception 06, server device busy."
+                "sent. The result was exception 06, server device busy."
             )
         ]
 
@@ -208,7 +208,7 @@ async def test_denied() -> None:
         assert why(home, "10.2.0.7") == [
             (
                 "The client has no right to this through default: [[access]] says who may do what. Nothing was sent. "
-                "The client got exception 01, illegal function."
+                "The result was exception 01, illegal function."
             )
         ]
 
@@ -219,7 +219,7 @@ async def test_malformed() -> None:
         assert why(home, "silo") == [
             (
                 "It was refused: function 03: the quantity must be 1 to 125: 03 00 00 00 00. Nothing was sent. The "
-                "client got exception 03, illegal data value."
+                "result was exception 03, illegal data value."
             )
         ]
 
@@ -230,7 +230,7 @@ async def test_an_exception_of_the_unit_is_told_as_its_own() -> None:
         assert await home.client(CLIENT).asks(41, READ) == "83 02"
         (story,) = why(home, "41")
         assert "The unit itself answered with an exception after " in story
-        assert story.endswith("it was passed on unchanged. The client got exception 02, illegal data address.")
+        assert story.endswith("it was passed on unchanged. The result was exception 02, illegal data address.")
 
 
 async def test_a_port_that_is_lost_on_the_way() -> None:
