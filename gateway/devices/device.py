@@ -79,7 +79,7 @@ class Device(Destination):
 
     def report_rejection(self, request: Request, error: RequestError) -> None:
         """Log that the request was rejected with `error`, and nothing was sent."""
-        self._emit(RequestRefused.of(request, error))
+        self._emit(RequestRefused.of(request, error, device=self.name))
 
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
         return Transaction(request, asked, self)

@@ -10,18 +10,24 @@ from gateway.request import Request
 
 
 class RequestRefused(Event):
-    """A client requested something that `unit` does not have: exception `code`, and nothing was sent."""
+    """A client requested something that `unit` does not have: exception `code`, and nothing was sent.
+
+    If there is no such unit, `listener` tells where it is missing; else `device` is its name.
+    """
 
     client: str
     unit: int
     function: int
     code: str
     why: str
+    listener: str = ""
+    device: str = ""
 
     @classmethod
-    def of(cls, request: Request, error: RequestError) -> Self:
+    def of(cls, request: Request, error: RequestError, *, listener: str = "", device: str = "") -> Self:
         """The rejection of `request` with `error`."""
-        return cls(request.origin.client, request.unit, request.pdu[0], f"{error.code:02X}", str(error))
+        code = f"{error.code:02X}"
+        return cls(request.origin.client, request.unit, request.pdu[0], code, str(error), listener, device)
 
 
 class AccessDenied(ClientEvent):

@@ -112,7 +112,7 @@ class Image:
         else:
             self.counts.exceptions += 1
             self.diagnostics.refused(request, outcome.code)
-            self._emit(RequestRefused.of(request, outcome))
+            self._emit(RequestRefused.of(request, outcome, device=self.settings.name))
             self._ring.refuse(request, outcome, request.received_at, name=self.settings.name)
             request.fail(outcome)
 

@@ -202,7 +202,7 @@ class Mirror:
     def _fail(self, request: Request, error: RequestError, now: float) -> None:
         self.counts.exceptions += 1
         if not isinstance(error, StaleValue):  # an error of the device is logged where it is detected
-            self._emit(RequestRefused.of(request, error))
+            self._emit(RequestRefused.of(request, error, device=self.settings.name))
         self._ring.refuse(request, error, now, name=self.settings.name)
         request.fail(error)
 

@@ -1,6 +1,6 @@
 """The systemd journal: one datagram for each event, with its fields as journal fields (systemd.journal-fields(7)).
 
-journalctl -u modbus-gateway MODBUS_UNIT=46
+journalctl -u modbus-gateway MODBUS_DEVICE=press
 journalctl -u modbus-gateway MODBUS_CLIENT_ADDRESS=10.2.0.7
 journalctl -u modbus-gateway MODBUS_EVENT=request_timeout + MODBUS_EVENT=late_response
 """

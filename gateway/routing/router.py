@@ -83,7 +83,7 @@ class Router:
         if target is None:
             self.counts.no_route += 1
             rejection = errors.NoRoute(self._why_no_route)
-            self._emit(events.RequestRefused.of(request, rejection))
+            self._emit(events.RequestRefused.of(request, rejection, listener=self.entry.name))
             self._ring.refuse(request, rejection, now)
             request.fail(rejection)
             return

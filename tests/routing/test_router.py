@@ -45,7 +45,7 @@ def test_a_unit_without_a_route_is_answered_0a_whatever_the_function(pdu: str, u
 def test_an_unknown_unit_is_told() -> None:
     events: list[Event] = []
     router({7: Echo()}, events.append).submit(Asker("10.0.0.9:49152").ask("03 00 00 00 01", unit=9), 0.0)
-    assert events == [RequestRefused("10.0.0.9:49152", 9, 3, "0A", "no such unit")]
+    assert events == [RequestRefused("10.0.0.9:49152", 9, 3, "0A", "no such unit", "scada")]
 
 
 @pytest.mark.parametrize("function", [1, 2, 3, 4, 7, 11, 12, 17, 20, 24])

@@ -26,23 +26,24 @@ CLIENT = "10.0.0.9:49152"
 
 
 @pytest.mark.parametrize(
-    ("unit", "pdu", "code", "why"),
+    ("unit", "name", "pdu", "code", "why"),
     [
-        (9, "03 0000 0001", "0A", "no such unit"),
-        (52, "04 0001 0001", "01", "profile mint has no function 4"),
-        (52, "03 0000 0001", "02", "profile mint has no holding 0"),
-        (52, "03 0001 0064", "03", "profile mint allows 99 items of function 3"),
-        (52, "05 0000 1234", "03", "function 05: a coil is FF00 or 0000: 05 00 00 12 34"),
-        (200, "03 000A 0001", "02", "shift-data has no holding 10"),
-        (201, "03 0003 0001", "02", "image-201 does not poll all of holding 3"),
+        (9, "", "03 0000 0001", "0A", "no such unit"),
+        (52, "axis-1", "04 0001 0001", "01", "profile mint has no function 4"),
+        (52, "axis-1", "03 0000 0001", "02", "profile mint has no holding 0"),
+        (52, "axis-1", "03 0001 0064", "03", "profile mint allows 99 items of function 3"),
+        (52, "axis-1", "05 0000 1234", "03", "function 05: a coil is FF00 or 0000: 05 00 00 12 34"),
+        (200, "shift-data", "03 000A 0001", "02", "shift-data has no holding 10"),
+        (201, "image-201", "03 0003 0001", "02", "image-201 does not poll all of holding 3"),
     ],
 )
-async def test_a_refusal_is_told(unit: int, pdu: str, code: str, why: str) -> None:
+async def test_a_refusal_is_told(unit: int, name: str, pdu: str, code: str, why: str) -> None:
     async with gateway_bench(CONFIG) as bench:
         function = int(pdu[:2], 16)
         assert await bench.client(CLIENT).asks(unit, pdu) == f"{function | 0x80:02X} {code}"
         told = [event for event in bench.events if isinstance(event, RequestRefused)]
-        assert told == [RequestRefused(CLIENT, unit, function, code, why)]
+        listener = "" if name else bench.gateway.listeners[0].settings.name
+        assert told == [RequestRefused(CLIENT, unit, function, code, why, listener, name)]
 
 
 async def test_what_the_unit_answers_is_no_refusal() -> None:
