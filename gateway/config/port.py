@@ -23,9 +23,13 @@ def parse_port(value: object) -> str | Address:
     if "://" in value:
         return parse_address(value, tuple(DEVICE_SERVER_MODES))
     if not value.startswith("/"):
-        is_of_windows = re.fullmatch(r"COM\d+", value, re.IGNORECASE) is not None
-        remedy = (
-            "modbus-gateway ports lists those of this machine" if is_of_windows else f'did you mean "/dev/{value}"?'
-        )
-        raise WrongValue(f'"{value}" is not an absolute path', remedy)
+        raise WrongValue(f'"{value}" is not an absolute path', _meant(value))
     return check_path(value)
+
+
+def _meant(value: str) -> str:
+    """What may be meant by a port that is no path."""
+    if re.fullmatch(r"COM\d+", value, re.IGNORECASE):
+        return "modbus-gateway ports lists those of this machine"
+    is_address = re.fullmatch(r"[^/]+:\d+", value) is not None
+    return f'did you mean "rtu+tcp://{value}"?' if is_address else f'did you mean "/dev/{value}"?'

@@ -96,7 +96,12 @@ def test_what_lacks_its_quotes_is_told_apart(parse):
 
 @pytest.mark.parametrize(
     ("port", "remedy"),
-    [("ttyUSB0", 'did you mean "/dev/ttyUSB0"?'), ("COM3", "modbus-gateway ports lists those of this machine")],
+    [
+        ("ttyUSB0", 'did you mean "/dev/ttyUSB0"?'),
+        ("COM3", "modbus-gateway ports lists those of this machine"),
+        ("10.1.0.9:4001", 'did you mean "rtu+tcp://10.1.0.9:4001"?'),
+        ("[fe80::1]:4001", 'did you mean "rtu+tcp://[fe80::1]:4001"?'),
+    ],
 )
 def test_what_is_said_of_a_port_without_a_path(port, remedy):
     with pytest.raises(WrongValue) as wrong:
