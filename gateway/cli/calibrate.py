@@ -102,7 +102,8 @@ def _show(source: "Source", args: argparse.Namespace) -> int:
         advice = "" if args.active else "; --for 10min waits for traffic, --active reads it"
         print(f"{source.about['name']}: no normal response{advice}", file=sys.stderr)
         return PROBLEM_FOUND
-    table = Calibration(source.about, rows)
+    more = "a longer --for" if args.active else "--active"
+    table = Calibration(source.about, rows, more)
     if args.write_profile:
         _write_new(args.write_profile, _profile(table))
         print(f"{args.write_profile} is written: add it to the config, and name it in the device", file=sys.stderr)
@@ -162,10 +163,11 @@ class Source:
 
 
 class Calibration(Proposal):
-    """The proposal for the device that `about` describes, as text and as JSON."""
+    """The proposal for the device that `about` describes, as text and as JSON. `more` is what brings more responses."""
 
-    def __init__(self, about: Mapping[str, Any], rows: list[Row]) -> None:
+    def __init__(self, about: Mapping[str, Any], rows: list[Row], more: str) -> None:
         super().__init__(rows, float(about["margin"]))
+        self.more = more
         self.about = about
 
     @property
@@ -225,7 +227,7 @@ class Calibration(Proposal):
         count = sum(len(row.times) for row in self.rows)
         if count < ENOUGH_TO_SHORTEN:
             responses = "1 response is" if count == 1 else f"{count} responses are"
-            yield f"{responses} too few for a time limit: take at least {ENOUGH_TO_SHORTEN}, or --active."
+            yield f"{responses} too few for a time limit: take at least {ENOUGH_TO_SHORTEN}, with {self.more}."
 
 
 _HEADINGS: Final = ("FUNCTION", "ITEMS", "RESPONSES", "P50", "P99", "MAX", "FIT", "LIMIT NOW")

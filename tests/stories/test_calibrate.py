@@ -173,7 +173,14 @@ def test_without_for_it_takes_what_was_measured_since_the_start(
     assert "3 responses" in said
     assert '{ fc = 3, items = 1, time = "10' in said
     assert "Only one number of items was seen with function 3" in said
-    assert said.endswith("3 responses are too few for a time limit: take at least 100, or --active.\n")
+    assert said.endswith("3 responses are too few for a time limit: take at least 100, with --active.\n")
+
+
+def test_too_few_responses_in_a_short_time_ask_for_a_longer_one(
+    daemon: Daemon, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["calibrate", "axis-1", "--active", "--for", "1s"]) == 0
+    assert capsys.readouterr().out.endswith("take at least 100, with a longer --for.\n")
 
 
 @pytest.mark.parametrize("daemon", [0.03], indirect=True)
