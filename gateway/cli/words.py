@@ -96,7 +96,7 @@ def _assign_to_addresses(command: Command, words: Sequence[str]) -> list[Assignm
     if len(words) < 3:
         raise WrongUsageError("address and value are missing", command.like(area, *words[1:2] or "0", "1"))
     data_type = values.pop() if len(values) > 1 and values[-1] in DATA_TYPES else _usual_type(area)
-    first, last = _addresses(command, [area, words[1]])
+    first, last = _addresses(command, words)
     size = _size(data_type, values)
     if last is not None and last - first + 1 != size * len(values):
         what = f"{first}-{last} are {last - first + 1} {_items(area)}, but the values need {size * len(values)}"

@@ -135,7 +135,7 @@ def _advice(answer: Answer, request: bytes, span: Span) -> str:
     """What else can be tried. A gateway on the way, such as that of another site, refuses with 01 as a device does."""
     if answer.result == "denied":
         return "modbus-gateway check shows the rights"
-    if answer.exception != ExceptionCode.ILLEGAL_FUNCTION:
+    if answer.exception != ExceptionCode.ILLEGAL_FUNCTION or answer.result == "refused":  # which says why
         return advice_after(answer, span)
     rights = "this client may not write there: modbus-gateway check, on each gateway on the way, shows the rights"
     singles = {single: several for single, several, _ in WRITERS.values()}

@@ -111,6 +111,8 @@ def test_json_has_old_and_new_value(daemon, capsys):
         ("holding 0 70000", "70000 does not fit into uint16: 0 to 65535"),
         ("weight 5", "weight is read-only"),
         ("input 0 5", "input cannot be written; coils and holding can"),
+        ("holding 0,1 5", '"0,1" is not an address\n  help: modbus-gateway write silo-1 holding 0 5\n'),
+        ("holding 400001 5", "not an address\n  help: modbus-gateway write silo-1 holding 0 5\n"),
         ("", "say what to write\n  help: modbus-gateway write silo-1 speed 1"),
     ],
 )
@@ -138,6 +140,13 @@ def test_a_device_that_may_not_know_06_is_worth_another_try(daemon, capsys, monk
     said = capsys.readouterr().err
     assert "\n  help: this client may not write there: modbus-gateway check" in said
     assert "if the unit does not know function 06: --multiple writes with 16" in said
+
+
+def test_a_write_that_the_gateway_refuses_for_the_unit_is_nothing_that_rights_allow(daemon, capsys, monkeypatch):
+    refusal = {"unit": 41, "pdu": "86 01", "elapsed_ms": 1.0, "result": "refused", "reason": "it is read-only"}
+    monkeypatch.setattr(daemon, "_request", lambda unit, pdu: refusal)
+    assert main(["write", "41", "holding", "3", "1"]) == 1
+    assert capsys.readouterr().err == "silo-1 (unit 41), holding 3: exception 01, illegal function: it is read-only\n"
 
 
 def test_a_write_that_the_rights_forbid_is_not_to_be_sent_in_another_way(daemon, capsys, monkeypatch):
