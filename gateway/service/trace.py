@@ -288,15 +288,22 @@ def _story(gateway: Gateway, record: Record, clock: Clock, names: UnitNames) -> 
     return told
 
 
-def _on_line_between(gateway: Gateway, line: str, begin: float, end: float, than: Record) -> Iterator[Exchange]:
-    """What was asked on this line meanwhile."""
+def _on_line_between(
+    gateway: Gateway, line: str, begin: float, end: float, than: Exchange | Refused
+) -> Iterator[Exchange]:
+    """What was asked on this line meanwhile, but for what was sent of this request itself."""
     if end <= begin:
         return
     ring = gateway.ring
     number = max(ring.number_at(begin), ring.first)
     for record in ring.after(number, _LOOK_BACK):
-        if record is not than and isinstance(record, Exchange) and record.line == line and record.sent_at < end:
+        if isinstance(record, Exchange) and record.line == line and record.sent_at < end and not _is_same(record, than):
             yield record
+
+
+def _is_same(record: Exchange, other: Exchange | Refused) -> bool:
+    """Whether both are of the same request, which was sent again, then."""
+    return (record.client, record.received_at, record.request) == (other.client, other.received_at, other.request)
 
 
 def _time(at: float, clock: Clock) -> float:

@@ -257,6 +257,14 @@ async def test_a_read_that_is_sent_again_has_a_row_for_each_sending() -> None:
         assert why(home) == []
 
 
+async def test_a_read_that_is_sent_again_does_not_wait_behind_itself() -> None:
+    async with gateway_bench(CONFIG.replace("queue ", "retries = 1\nqueue ")) as home:
+        attach(home)  # nobody answers
+        assert await home.client(CLIENT).asks(41, READ) == "83 0B"
+        (story,) = why(home)
+        assert re.match(r"Waited \d+ ms and was sent once more on line hall", story)
+
+
 async def test_who_is_found_by_number_name_client_and_address_and_nobody_else() -> None:
     async with gateway_bench(CONFIG) as home:
         await home.client(CLIENT).asks(41, READ)
