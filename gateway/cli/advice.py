@@ -102,7 +102,9 @@ def _about_failures(unit: _Row) -> Iterator[str]:
     elif unit["state"] == "failing":
         yield f"{error}, {unit['failures']} in a row: {cause}"
     elif count_failed(unit) > (1 - ANSWERED) * (count_ok(unit) + count_failed(unit)) and error in _CAUSES:
-        yield f"{count_failed(unit)} requests failed; last was {error}{_ago(unit['last_error_ms'])}: {cause}"
+        failed = count_failed(unit)
+        requests = "1 request" if failed == 1 else f"{failed} requests"
+        yield f"{requests} failed; last was {error}{_ago(unit['last_error_ms'])}: {cause}"
 
 
 def _ago(milliseconds: float | None) -> str:

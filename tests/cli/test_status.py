@@ -275,6 +275,10 @@ def test_how_long_ago_a_unit_failed_last_is_told(last_ms, told) -> None:
     assert f"10 requests failed; last was timeout{told}: check its power" in said
 
 
+def test_one_request_that_failed_is_one_request() -> None:
+    assert "1 request failed;" in notes(state="fine", counts=Counts(sent=10, ok=9, timeout=1))
+
+
 def test_a_line_says_why_it_is_down_and_that_it_is_too_busy(monkeypatch, capsys) -> None:
     down = replace(LINE, state="down", reason="/dev/ttyUSB0 does not exist", busy_share=None, requests_per_s=None)
     busy = replace(LINE, name="hall-b", busy_share=0.97)
