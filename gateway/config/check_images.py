@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from gateway.config.check_units import client_lines
+from gateway.config.check_units import claims, client_lines
 from gateway.config.duration import show_duration
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
@@ -30,10 +30,19 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             continue
         yield from _check_mirror(image)
         if image.of not in profiles and not failed & {"line", "upstream"}:
-            yield error((*image.path, "of"), f'there is no device "{image.of}"', did_you_mean(image.of, profiles))
+            remedy = _name_of_unit(image.of, config) or did_you_mean(image.of, profiles)
+            yield error((*image.path, "of"), f'there is no device "{image.of}"', remedy)
         profile = profiles.get(image.of)
         if profile is not None:
             yield from _check_polled(image, image.of, profile)
+
+
+def _name_of_unit(text: str, config: Config) -> str:
+    """The name of the device, where its number is written instead."""
+    named = (
+        (str(unit), name) for claim in claims(config) for unit, name in zip(claim.units, claim.names, strict=False)
+    )
+    return next((f'write the name of unit {unit}: of = "{name}"' for unit, name in named if unit == text), "")
 
 
 def check_addresses(config: Config) -> Iterator[Problem]:

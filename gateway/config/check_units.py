@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.resolve_lines import passing_units
@@ -21,6 +22,10 @@ class Claim:
     remedy: str = ""
     #: The names of the units, in their order.
     names: tuple[str, ...] = ()
+
+
+#: So many devices are named in an advice.
+_MOST_TOLD: Final = 5
 
 
 def client_lines(config: Config) -> list[Line]:
@@ -135,11 +140,23 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
     served = served_units(config)
     for listen in config.listen:
         if listen.line is None and isinstance(listen.unit0, int) and listen.unit0 not in served:
-            yield error((*listen.path, "unit0"), not_configured({listen.unit0}))
+            yield error((*listen.path, "unit0"), not_configured({listen.unit0}), _called(config, {listen.unit0}))
     for line in config.line:
         unknown = set(line.serves or ()) - served
         if unknown:
-            yield error((*line.path, "serves"), not_configured(unknown))
+            yield error((*line.path, "serves"), not_configured(unknown), _called(config, unknown))
+
+
+def _called(config: Config, addresses: set[int]) -> str:
+    """How clients call the devices at these addresses, where they are meant and have other numbers for clients."""
+    rows = [row for line in client_lines(config) for row in line.devices or ()]
+    found = [
+        f"{unit} is at address {at}"
+        for row in rows
+        for at, unit in zip(row.units, row.client_units, strict=False)
+        if at in addresses and at != unit
+    ]
+    return f"use the unit IDs for clients: {', '.join(found[:_MOST_TOLD])}" if found else ""
 
 
 def _is_asked(line: Line, config: Config) -> bool:

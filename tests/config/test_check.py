@@ -393,6 +393,13 @@ def test_a_server_line_serves_units_that_somebody_answers_for():
     assert problems(LINE + SERVER + 'serves = ["1-3"]\n') == ["error: line[1].serves: units 2-3 are not configured"]
 
 
+def test_a_server_line_serves_units_by_their_numbers_for_clients():
+    line = LINE.replace("unit = 1,", 'unit = "1-2", as = "41-42",').replace('name = "one"', 'profile = "generic"')
+    remedy = "use the unit IDs for clients: 41 is at address 1, 42 is at address 2"
+    unknown = f"units 1-2 are not configured | {remedy}"
+    assert problems(line + SERVER + "serves = [1, 2]\n") == [f"error: line[1].serves: {unknown}"]
+
+
 def test_a_server_line_stands_beside_a_line_that_passes_through():
     assert problems('[[line]]\nport = "/dev/a"\n' + SERVER + 'serves = "1-247"\n') == []
 
@@ -642,6 +649,15 @@ def test_a_mirror_of_a_unit_behind_another_server():
 def test_a_mirror_of_an_unknown_device():
     assert problems(LINE + MIRROR.replace("one", "on")) == [
         'error: image[0].of: there is no device "on" | did you mean "one"?'
+    ]
+
+
+def test_a_mirror_is_of_the_name_of_a_device():
+    assert problems(LINE.replace("unit = 1", "unit = 1, as = 41") + MIRROR.replace("one", "41")) == [
+        'error: image[0].of: there is no device "41" | write the name of unit 41: of = "one"'
+    ]
+    assert problems(LINE + MIRROR.replace('"one"', "41")) == [
+        "error: image[0].of: must be text | write the name of the device in quotes, not its number"
     ]
 
 
