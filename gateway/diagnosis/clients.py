@@ -10,6 +10,8 @@ from gateway.diagnosis.finding import Finding
 
 #: A client that has left this often before its response does so regularly.
 OFTEN: Final = 3
+#: No client has a shorter time-out, in seconds: one that leaves sooner was ended, as by Ctrl-C.
+SHORTEST_TIME_OUT: Final = 0.1
 
 
 def about_client(client: ClientEvidence) -> Iterator[Finding]:
@@ -21,7 +23,7 @@ def about_client(client: ClientEvidence) -> Iterator[Finding]:
     what = (
         f"closed its connection {client.left} times before its response came, the last time after {waited}{client.last}"
     )
-    if client.waited < client.longest_wait:
+    if SHORTEST_TIME_OUT <= client.waited < client.longest_wait:
         longest = show_duration(ceil(client.longest_wait * 10) / 10)
         yield Finding(client.last.level, about, what, f"set the time-out of this client above {longest}")
     else:

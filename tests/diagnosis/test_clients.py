@@ -22,6 +22,11 @@ def test_leaving_once_or_after_the_longest_wait_needs_nothing():
     assert row.level == "note"
 
 
+def test_a_client_that_leaves_at_once_was_ended_and_has_not_timed_out():
+    (row,) = about_client(replace(CLIENT, waited=0.032))
+    assert (row.level, row.remedy) == ("note", "")
+
+
 def test_a_client_that_left_long_ago_may_have_another_time_out_now():
     (row,) = about_client(replace(CLIENT, last=Last(720.0)))
     assert (row.level, row.what.partition("the last time ")[2]) == ("note", "after 500 ms, the last one 12 min ago")

@@ -124,7 +124,7 @@ def test_a_client_whose_time_out_is_too_short_is_named(tmp_path):
         for transaction in range(3):
             with socket.create_connection(("127.0.0.1", hall.gateway.port), timeout=PATIENCE) as client:
                 client.sendall(transaction.to_bytes(2, "big") + bytes.fromhex("0000 0006 2E 03 0000 0001"))
-                time.sleep(0.05)
+                time.sleep(0.2)
             hall.gateway.wait_for("client_closed")
         _, rows = hall.doctor("--passive")
         named = [row for row in rows["fix"] if "client 127.0.0.1" in row]
