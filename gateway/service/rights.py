@@ -14,9 +14,11 @@ from gateway.service.build import Gateway
 class Verdict:
     """Whether a client may do something, all that it may do with this unit, and the rows that say so.
 
-    Without a row the rules for clients that no row names apply. `is_routed`: there is such a unit at this listener.
+    Without a row the rules for clients that no row names apply. `is_admitted`: the client has any right there, without
+    which a listener rejects it. `is_routed`: there is such a unit at this listener.
     """
 
+    is_admitted: bool
     is_allowed: bool
     is_routed: bool
     may: str
@@ -46,7 +48,8 @@ def verdict(gateway: Gateway, host: str, listener: str, unit: int, function: int
     rights = router.rights.of_role(role) if router.entry.kind == "certified" else router.rights
     rows = tuple(row_in_words(row, gateway.plan) for row in rights.rows_for(host, unit))
     may = right_in_words(rights[host][unit])
-    return Verdict(rights.allows(host, unit, function), unit in router.routes, may, rows)
+    is_admitted = router is gateway.web or rights.admits(host)
+    return Verdict(is_admitted, rights.allows(host, unit, function), unit in router.routes, may, rows)
 
 
 def routers(gateway: Gateway) -> Mapping[str, Router]:

@@ -149,6 +149,10 @@ class Verdict(Protocol):
     """What the rights say to a request."""
 
     @property
+    def is_admitted(self) -> bool:
+        """Whether the client is not rejected."""
+
+    @property
     def is_allowed(self) -> bool:
         """Whether it may be sent."""
 

@@ -145,6 +145,20 @@ async def test_the_form_asks_for_a_role(tmp_path, role, verdict):
     assert [tag["value"] for _, tag in page.tags if tag.get("name") == "role"] == [role]
 
 
+async def test_a_client_without_any_right_is_rejected(bench):
+    text = (await bench.browser().get("/clients?from=10.2.0.8&listener=hmi&unit=46&function=3")).text
+    assert "not allowed: the client is rejected" in text
+    assert "the client gets exception" not in text
+
+
+async def test_a_unit_that_is_not_there_gives_one_exception_only(tmp_path):
+    readers = '[[access]]\nallow = ["read"]\n'
+    async with web_bench(CONFIG.partition("[[access]]")[0] + readers, tmp_path) as bench:
+        text = (await bench.browser().get("/clients?from=10.2.0.7&listener=plant&unit=9&function=6")).text
+    assert "the client gets exception 0A" in text
+    assert "the client gets exception 01" not in text
+
+
 async def test_a_unit_that_is_not_there_is_told(bench):
     text = (await bench.browser().get("/clients?from=10.2.0.7&listener=hmi&unit=9&function=3")).text
     assert "there is no such unit" in text
