@@ -40,7 +40,7 @@ complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -s h -l help -
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l unit -r -d "only this unit: the number that clients use, or a name"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l since -r -d "show what happened in the last 5min, or another time, and exit"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l why -r -d "explain the last failed requests of a client, to a unit, or on a line"
-complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -s n -l count -r -d "at most this many requests; with --why, failures (default 5)"
+complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -s n -l count -r -d "the next so many requests; with --since the last ones; with --why, failures (default 5)"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l pcapng -r -d "write a capture file for Wireshark; - is standard output"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l json -d "print JSON, an object on each line, instead of rows"
 complete -c modbus-gateway -n '__fish_seen_subcommand_from trace' -l control -r -d "the gateway's control socket (default: as /etc/modbus-gateway/gateway.toml says)"

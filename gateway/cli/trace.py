@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--count",
         type=count,
         metavar="COUNT",
-        help=f"at most this many requests; with --why, failures (default {_STORIES})",
+        help=f"the next so many requests; with --since the last ones; with --why, failures (default {_STORIES})",
     )
     add("--pcapng", metavar="FILE", help="write a capture file for Wireshark; - is standard output")
     add("--json", action="store_true", help="print JSON, an object on each line, instead of rows")
@@ -176,15 +176,16 @@ class _Follower:
         self.descriptions = {line["name"]: description(line) for line in lines}
 
     def facts(self, since: float | None, *, from_the_beginning: bool = False) -> Iterator[dict[str, Any]]:
-        """Those of the last `since` seconds and no more; without that the last few, and then until Ctrl-C.
+        """Those of the last `since` seconds and no more, or the last ones of these.
 
-        The last ones if not all that there are shall be shown, or the next ones.
+        Without `since` the last few, and then until Ctrl-C; or the next ones.
         """
         if since is not None:
             found = list(self._pages(since, is_live=False))
             yield from found if self._count is None else found[-self._count :]
             return
-        facts = self._pages(_ALWAYS if from_the_beginning else None, is_live=True)
+        begin = _ALWAYS if from_the_beginning else None if self._count is None else 0.0
+        facts = self._pages(begin, is_live=True)
         for number, fact in enumerate(facts, 1):
             yield fact
             if number == self._count:

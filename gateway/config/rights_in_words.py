@@ -84,7 +84,7 @@ def _rest(plan: Plan) -> Iterator[RightsRow]:
     if plan.web is not None and not _is_named(WEB, plan):
         if plan.web.write:
             yield RightsRow("operators", WEB, "all", "read, write")
-        yield RightsRow("others with access", WEB, "all", "read")
+        yield RightsRow("other users of the page", WEB, "all", "read")
     if plan.mqtt is not None and not _is_named(MQTT, plan):
         units = show_units(device.unit for device in plan.mqtt.devices)
         yield RightsRow("the broker", MQTT, units, "read, write" if plan.mqtt.write else "read")

@@ -86,8 +86,8 @@ def test_a_broker_that_no_row_names_does_what_mqtt_allows(
 @pytest.mark.parametrize(
     ("more", "rows"),
     [
-        ("", ["others with access web all read"]),
-        ('write = true\nusers = "/u"\n', ["operators web all read, write", "others with access web all read"]),
+        ("", ["other users of the page web all read"]),
+        ('write = true\nusers = "/u"\n', ["operators web all read, write", "other users of the page web all read"]),
         ('[[access]]\nlisten = ["web"]\nallow = ["read"]\n', ["anywhere web all read"]),
     ],
 )
