@@ -367,6 +367,7 @@ async def test_everybody_has_a_turn_between_the_admissions_of_two_peers() -> Non
         assert max(after - before for before, after in pairwise(seen)) == 1
 
 
+@pytest.mark.interpreted
 async def test_of_many_new_peers_only_so_many_wait_and_known_ones_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
     """What one of them sends again still replaces what it has given up."""
     monkeypatch.setattr(udp_module, "MOST_AT_ONCE", 3)
