@@ -329,8 +329,10 @@ def test_a_bad_file_is_tried_again_every_few_seconds(system: BootedSystem) -> No
     system.write(FILE, "[[line]]\n")
     assert system.run("systemctl", "start", SERVICE).returncode != 0
     until(lambda: len(system.log("MODBUS_EVENT=config_rejected")) >= 2, system.status)
+    # A busy journal does not find out the unit of a process that has ended by then: one of a later try has it.
+    until(lambda: system.log("MODBUS_EVENT=config_rejected", f"_SYSTEMD_UNIT={SERVICE}"), system.status)
     rejected = system.log("MODBUS_EVENT=config_rejected")
-    assert {(entry["PRIORITY"], entry["_SYSTEMD_UNIT"]) for entry in rejected} == {("3", SERVICE)}
+    assert {entry["PRIORITY"] for entry in rejected} == {"3"}
     assert "line[0].port: port is missing" in rejected[0]["MODBUS_REASON"]
     tries = [int(entry["_SOURCE_REALTIME_TIMESTAMP"]) for entry in rejected]  # the journal may take it later
     assert tries[1] - tries[0] > 2_000_000
