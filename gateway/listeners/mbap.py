@@ -116,7 +116,7 @@ class MbapSession(Session):
             super()._close_when_done()
 
     def _flush(self) -> None:
-        if self._out and self._rises < _COUNTED:
+        if self._out and (self._rises < _COUNTED or self._connection.time() - self.last_asked > _QUICK):
             self._look()
         super()._flush()
 

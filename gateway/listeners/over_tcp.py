@@ -192,13 +192,20 @@ class OverTcpSession(Session):
         else:
             arrivals.stop(now)
             self._pause()
+        if self._state == ANSWERED:
+            self._connection.wake(_SOON)
+
+    def _flush(self) -> None:
+        """See Session; a response that waits for unread bytes stays."""
+        if self._state != ANSWERED:
+            super()._flush()
 
     def _has_unread(self) -> bool:
         """Whether bytes are unread that must be processed before a response is sent; reads their beginning.
 
         The beginning is enough: it arrived together with the last request, or later.
         """
-        if self._is_draining or self._back_pressure.is_paused:
+        if self._back_pressure.is_paused:
             return False
         count = self._connection.receive(self._arrivals.room())
         if count:

@@ -654,3 +654,17 @@ def test_a_refusal_is_said_and_so_is_an_exception_of_the_unit() -> None:
     client.target.requests[2].respond(bytes.fromhex("8306"))
     said = [bytes.fromhex(pdu) for pdu in ("8301", "8303", "8306")]
     assert client.connection.sent == [encode(number, 7, pdu) for number, pdu in enumerate(said, 1)]
+
+
+# --- a gateway that stands still between reading a request and answering it ---
+
+
+def test_who_counts_is_looked_at_if_the_request_was_read_long_ago(client: Client) -> None:
+    client.target.at_once = True
+    for number in range(20):
+        client.ask(number)
+    client.connection.sent.clear()
+    client.connection.unread = encode(20, 7, READ)
+    client.connection.now = 1.06  # the request was read at 1.0
+    client.ask(20)
+    assert client.connection.sent == []

@@ -1040,3 +1040,23 @@ def test_it_shows_that_those_that_wait_behind_are_given_up_too(client: Client) -
     client.ask(OTHER_READ)
     client.respond(1)
     assert client.heard(RESPONSE)
+
+
+def test_a_response_that_is_ready_at_once_waits_for_what_came_in_a_stand_still(client: Client) -> None:
+    """The gateway stands still when it has read the request; meanwhile its client gives that up, and asks another."""
+    client.wait(0.03)
+    client.target.at_once = True
+    submit = client.target.submit
+
+    def stand_still_and_submit(request: Request, now: float) -> None:
+        client.target.submit = submit
+        client.stand_still(TIME_OUT)
+        client.connection.unread = client.encode(7, OTHER_READ)
+        submit(request, now)
+
+    client.target.submit = stand_still_and_submit
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    assert client.connection.sent == b""
+    client.ask(READ)
+    assert client.connection.sent == client.encode(7, RESPONSE)
