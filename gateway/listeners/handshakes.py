@@ -67,7 +67,7 @@ class Handshakes:
         if len(self._pending) < MOST:
             return ""
         other, most = share.most_common(1)[0]
-        if most <= share[origin] + 1:
+        if most <= share[origin]:
             return TOO_MANY
         next(stream for stream, (connecting, _) in self._pending.items() if connecting.origin == other).refuse(
             MADE_ROOM

@@ -114,15 +114,20 @@ class Connections:
             self._look_again.cancel()
 
     def _make_room(self, now: float) -> bool:
-        """Close the oldest connection of the address that has most of them; False if all have few."""
+        """Close the oldest connection of the address that has most of them, or, if all have few, the oldest silent one.
+
+        False if there is none.
+        """
         by_origin: defaultdict[str, list[_Connection]] = defaultdict(list)
         for each in self._open:
             if not each.transport.is_closing():
                 by_origin[self._origins.of(each.host, now)].append(each)
         most = max(by_origin.values(), key=len, default=[])
-        if len(most) > MOST_OF_ONE_ADDRESS:
-            most[0].close()
-        return len(most) > MOST_OF_ONE_ADDRESS
+        if len(most) <= MOST_OF_ONE_ADDRESS:
+            most = [each for each in self._open if not (each.transport.is_closing() or each.has_asked(self._asked))]
+        for oldest in most[:1]:
+            oldest.close()
+        return bool(most)
 
     def _close_silent(self) -> None:
         """Close those that have not asked anything in time, and look again when the next one has to."""

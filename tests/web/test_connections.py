@@ -30,11 +30,21 @@ async def test_addresses_with_few_connections_each_keep_them(tmp_path):
         wires = []
         for number in range(MOST_CONNECTIONS // MOST_OF_ONE_ADDRESS):
             wires += held(bench, f"10.0.0.{number}", MOST_OF_ONE_ADDRESS)
+        await asyncio.sleep(1)
         refused = bench.browser("10.0.1.1").open(HEALTH)
         await asyncio.sleep(1)
         assert refused.is_closing()
         assert not refused.received
         assert not any(wire.is_closing() for wire in wires)
+
+
+async def test_those_that_ask_nothing_make_room_however_many_addresses_they_come_from(tmp_path):
+    async with web_bench(CONFIG, tmp_path) as bench:
+        asked = held(bench, "10.0.1.1", 1)
+        await asyncio.sleep(1)
+        silent = [Wire(bench.connect(None), f"10.0.0.{number}") for number in range(MOST_CONNECTIONS - 1)]
+        assert (await bench.browser("10.0.1.2").get(HEALTH)).text == "ok\n"
+        assert [wire.is_closing() for wire in (*asked, *silent[:2])] == [False, True, False]
 
 
 async def test_many_at_once_close_as_many(tmp_path):
