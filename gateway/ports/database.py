@@ -146,6 +146,8 @@ def _advice(error: sqlite3.Error, table: Table) -> str:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the high bits are the extended error code
     if code == sqlite3.SQLITE_BUSY:
         return "; is another modbus-gateway running?"
+    if code == sqlite3.SQLITE_FULL:
+        return f"; {table.needed_by} need room on the disk"
     if code in {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY}:
         return f"; {table.needed_by} need a folder to write in"
     return ""

@@ -27,6 +27,8 @@ TAIL: Final = 20
 #: How many records before a failure are searched for what it waited behind.
 _LOOK_BACK: Final = 4 * STEP
 
+#: The digits of the largest unit ID.
+_DIGITS: Final = 3
 #: Why requests are not sent after another one has failed.
 _CONSEQUENCES: Final = ("overdue", "resting")
 
@@ -121,7 +123,7 @@ def stories(
     is_wanted = _filter(gateway, question.get("line"), None)
     names = UnitNames(gateway.plan)
     try:
-        unit = find_unit(gateway.plan, int(who) if who.isdecimal() else who)
+        unit = find_unit(gateway.plan, int(who) if who.isdecimal() and len(who) <= _DIGITS else who)
         is_his = names.is_of(unit)
     except WrongQuestion:
         unit = None

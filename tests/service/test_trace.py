@@ -243,7 +243,8 @@ async def test_the_client_on_a_server_line_is_called_as_the_line_is() -> None:
 
 
 @pytest.mark.parametrize(
-    "question", [{}, {"who": 41}, {"who": ""}, {"who": "41", "count": 0}, {"who": "41", "count": "x"}]
+    "question",
+    [{}, {"who": 41}, {"who": ""}, {"who": "9" * 5000}, {"who": "41", "count": 0}, {"who": "41", "count": "x"}],
 )
 async def test_a_wrong_question_is_refused(question: dict[str, Any]) -> None:
     async with gateway_bench(CONFIG) as home:
