@@ -30,7 +30,7 @@ from gateway.errors import RequestError
 from gateway.lines.late import LateWindows, SentRequest
 from gateway.lines.overheard import Overheard
 from gateway.lines.transaction import Transaction
-from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import KNOWN_FUNCTIONS, request_size, response_size
 from gateway.modbus.pdu import RequestPdu, parse_request
@@ -42,6 +42,12 @@ _PER_UNIT: Final = 16
 #: A request to a unit that we send none to is kept for this many seconds. For as long after any request, another client
 #: may be there.
 _LONGEST: Final = 300.0
+
+#: Functions with frames that can be read both ways. A response to others has another size than any request (20: other
+#: contents), an even byte count (03, 04), or can always be read as a request (05, 06, 08, 21, 22).
+_TWOFOLD: Final = frozenset(
+    {FunctionCode.READ_COILS, FunctionCode.READ_DISCRETE_INPUTS, FunctionCode.READ_WRITE_MULTIPLE_REGISTERS}
+)
 
 #: See the table above.
 Owner = Literal["the request", "another client", "a late response", "an echo", "another's request", "nobody"]
@@ -303,17 +309,17 @@ def _is_repeated(asked: Transaction, frame: Frame) -> bool:
 
 
 def _is_request_and_response(pdu: bytes) -> bool:
-    """Whether a PDU is a valid request, and as large as a response. Not where a response is equal to its request (05).
+    """Whether a PDU is a valid request, and as large as a response.
 
-    That is so for 17 to 24 coils or discrete inputs (01, 02), and for five registers of function 23.
+    That is so for 17 to 24 coils or discrete inputs (01, 02), and for five or more registers of function 23.
     """
-    if pdu[0] not in KNOWN_FUNCTIONS or not len(pdu) == request_size(pdu) == response_size(pdu):
+    if pdu[0] not in _TWOFOLD or not len(pdu) == request_size(pdu) == response_size(pdu):
         return False
     try:
-        asked = parse_request(pdu)
+        parse_request(pdu)
     except RequestError:
         return False
-    return asked.data != asked.response_head
+    return True
 
 
 def _may_answer(response: bytes, asked: RequestPdu) -> bool:

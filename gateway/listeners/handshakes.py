@@ -21,6 +21,9 @@ MOST: Final = 64
 MOST_OF_ONE: Final = 8
 #: How long a handshake may take, in seconds: small devices with RSA need some.
 DEADLINE: Final = 10.0
+#: A client that has said nothing for this long, in seconds, makes room for one of an address with only one fewer. Else
+#: clients that all come at once would end each other's handshakes, those that are nearly done first.
+SILENT: Final = 1.0
 
 TOO_MANY_OF_ONE: Final = f"{MOST_OF_ONE} handshakes with this address are not done"
 TOO_MANY: Final = f"{MOST} handshakes are not done, and others have fewer of them"
@@ -51,6 +54,8 @@ class Handshakes:
         self._refused = refused
         #: By stream, in the order in which they began.
         self._pending: dict[TlsStream, tuple[ConnectingClient, float]] = {}
+        #: Since when the next bytes of a client are awaited; not while a step is due, or under way.
+        self._awaited: dict[TlsStream, float] = {}
         self._worker: ThreadPoolExecutor | None = None
         self._turns: Turns[TlsStream] = Turns()
         self._is_working = False
@@ -59,24 +64,28 @@ class Handshakes:
     def __len__(self) -> int:
         return len(self._pending)
 
-    def trouble(self, origin: str) -> str:
+    def trouble(self, origin: str, now: float) -> str:
         """Why no handshake can begin with a client from there; empty if it can, perhaps after another was ended."""
         share = Counter(connecting.origin for connecting, _ in self._pending.values())
         if share[origin] >= MOST_OF_ONE:
             return TOO_MANY_OF_ONE
         if len(self._pending) < MOST:
             return ""
-        other, most = share.most_common(1)[0]
+        most = max(share.values())
         if most <= share[origin]:
             return TOO_MANY
-        next(stream for stream, (connecting, _) in self._pending.items() if connecting.origin == other).refuse(
-            MADE_ROOM
-        )
+        of_most = [stream for stream, (connecting, _) in self._pending.items() if share[connecting.origin] == most]
+        if most == share[origin] + 1:
+            of_most = [stream for stream in of_most if now - self._awaited.get(stream, now) >= SILENT]
+        if not of_most:
+            return TOO_MANY
+        of_most[0].refuse(MADE_ROOM)
         return ""
 
     def begin(self, stream: TlsStream, connecting: ConnectingClient, now: float) -> None:
         """A client has connected."""
         self._pending[stream] = connecting, now
+        self._awaited[stream] = now
         stream.start()
 
     def sweep(self, now: float) -> None:
@@ -91,6 +100,7 @@ class Handshakes:
         for stream in list(self._pending):
             del self._pending[stream]
             stream.abort()
+        self._awaited.clear()
         self._turns.clear()
         if self._pausing is not None:
             self._pausing.cancel()
@@ -102,17 +112,20 @@ class Handshakes:
     def step_due(self, stream: TlsStream) -> None:
         """See HandshakeOwner."""
         if stream in self._pending:
+            self._awaited.pop(stream, None)
             self._turns.add(stream, self._pending[stream][0].origin)
             self._go_on()
 
     def secured(self, stream: TlsStream) -> None:
         """See HandshakeOwner."""
         connecting, _ = self._pending.pop(stream)
+        self._awaited.pop(stream, None)
         self._secured(stream, connecting)
 
     def not_secured(self, stream: TlsStream, reason: str) -> None:
         """See HandshakeOwner."""
         pending = self._pending.pop(stream, None)
+        self._awaited.pop(stream, None)
         if pending is not None:
             self._turns.drop(stream, pending[0].origin)
             self._refused(pending[0], reason)
@@ -149,5 +162,7 @@ class Handshakes:
                 stream.stepped(step.result())
         finally:
             now = asyncio.get_running_loop().time()
+            if stream in self._pending:
+                self._awaited[stream] = now
             self._turns.took(now - began_at, now)
             self._go_on()

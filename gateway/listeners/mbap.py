@@ -128,6 +128,7 @@ class MbapSession(Session):
         room = self._framer.room()
         if len(room) and (count := self._connection.receive(room)):
             self._framer.filled(count)
+            self._rises = 0  # what is processed later was read nobody knows how long before
             self._connection.wake(_SOON)
         if self._framer.unfinished:
             self._out = [response for response in self._out if not self._framer.holds(response[:2])]

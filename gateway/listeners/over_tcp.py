@@ -183,6 +183,8 @@ class OverTcpSession(Session):
             arrivals.go_on(now)
             self._take(arrivals.ended(now), now)
             self._take(arrivals.cut(now), now)
+        elif self._state == ANSWERED:  # what was read before the pause shows whether the response is still awaited
+            self._take(arrivals.cut(now), now)
         if self._state == ANSWERED:
             self._deliver()
         self._hand_out(now)

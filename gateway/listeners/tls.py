@@ -77,7 +77,7 @@ class TlsListener(TcpListener):
         """Why no handshake is begun with a client."""
         if not self.router.rights.admits(host):
             return NO_RIGHTS
-        return self._handshakes.trouble(self._origins.of(host, now))
+        return self._handshakes.trouble(self._origins.of(host, now), now)
 
     async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
         loop, loaded = asyncio.get_running_loop(), self._loaded

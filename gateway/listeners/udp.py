@@ -8,7 +8,7 @@ from functools import partial
 from typing import Final, NamedTuple
 
 from gateway import events
-from gateway.listeners.admission import MADE_ROOM, Admission
+from gateway.listeners.admission import MADE_ROOM, NO_RIGHTS, Admission
 from gateway.listeners.datagram import PeerAddress, receive, request_local_address, send_arguments
 from gateway.listeners.origin import Origins
 from gateway.listeners.peer import Path, Peer
@@ -251,12 +251,22 @@ class UdpListener:
 
     def _let_wait(self, arrived: tuple[PeerAddress, int], request: Arrived, now: float) -> None:
         """Keep a request until its sender is admitted."""
-        if len(self._waiting) >= MOST_AT_ONCE and arrived not in self._waiting:
-            self._reject(arrived[0], _TOO_MANY_NEW, now)
+        key, _ = arrived
+        why_not = self._never(request.sock, key)
+        if not why_not and len(self._waiting) >= MOST_AT_ONCE and arrived not in self._waiting:
+            why_not = _TOO_MANY_NEW
+        if why_not:
+            self._reject(key, why_not, now)
             return
         if not self._waiting:
             asyncio.get_running_loop().call_soon(self._admit_next)
         self._waiting[arrived] = request
+
+    def _never(self, sock: socket.socket, key: PeerAddress) -> str:
+        """Why a sender is rejected whoever else is there. That is found out at once, and it keeps no others out."""
+        if not is_meant(key.asked_host, sock, self._addresses):
+            return NOT_MEANT
+        return "" if self.router.rights.admits(key.host) else NO_RIGHTS
 
     def _admit_next(self) -> None:
         """Admit one peer in each iteration of the event loop, and process its requests."""
@@ -273,22 +283,18 @@ class UdpListener:
         requests = {each: self._waiting.pop(each) for each in list(self._waiting) if each[0] == key}
         now = asyncio.get_running_loop().time()
         try:
-            why_not = self._admit(sock, key, now)
+            if why_not := self._admit(sock, key, now):
+                for _ in requests:
+                    self._reject(key, why_not, now)
+            else:
+                self._arrived = requests | self._arrived
         except Exception as error:  # noqa: BLE001 - the error boundary of an admission
             self._failed(key, error)
-            return
-        if why_not:
-            for _ in requests:
-                self._reject(key, why_not, now)
-        else:
-            self._arrived = requests | self._arrived
 
     def _admit(self, sock: socket.socket, key: PeerAddress, now: float) -> str:
         """Why a peer is rejected: no rights, not meant, or the listener is full. Empty if it is known from now on."""
         client = join_host_port(key.host, key.port)
-        is_ours = is_meant(key.asked_host, sock, self._addresses)
-        why_not = self._refusal(key.host, now) if is_ours else NOT_MEANT
-        if why_not:
+        if why_not := self._refusal(key.host, now):
             return why_not
         peer = self._taken_over.pop(key, None)
         if peer is None:

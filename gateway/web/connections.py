@@ -92,7 +92,7 @@ class Connections:
         now = asyncio.get_running_loop().time()
         self._open = [each for each in self._open if each.is_open]
         origin = self._origins.of(new.host, now)
-        has_room = new.tls is None or self._secured.has_room(origin)
+        has_room = new.tls is None or self._secured.has_room(origin, now)
         if not has_room or (len(self._open) >= MOST_CONNECTIONS and not self._make_room(now)):
             new.close()
             return

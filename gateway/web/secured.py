@@ -50,9 +50,9 @@ class SecuredConnections:
         self._handshakes = Handshakes(self._secured, lambda *_: None)
         self._sweeping: asyncio.TimerHandle | None = None
 
-    def has_room(self, origin: str) -> bool:
+    def has_room(self, origin: str, now: float) -> bool:
         """Whether a handshake can begin with a client from there, perhaps after another was ended."""
-        return not self._handshakes.trouble(origin)
+        return not self._handshakes.trouble(origin, now)
 
     def stream(self, context: ssl.SSLContext) -> SecuredStream:
         """What is the protocol of a new connection; `begin` its handshake at once."""

@@ -230,3 +230,19 @@ def test_most_coils_are_no_request(shared: Bench) -> None:
     ask_coils(shared)
     shared.respond("01 03 10 08 18")  # as a request, it would be for more coils than one response can have
     assert shared.client.answers == ["01 03 10 08 18"]
+
+
+def test_a_counter_of_diagnostics_is_no_request(shared: Bench) -> None:
+    shared.ask("08 00 0B 00 00")
+    shared.pass_time(0.03)
+    shared.respond("08 00 0B 00 05")
+    assert shared.client.answers == ["08 00 0B 00 05"]
+
+
+def test_a_read_of_registers_is_a_request_wherever_they_are(shared: Bench) -> None:
+    heard: list[str] = []
+    shared.line.share(lambda: True, lambda: heard.append("another client"))
+    for _ in range(3):
+        shared.respond("03 03 00 00 01")
+        shared.pass_time(0.1)
+    assert len(heard) == 3

@@ -668,3 +668,17 @@ def test_who_counts_is_looked_at_if_the_request_was_read_long_ago(client: Client
     client.connection.now = 1.06  # the request was read at 1.0
     client.ask(20)
     assert client.connection.sent == []
+
+
+def test_what_was_read_early_does_not_show_that_a_client_counts(client: Client) -> None:
+    """Until it is processed, the gateway may stand still, and the client use the same identifier again."""
+    client.target.at_once = True
+    for number in range(15):
+        client.ask(number)
+    client.connection.unread = encode(16, 7, READ)
+    client.ask(15)
+    client.connection.sent.clear()
+    client.connection.now = 2.0
+    client.connection.unread = encode(16, 7, READ)
+    client.ask_again()
+    assert client.connection.sent == []

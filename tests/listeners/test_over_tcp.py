@@ -1042,8 +1042,11 @@ def test_it_shows_that_those_that_wait_behind_are_given_up_too(client: Client) -
     assert client.heard(RESPONSE)
 
 
-def test_a_response_that_is_ready_at_once_waits_for_what_came_in_a_stand_still(client: Client) -> None:
-    """The gateway stands still when it has read the request; meanwhile its client gives that up, and asks another."""
+@pytest.mark.parametrize("scheme", ENCODE)
+@pytest.mark.parametrize("in_flight", [1, 3])
+def test_a_response_that_is_ready_at_once_waits_for_what_came_in_a_stand_still(scheme: str, in_flight: int) -> None:
+    """The gateway stands still when it has read requests; meanwhile their client gives them up, and asks another."""
+    client = Client(scheme, in_flight=in_flight)
     client.wait(0.03)
     client.target.at_once = True
     submit = client.target.submit
@@ -1055,7 +1058,7 @@ def test_a_response_that_is_ready_at_once_waits_for_what_came_in_a_stand_still(c
         submit(request, now)
 
     client.target.submit = stand_still_and_submit
-    client.ask(READ)
+    client.ask(READ, READ)
     client.wait(TIME_OUT)
     assert client.connection.sent == b""
     client.ask(READ)

@@ -6,6 +6,7 @@ import gc
 import socket
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, suppress
+from ipaddress import ip_network
 from itertools import pairwise
 
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from gateway.errors import ListenError
 from gateway.events import AccessDenied, ClientClosed, ClientConnected, ClientRejected, Event, ListenerUp, PartFailed
 from gateway.listeners import udp as udp_module
+from gateway.listeners.admission import NO_RIGHTS
 from gateway.listeners.peer import Peer
 from gateway.listeners.session import NOT_MEANT, ListenSettings
 from gateway.listeners.sockets import OpenSockets
@@ -20,7 +22,7 @@ from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.mbap import encode
 from gateway.request import Request
-from gateway.routing.access import EntryPoint, Rights
+from gateway.routing.access import EVERYTHING, EntryPoint, Rights, Row
 from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE
 from kit.router import router
@@ -385,6 +387,22 @@ async def test_of_many_new_peers_only_so_many_wait_and_known_ones_do_not(monkeyp
         assert [event.client for event in bench.told(ClientRejected)] == [new[3].name]
         await until(lambda: len(bench.plant.requests) == 2 + 3)
         assert [request.pdu for request in bench.plant.requests[2:]] == [OTHER_READ, READ, READ]
+
+
+@pytest.mark.interpreted
+async def test_who_has_no_rights_keeps_no_new_peer_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udp_module, "MOST_AT_ONCE", 3)
+    async with listening() as bench:
+        row = Row(EVERYTHING, (ip_network("127.0.0.1"),), listeners=frozenset({"field"}))
+        bench.listener.router.rights = Rights((row,), EntryPoint("field", "datagram"))
+        for client in [bench.client(own="127.0.0.66") for _ in range(3)]:
+            client.ask()
+        entitled = bench.client()
+        entitled.ask()
+        for _ in range(2):
+            bench.listener._readable(bench.listener.sockets[0])
+        assert await entitled.hears() == encode(1, PROMPT, RESPONSE)
+        assert {event.reason for event in bench.told(ClientRejected)} == {NO_RIGHTS}
 
 
 async def test_when_all_are_busy_the_datagram_of_another_one_is_dropped() -> None:
