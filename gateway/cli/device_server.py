@@ -38,7 +38,7 @@ def settle(connection: socket.socket, port: str) -> None:
     """
     end = time.monotonic() + NETWORK_LATENCY
     with suppress(ConnectionError):
-        while select([connection], [], [], max(0.0, end - time.monotonic()))[0]:
+        while (left := end - time.monotonic()) > 0.0 and select([connection], [], [], left)[0]:
             if not connection.recv(READ_SIZE):
                 break
         else:
