@@ -2,8 +2,8 @@
 
 By the specification, silence separates RTU frames (S 2.5.1.1). Behind a USB adapter or a busy system it cannot be
 measured: there are gaps in frames, and none between them. So a frame whose size is known, from the request or from its
-own first bytes, ends on its last byte. Only a frame of an unknown function ends by silence. A correct CRC does not show
-that a frame is complete: one frame in 256 has a shorter one at its start.
+own first bytes, ends on its last byte. Only a frame of an unknown function ends by silence, complete or not. A correct
+CRC does not show that a frame is complete: one frame in 256 has a shorter one at its start.
 
 A frame may begin anywhere, and be a request or a response. So each place is tried once as the beginning of either, and
 the CRC is checked where that frame would end. A frame inside of the expected response waits for the end of that: it may
@@ -56,6 +56,8 @@ class RtuScanner(Scanner):
         #: When the last byte was read, and whether the silence after it is over.
         self._last = 0.0
         self._is_silent = True
+        #: The place of the last silence.
+        self._silent_at = 0
         #: The place of the request, and the size of its echo.
         self._sent_at: int
         self._echo_size: int
@@ -133,6 +135,7 @@ class RtuScanner(Scanner):
         if self._expected is not None and self._expected.asked.response_size is None:
             tokens += self._release(patient=False)
         ended = {at for each in unknown for at in self._starts(each) if self._ends_here(at)}
+        self._silent_at = self.position
         return tokens + [self._token(at, len(self._buffer), self._last) for at in sorted(ended)]
 
     def end(self) -> list[Token]:
@@ -343,9 +346,11 @@ class RtuScanner(Scanner):
         return size + OVERHEAD if size <= longest else 0
 
     def _starts(self, expected: Expected, at: int = 0) -> list[int]:
-        """Where the expected response may begin in the buffer, from `at` on."""
-        skipped = expected.skipped
-        found = self._buffer.find(expected.head, max(at, expected.since - self._offset, 0) + skipped)
+        """Where the expected response may begin in the buffer, from `at` on. One of unknown size ends by silence."""
+        skipped, since = expected.skipped, expected.since
+        if not expected.asked.longest_response:
+            since = max(since, self._silent_at)
+        found = self._buffer.find(expected.head, max(at, since - self._offset, 0) + skipped)
         starts = []
         while found >= 0:
             starts.append(found - skipped)

@@ -7,6 +7,7 @@ from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
 from gateway.lines.counts import Counts
 from gateway.lines.line import RATE_CHANGE_PAUSE
 from gateway.modbus import ascii as ascii_framing
+from gateway.modbus.checks import with_crc
 from gateway.profiles.profile import Profile
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.asker import Asker
@@ -486,6 +487,17 @@ def test_a_response_of_an_unknown_function_may_end_a_little_after_the_limit(benc
     bench.pass_time(2e-6)
     assert bench.client.answers == ["41 99 98 97 96 95"]
     assert bench.counts.timeout == bench.counts.bad_frame == 0
+
+
+def test_a_cut_response_of_an_unknown_function_does_not_go_on_behind_a_silence(bench: Bench) -> None:
+    bench.ask("41 01 02")
+    cut = bytes.fromhex("01 41 0F 9B")
+    whole = with_crc(cut + bytes.fromhex(frame(2, RESPONSE)))
+    bench.hear(cut.hex())
+    bench.pass_time(0.05)
+    bench.hear(whole[len(cut) :].hex())
+    bench.pass_time(0.5)
+    assert bench.client.answers == ["C1 0B"]
 
 
 def test_babble_does_not_put_off_the_limit_of_an_unknown_function_for_ever(bench: Bench) -> None:

@@ -149,10 +149,17 @@ class TestUnknownFunction:
         framer = asked(UNKNOWN)
         assert framer.received(encode(UNIT, b"\xc1\x01"), 0.0) == [(UNIT, b"\xc1\x01")]
 
-    def test_a_hole_longer_than_the_silence_does_not_lose_it(self):
+    def test_a_silence_in_it_ends_it_too(self):
         framer, data = asked(UNKNOWN), encode(UNIT, self.RESPONSE)
         assert hear(framer, data[:3]) == []
-        assert hear(framer, data[3:]) == [(UNIT, self.RESPONSE)]
+        assert hear(framer, data[3:]) == []
+        assert hear(framer, data) == [(UNIT, self.RESPONSE)]
+
+    def test_a_frame_behind_the_silence_is_no_data_of_it(self):
+        framer = asked(UNKNOWN)
+        hear(framer, encode(UNIT, self.RESPONSE)[:3])
+        framer.received(encode(UNIT + 1, ANSWER), 1.0)
+        assert framer.others == [(UNIT + 1, ANSWER)]
 
     def test_the_longest_frame_is_found(self):
         pdu = b"\x41" + noise(252)
