@@ -38,9 +38,11 @@ def settle(connection: socket.socket, port: str) -> None:
     """
     end = time.monotonic() + NETWORK_LATENCY
     with suppress(ConnectionError):
-        while (left := end - time.monotonic()) > 0.0 and select([connection], [], [], left)[0]:
+        while select([connection], [], [], max(0.0, end - time.monotonic()))[0]:
             if not connection.recv(READ_SIZE):
                 break
+            if time.monotonic() >= end:
+                return  # it may send without end
         else:
             return
     raise PortError(CLOSED_AT_ONCE.format(port=port))

@@ -17,7 +17,7 @@ A frame with a damaged byte is no response. It counts as a request, because the 
 unless it looks like the response to our request and nobody else was ever heard.
 
 Some frames can be read both ways: `01 03 10 00 18` is a read of 24 coils, and a response with 24 coils. For five
-minutes after another client was heard, such a frame is not believed: it counts as a request, and settles none.
+minutes after another client was heard, such a frame is not believed: it counts as a request, and answers none.
 """
 
 from collections import deque
@@ -27,7 +27,7 @@ from math import inf
 from typing import Final, Literal, NamedTuple
 
 from gateway.errors import RequestError
-from gateway.lines.late import LateWindows, SentRequest
+from gateway.lines.late import LateWindows, Overdue, SentRequest
 from gateway.lines.overheard import Overheard
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
@@ -43,10 +43,15 @@ _PER_UNIT: Final = 16
 #: may be there.
 _LONGEST: Final = 300.0
 
-#: Functions with frames that can be read both ways. A response to others has another size than any request (20: other
-#: contents), an even byte count (03, 04), or can always be read as a request (05, 06, 08, 21, 22).
+#: Functions with frames that can be read both ways, unless the response repeats its request. A response to others has
+#: another size than any request, an even byte count (03, 04), or an odd length where a request has a 6 (20).
 _TWOFOLD: Final = frozenset(
-    {FunctionCode.READ_COILS, FunctionCode.READ_DISCRETE_INPUTS, FunctionCode.READ_WRITE_MULTIPLE_REGISTERS}
+    {
+        FunctionCode.READ_COILS,
+        FunctionCode.READ_DISCRETE_INPUTS,
+        FunctionCode.DIAGNOSTICS,
+        FunctionCode.READ_WRITE_MULTIPLE_REGISTERS,
+    }
 )
 
 #: See the table above.
@@ -76,8 +81,8 @@ class Attribution:
         self.overheard = Overheard()
         #: Whether another client, or a copy of our requests, was ever heard.
         self.is_shared = False
-        #: Until when another client may be there.
-        self._is_shared_until = 0.0
+        #: The latest request that shows another client, and until when that may be there.
+        self.other_client: Overdue | None = None
         #: Called when another client's request was heard.
         self.heard_asker: Callable[[], None] | None = None
         #: Where our last request ended; NEVER while it is on the line.
@@ -156,7 +161,8 @@ class Attribution:
 
     def _is_twofold(self, token: Token) -> bool:
         """Whether it may be a response or a request: another client asks here, and the frame can be read both ways."""
-        return token.at < self._is_shared_until and _is_request_and_response(token.frame.pdu)
+        other = self.other_client
+        return other is not None and token.at < other.ends_at and _is_request_and_response(token.frame.pdu)
 
     def _answers_request(self, token: Token, *, is_twofold: bool) -> bool:
         asked = self._asked
@@ -266,7 +272,8 @@ class Attribution:
             self.overheard.count_copy(token.at)
         elif is_sure:
             self.overheard.count_request(token.at)
-            self._is_shared_until = token.at + _LONGEST
+        if is_sure:
+            self.other_client = Overdue(frame.unit, frame.unit, frame.pdu, 0, token.at + _LONGEST)
         self.is_shared = True
         request = ForeignRequest(token.at, token.end, frame, asked)
         self.foreign.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(request)
@@ -309,17 +316,18 @@ def _is_repeated(asked: Transaction, frame: Frame) -> bool:
 
 
 def _is_request_and_response(pdu: bytes) -> bool:
-    """Whether a PDU is a valid request, and as large as a response.
+    """Whether a PDU is a valid request, and may be a response that does not repeat its request.
 
-    That is so for 17 to 24 coils or discrete inputs (01, 02), and for five or more registers of function 23.
+    That is so for 17 to 24 coils or discrete inputs (01, 02), a counter that is 0 (08), and five or more registers of
+    function 23.
     """
     if pdu[0] not in _TWOFOLD or not len(pdu) == request_size(pdu) == response_size(pdu):
         return False
     try:
-        parse_request(pdu)
+        asked = parse_request(pdu)
     except RequestError:
         return False
-    return True
+    return asked.data != asked.response_head
 
 
 def _may_answer(response: bytes, asked: RequestPdu) -> bool:

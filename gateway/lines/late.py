@@ -22,9 +22,10 @@ WORTH_WAITING: Final = 0.250
 
 
 class Overdue(NamedTuple):
-    """A request that an earlier line on the same port has sent: up to `owed` responses may come until `ends_at`.
+    """A request that was heard or sent on a port earlier: up to `owed` responses may come until `ends_at`.
 
-    `answers_from` is the unit that responds; None if it is unknown.
+    `answers_from` is the unit that responds; None if it is unknown. If `owed` is 0, only the client of the request is
+    still expected: it is not this gateway.
     """
 
     unit: int

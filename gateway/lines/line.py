@@ -199,23 +199,28 @@ class Line:
             self._fail_waiting(waiting, now)
 
     def overdue(self, now: float, patience: float) -> list[Overdue]:
-        """The responses that may still come, for the next line on the same port: late ones, and other clients'.
+        """What may still come, for the next line on the same port: late responses, other clients', and their requests.
 
-        Other clients' come within `patience` seconds of the request.
+        Other clients' responses come within `patience` seconds of the request.
         """
+        attribution = self._receiver.attribution
         others = [
             Overdue(request.frame.unit, request.frame.unit, request.asked.data, 1, request.at + patience)
-            for request in self._receiver.attribution.foreign_requests()
-            if request.at + patience > now
+            for request in attribution.foreign_requests()
         ]
-        return self._windows.overdue(now) + others
+        if attribution.other_client is not None:
+            others.append(attribution.other_client)
+        return self._windows.overdue(now) + [each for each in others if each.ends_at > now]
 
     def await_overdue(self, answers: Iterable[Overdue], patience: float) -> None:
-        """Open late windows for the requests of an earlier line on the port.
+        """Open late windows for the requests of an earlier line on the port, and expect its other clients.
 
         A response of any device comes within `patience` seconds of its request.
         """
         for each in answers:
+            if not each.owed:
+                self._receiver.attribution.other_client = each
+                continue
             expected = self._receiver.expected(each.answers_from, each.asked)
             self._windows.open(each, expected, each.ends_at, each.owed, patience)
 

@@ -21,12 +21,14 @@ MOST: Final = 64
 MOST_OF_ONE: Final = 8
 #: How long a handshake may take, in seconds: small devices with RSA need some.
 DEADLINE: Final = 10.0
-#: A client that has said nothing for this long, in seconds, makes room for one of an address with only one fewer. Else
-#: clients that all come at once would end each other's handshakes, those that are nearly done first.
-SILENT: Final = 1.0
+#: A client that was waited for this long in all, in seconds, makes room for one of an address with only one fewer.
+#: Otherwise clients that come at once would end one another's handshakes. So short that more can make room in a second
+#: than connections are accepted.
+SLOW: Final = 0.25
 
 TOO_MANY_OF_ONE: Final = f"{MOST_OF_ONE} handshakes with this address are not done"
 TOO_MANY: Final = f"{MOST} handshakes are not done, and others have fewer of them"
+ALL_GO_ON: Final = f"{MOST} handshakes are in progress, and no client is slow"
 MADE_ROOM: Final = "its handshake was not done, and made room for that of another address"
 TOO_SLOW: Final = f"its handshake was not done within {DEADLINE:g} s"
 
@@ -44,6 +46,20 @@ class ConnectingClient:
     resumable_until: float = inf
 
 
+@dataclass(slots=True)
+class _Handshake:
+    """A handshake that is not done: since when its client is awaited, None during a step; how long it was before."""
+
+    connecting: ConnectingClient
+    began_at: float
+    awaited_at: float | None
+    awaited: float = 0.0
+
+    def delay(self, now: float) -> float:
+        """For how many seconds its client was awaited."""
+        return self.awaited + (0.0 if self.awaited_at is None else now - self.awaited_at)
+
+
 class Handshakes:
     """The handshakes of one listener. `secured` is told of each that is done, `refused` of each that is not."""
 
@@ -53,9 +69,7 @@ class Handshakes:
         self._secured = secured
         self._refused = refused
         #: By stream, in the order in which they began.
-        self._pending: dict[TlsStream, tuple[ConnectingClient, float]] = {}
-        #: Since when the next bytes of a client are awaited; not while a step is due, or under way.
-        self._awaited: dict[TlsStream, float] = {}
+        self._pending: dict[TlsStream, _Handshake] = {}
         self._worker: ThreadPoolExecutor | None = None
         self._turns: Turns[TlsStream] = Turns()
         self._is_working = False
@@ -66,7 +80,7 @@ class Handshakes:
 
     def trouble(self, origin: str, now: float) -> str:
         """Why no handshake can begin with a client from there; empty if it can, perhaps after another was ended."""
-        share = Counter(connecting.origin for connecting, _ in self._pending.values())
+        share = Counter(handshake.connecting.origin for handshake in self._pending.values())
         if share[origin] >= MOST_OF_ONE:
             return TOO_MANY_OF_ONE
         if len(self._pending) < MOST:
@@ -74,24 +88,26 @@ class Handshakes:
         most = max(share.values())
         if most <= share[origin]:
             return TOO_MANY
-        of_most = [stream for stream, (connecting, _) in self._pending.items() if share[connecting.origin] == most]
-        if most == share[origin] + 1:
-            of_most = [stream for stream in of_most if now - self._awaited.get(stream, now) >= SILENT]
-        if not of_most:
-            return TOO_MANY
-        of_most[0].refuse(MADE_ROOM)
+        delays = {
+            stream: handshake.delay(now)
+            for stream, handshake in self._pending.items()
+            if share[handshake.connecting.origin] == most
+        }
+        slowest = max(delays, key=delays.__getitem__)
+        if most == share[origin] + 1 and delays[slowest] < SLOW:
+            return ALL_GO_ON
+        slowest.refuse(MADE_ROOM)
         return ""
 
     def begin(self, stream: TlsStream, connecting: ConnectingClient, now: float) -> None:
         """A client has connected."""
-        self._pending[stream] = connecting, now
-        self._awaited[stream] = now
+        self._pending[stream] = _Handshake(connecting, now, now)
         stream.start()
 
     def sweep(self, now: float) -> None:
         """End those that take too long; called periodically."""
-        for stream, (_, began_at) in list(self._pending.items()):
-            if now - began_at < DEADLINE:
+        for stream, handshake in list(self._pending.items()):
+            if now - handshake.began_at < DEADLINE:
                 return
             stream.refuse(TOO_SLOW)
 
@@ -100,7 +116,6 @@ class Handshakes:
         for stream in list(self._pending):
             del self._pending[stream]
             stream.abort()
-        self._awaited.clear()
         self._turns.clear()
         if self._pausing is not None:
             self._pausing.cancel()
@@ -111,24 +126,22 @@ class Handshakes:
 
     def step_due(self, stream: TlsStream) -> None:
         """See HandshakeOwner."""
-        if stream in self._pending:
-            self._awaited.pop(stream, None)
-            self._turns.add(stream, self._pending[stream][0].origin)
+        handshake = self._pending.get(stream)
+        if handshake is not None:
+            handshake.awaited, handshake.awaited_at = handshake.delay(asyncio.get_running_loop().time()), None
+            self._turns.add(stream, handshake.connecting.origin)
             self._go_on()
 
     def secured(self, stream: TlsStream) -> None:
         """See HandshakeOwner."""
-        connecting, _ = self._pending.pop(stream)
-        self._awaited.pop(stream, None)
-        self._secured(stream, connecting)
+        self._secured(stream, self._pending.pop(stream).connecting)
 
     def not_secured(self, stream: TlsStream, reason: str) -> None:
         """See HandshakeOwner."""
-        pending = self._pending.pop(stream, None)
-        self._awaited.pop(stream, None)
-        if pending is not None:
-            self._turns.drop(stream, pending[0].origin)
-            self._refused(pending[0], reason)
+        handshake = self._pending.pop(stream, None)
+        if handshake is not None:
+            self._turns.drop(stream, handshake.connecting.origin)
+            self._refused(handshake.connecting, reason)
 
     def _go_on(self) -> None:
         """Begin the next step, if none is under way and it is time for one."""
@@ -163,6 +176,6 @@ class Handshakes:
         finally:
             now = asyncio.get_running_loop().time()
             if stream in self._pending:
-                self._awaited[stream] = now
+                self._pending[stream].awaited_at = now
             self._turns.took(now - began_at, now)
             self._go_on()

@@ -29,7 +29,7 @@ class MbapSession(Session):
     its next requests have other identifiers.
     """
 
-    __slots__ = ("_framer", "_latest", "_rises", "_under_way")
+    __slots__ = ("_framer", "_latest", "_rises", "_under_way", "_was_read_before")
 
     def __init__(
         self,
@@ -49,6 +49,8 @@ class MbapSession(Session):
         #: The latest identifier, and how many in a row have risen up to it.
         self._latest = 0
         self._rises = 0
+        #: Whether the next request was read earlier: nobody knows how long ago its client has sent it.
+        self._was_read_before = False
 
     @property
     def has_begun(self) -> bool:
@@ -91,6 +93,7 @@ class MbapSession(Session):
         while self._takes_more:
             adu = self._framer.next()
             if adu is None:
+                self._was_read_before = False
                 return
             if self._under_way and (earlier := self._under_way.pop(adu.transaction, None)) is not None:
                 earlier.transaction = _GIVEN_UP
@@ -98,7 +101,8 @@ class MbapSession(Session):
                 self._withdraw(adu.transaction)
             if self._limit == 0:  # no more requests are taken
                 continue
-            self._rises = self._rises + 1 if 0 < (adu.transaction - self._latest) & 0xFFFF < _STEP else 0
+            rises = 0 < (adu.transaction - self._latest) & 0xFFFF < _STEP and not self._was_read_before
+            self._rises = self._rises + 1 if rises else 0
             self._latest = adu.transaction
             self.last_asked = now
             self.asked += 1
@@ -107,7 +111,7 @@ class MbapSession(Session):
             self._router.submit(request, now)
             if not request.is_over:
                 self._under_way[adu.transaction] = request
-        self._rises = 0  # what is not taken now waits for nobody knows how long
+        self._take_later()
         self._pause()
 
     def _close_when_done(self) -> None:
@@ -128,10 +132,15 @@ class MbapSession(Session):
         room = self._framer.room()
         if len(room) and (count := self._connection.receive(room)):
             self._framer.filled(count)
-            self._rises = 0  # what is processed later was read nobody knows how long before
+            self._take_later()
             self._connection.wake(_SOON)
         if self._framer.unfinished:
             self._out = [response for response in self._out if not self._framer.holds(response[:2])]
+
+    def _take_later(self) -> None:
+        """What has been read does not show that the client counts: it may have given up some of it meanwhile."""
+        self._rises = 0
+        self._was_read_before = True
 
     def _withdraw(self, transaction: int) -> None:
         """Drop the response with this identifier, which was ready at once and is not sent yet."""

@@ -252,7 +252,7 @@ class UdpListener:
     def _let_wait(self, arrived: tuple[PeerAddress, int], request: Arrived, now: float) -> None:
         """Keep a request until its sender is admitted."""
         key, _ = arrived
-        why_not = self._never(request.sock, key)
+        why_not = self._why_never(request.sock, key)
         if not why_not and len(self._waiting) >= MOST_AT_ONCE and arrived not in self._waiting:
             why_not = _TOO_MANY_NEW
         if why_not:
@@ -262,8 +262,8 @@ class UdpListener:
             asyncio.get_running_loop().call_soon(self._admit_next)
         self._waiting[arrived] = request
 
-    def _never(self, sock: socket.socket, key: PeerAddress) -> str:
-        """Why a sender is rejected whoever else is there. That is found out at once, and it keeps no others out."""
+    def _why_never(self, sock: socket.socket, key: PeerAddress) -> str:
+        """Why a sender is rejected whoever else is there. This is checked at once, so that it keeps nobody waiting."""
         if not is_meant(key.asked_host, sock, self._addresses):
             return NOT_MEANT
         return "" if self.router.rights.admits(key.host) else NO_RIGHTS
@@ -292,7 +292,7 @@ class UdpListener:
             self._failed(key, error)
 
     def _admit(self, sock: socket.socket, key: PeerAddress, now: float) -> str:
-        """Why a peer is rejected: no rights, not meant, or the listener is full. Empty if it is known from now on."""
+        """Why a peer is rejected: the listener is full, or it has lost its rights. Empty if it is known from now on."""
         client = join_host_port(key.host, key.port)
         if why_not := self._refusal(key.host, now):
             return why_not

@@ -99,8 +99,9 @@ def only_reads(pdu: bytes) -> bool:
 def _one_word(
     *sub_functions: int, effect: Effect = "write", repeats: int = 5, is_answered: bool = True
 ) -> dict[bytes, Function]:
-    """Sub-functions of 08 with one word of data in request and response."""
-    row = Function(Code.DIAGNOSTICS, "6.8.1", effect, fixed(5), fixed(5), repeats, is_answered=is_answered)
+    """Sub-functions of 08 with one word of data in request and response: in requests for a value (3) it is 0000."""
+    rules = {"the data must be 0000": lambda pdu: pdu[3:] == b"\0\0"} if repeats == 3 else {}
+    row = Function(Code.DIAGNOSTICS, "6.8.1", effect, fixed(5), fixed(5), repeats, is_answered=is_answered, rules=rules)
     return {bytes((Code.DIAGNOSTICS, 0, each)): row for each in sub_functions}
 
 

@@ -56,7 +56,7 @@ class RtuScanner(Scanner):
         #: When the last byte was read, and whether the silence after it is over.
         self._last = 0.0
         self._is_silent = True
-        #: The place of the last silence.
+        #: The place after the last silence that was noticed.
         self._silent_at = 0
         #: The place of the request, and the size of its echo.
         self._sent_at: int
@@ -346,7 +346,7 @@ class RtuScanner(Scanner):
         return size + OVERHEAD if size <= longest else 0
 
     def _starts(self, expected: Expected, at: int = 0) -> list[int]:
-        """Where the expected response may begin in the buffer, from `at` on. One of unknown size ends by silence."""
+        """Where this response may begin in the buffer, from `at` on; one of unknown size after the last silence."""
         skipped, since = expected.skipped, expected.since
         if not expected.asked.longest_response:
             since = max(since, self._silent_at)

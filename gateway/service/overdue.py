@@ -5,7 +5,7 @@
     ]}}
 
 A line on this port stopped 812.4 s after the machine was started, and responses to this request can arrive until
-814.1 s. If the machine was restarted, its clock is behind that: the rest of the window then counts from the restart,
+814.1 s. With `owed` 0 it was another client's, and that client can ask until then. If the machine was restarted, its clock is behind that: the rest of the window then counts from the restart,
 which is as long or longer. If the clock has already passed it, it is no longer than it was.
 """
 
@@ -117,7 +117,7 @@ def _is_sound(answer: Overdue) -> bool:
     """Whether a line can await it. A number that was read from a file may be anything."""
     units = (answer.unit,) if answer.answers_from is None else (answer.unit, answer.answers_from)
     are_whole = all(isinstance(number, int) for number in (*units, answer.owed))
-    return are_whole and all(unit in UNITS for unit in units) and answer.owed > 0 and bool(answer.asked.function)
+    return are_whole and all(unit in UNITS for unit in units) and answer.owed >= 0 and bool(answer.asked.function)
 
 
 def _overdue(answer: Entry, later: float) -> Overdue:

@@ -6,7 +6,7 @@ from gateway.devices.quirks import AddressZeroDevice
 from gateway.events import ForeignFrame, OtherClientHeard
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from kit.line_bench import ASCII, LIMIT, RESPONSE, TIMING, Bench
+from kit.line_bench import ASCII, LIMIT, READ, RESPONSE, TIMING, Bench
 
 #: What another client asks, and its answer, which would fit our READ.
 THEIRS = "03 00 30 00 01"
@@ -219,6 +219,30 @@ def test_it_makes_no_other_gateway_give_up_the_line(shared: Bench) -> None:
     assert heard == []
 
 
+def test_a_client_that_asks_what_we_asked_is_another_one(bench: Bench) -> None:
+    bench.ask()
+    bench.respond()
+    bench.pass_time(1.0)
+    bench.respond(READ)
+    bench.pass_time(0.05)
+    bench.respond()
+    bench.pass_time(0.1)
+    ask_coils(bench)
+    bench.respond(TWOFOLD)
+    assert bench.client.answers == [RESPONSE, "81 0B"]
+
+
+def test_the_line_that_follows_knows_of_the_other_client(shared: Bench) -> None:
+    later = shared
+    for _ in range(2):
+        earlier, later = later, Bench(timing=shared.settings.timing, virtual=False)
+        later.now = earlier.now + 50.0
+        later.line.await_overdue(earlier.line.overdue(later.now, 1.0), 1.0)
+    ask_coils(later)
+    later.respond(TWOFOLD)
+    assert (later.client.answers, later.line.late_windows(later.now)) == (["81 0B"], 1)
+
+
 def test_coils_are_no_request_where_nobody_else_was_heard_for_long(shared: Bench) -> None:
     shared.pass_time(301)
     ask_coils(shared)
@@ -237,6 +261,24 @@ def test_a_counter_of_diagnostics_is_no_request(shared: Bench) -> None:
     shared.pass_time(0.03)
     shared.respond("08 00 0B 00 05")
     assert shared.client.answers == ["08 00 0B 00 05"]
+
+
+def test_a_counter_that_is_zero_may_be_the_request_of_another_client(shared: Bench) -> None:
+    shared.ask("08 00 0B 00 00")
+    shared.pass_time(0.03)
+    shared.respond("08 00 0B 00 00")
+    shared.pass_time(0.02)
+    shared.respond("08 00 0B 00 05")
+    assert shared.client.answers == ["88 0B"]
+
+
+def test_a_counter_that_is_sent_twice_is_no_request(bench: Bench) -> None:
+    heard: list[str] = []
+    bench.line.share(lambda: True, lambda: heard.append("another client"))
+    bench.ask("08 00 0B 00 00")
+    bench.pass_time(0.03)
+    bench.hear(2 * bench.frame(1, "08 00 0B 00 05"))
+    assert (bench.client.answers, heard) == (["08 00 0B 00 05"], [])
 
 
 def test_a_read_of_registers_is_a_request_wherever_they_are(shared: Bench) -> None:

@@ -1,12 +1,14 @@
 """Which clients may begin a handshake while many are not done."""
 
+import asyncio
 from typing import Any
 
 from gateway.listeners.handshakes import (
+    ALL_GO_ON,
     MADE_ROOM,
     MOST,
     MOST_OF_ONE,
-    SILENT,
+    SLOW,
     TOO_MANY,
     TOO_MANY_OF_ONE,
     ConnectingClient,
@@ -15,13 +17,22 @@ from gateway.listeners.handshakes import (
 
 
 class Stream:
-    """A TlsStream whose client says nothing."""
+    """A TlsStream whose handshake is never done."""
 
     def __init__(self, owner: Handshakes) -> None:
         self._owner: Any = owner
         self.refused = ""
 
     def start(self) -> None:
+        pass
+
+    def step(self) -> None:
+        pass
+
+    def stepped(self, reason: None) -> None:
+        pass
+
+    def abort(self) -> None:
         pass
 
     def refuse(self, reason: str) -> None:
@@ -31,10 +42,11 @@ class Stream:
 
 def begun(owner: Handshakes, *origins: str) -> list[Stream]:
     streams: list[Any] = []
+    now = asyncio.get_running_loop().time()
     for origin in origins:
-        assert owner.trouble(origin, 0.0) == ""
+        assert owner.trouble(origin, now) == ""
         streams.append(Stream(owner))
-        owner.begin(streams[-1], ConnectingClient(origin, f"{origin}:1", origin), 0.0)
+        owner.begin(streams[-1], ConnectingClient(origin, f"{origin}:1", origin), now)
     return streams
 
 
@@ -42,14 +54,14 @@ def handshakes() -> Handshakes:
     return Handshakes(lambda *_: None, lambda *_: None)
 
 
-def test_one_address_has_few_of_them() -> None:
+async def test_one_address_has_few_of_them() -> None:
     owner = handshakes()
     begun(owner, *["10.0.0.1"] * MOST_OF_ONE)
     assert owner.trouble("10.0.0.1", 0.0) == TOO_MANY_OF_ONE
     assert owner.trouble("10.0.0.2", 0.0) == ""
 
 
-def test_the_address_with_most_of_them_makes_room() -> None:
+async def test_the_address_with_most_of_them_makes_room() -> None:
     owner = handshakes()
     once, *_ = begun(owner, "10.0.1.1")
     twice, _ = begun(owner, "10.0.1.2", "10.0.1.2")
@@ -58,12 +70,27 @@ def test_the_address_with_most_of_them_makes_room() -> None:
     assert (once.refused, twice.refused) == ("", MADE_ROOM)
 
 
-def test_if_each_address_has_one_the_oldest_silent_one_makes_room_but_for_no_second_one() -> None:
+async def test_if_each_address_has_one_the_slowest_client_makes_room_but_for_no_second_one() -> None:
     owner = handshakes()
-    active, silent, *_, last = begun(owner, *(f"10.0.0.{number}" for number in range(MOST)))
-    owner._is_working = True  # no step begins
+    begins = asyncio.get_running_loop().time()
+    active, silent, *others = begun(owner, *(f"10.0.0.{number}" for number in range(MOST)))
+    owner._is_working = True  # a step of another one is under way
     owner.step_due(active)
-    assert owner.trouble("10.0.2.1", SILENT - 0.1) == TOO_MANY
-    assert owner.trouble("10.0.0.7", SILENT) == TOO_MANY
-    assert owner.trouble("10.0.2.1", SILENT) == ""
-    assert (active.refused, silent.refused, last.refused) == ("", MADE_ROOM, "")
+    assert owner.trouble("10.0.2.1", begins + SLOW - 0.01) == ALL_GO_ON
+    assert owner.trouble("10.0.0.7", begins + SLOW) == TOO_MANY
+    assert owner.trouble("10.0.2.1", begins + SLOW) == ""
+    assert (active.refused, silent.refused) == ("", MADE_ROOM)
+    assert not any(each.refused for each in others)
+
+
+async def test_a_client_that_sends_a_byte_now_and_then_is_slow() -> None:
+    owner = handshakes()
+    trickling = begun(owner, "10.0.0.1")[0]
+    for _ in range(3):
+        await asyncio.sleep(SLOW / 3)
+        owner.step_due(trickling)
+        await asyncio.sleep(0.001)
+    begun(owner, *(f"10.0.1.{number}" for number in range(MOST - 1)))
+    assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == ""
+    assert trickling.refused == MADE_ROOM
+    owner.close()

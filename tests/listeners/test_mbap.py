@@ -670,15 +670,17 @@ def test_who_counts_is_looked_at_if_the_request_was_read_long_ago(client: Client
     assert client.connection.sent == []
 
 
-def test_what_was_read_early_does_not_show_that_a_client_counts(client: Client) -> None:
+@pytest.mark.parametrize(("before", "early"), [(15, 1), (3, 16), (3, 40)])
+def test_what_was_read_early_does_not_show_that_a_client_counts(client: Client, before: int, early: int) -> None:
     """Until it is processed, the gateway may stand still, and the client use the same identifier again."""
     client.target.at_once = True
-    for number in range(15):
+    for number in range(before):
         client.ask(number)
-    client.connection.unread = encode(16, 7, READ)
-    client.ask(15)
+    last = before + early
+    client.connection.unread = b"".join(encode(number, 7, READ) for number in range(before + 1, last + 1))
+    client.ask(before)
     client.connection.sent.clear()
     client.connection.now = 2.0
-    client.connection.unread = encode(16, 7, READ)
+    client.connection.unread = encode(last, 7, READ)
     client.ask_again()
-    assert client.connection.sent == []
+    assert encode(last, 7, RESPONSE) not in b"".join(client.connection.sent)

@@ -113,8 +113,8 @@ def echo(draw: Draw) -> Exchange:
 
 def one_word(sub_function: int, *, repeats: bool = True) -> Callable[[Draw], Exchange]:
     def exchange(draw: Draw) -> Exchange:
-        request = word(sub_function) + some(draw, 2)
-        return Exchange(request, request if repeats else word(sub_function) + some(draw, 2))
+        value = word(sub_function) + some(draw, 2)
+        return Exchange(value if repeats else word(sub_function) + word(0), value)
 
     return exchange
 

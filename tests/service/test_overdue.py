@@ -113,7 +113,7 @@ ANSWER = {"unit": 1, "answers_from": 1, "pdu": "03 00 07 00 01", "owed": 1, "end
             for key, value in [
                 ("unit", "x"), ("unit", 5000), ("unit", 1.0), ("pdu", "xy"), ("pdu", ""), ("pdu", "03 00"),
                 ("answers_from", 256), ("answers_from", -1), ("answers_from", "x"), ("answers_from", []),
-                ("answers_from", 1.0), ("owed", 0), ("owed", 1.5),
+                ("answers_from", 1.0), ("owed", -1), ("owed", 1.5),
                 ("ends_at", None), ("ends_at", 10**400), ("ends_at", float("inf")), ("ends_at", float("nan")),
             ]
         ),
