@@ -5,8 +5,9 @@
     ]}}
 
 A line on this port stopped 812.4 s after the machine was started, and responses to this request can arrive until
-814.1 s. With `owed` 0 it was another client's, and that client can ask until then. If the machine was restarted, its clock is behind that: the rest of the window then counts from the restart,
-which is as long or longer. If the clock has already passed it, it is no longer than it was.
+814.1 s. With `owed` 0 it was another client's, and that client can ask until then. If the machine was restarted, its
+clock is behind that: the rest of the time then counts from the restart, which is as long or longer. If the clock has
+already passed it, it is no longer than it was.
 """
 
 import os

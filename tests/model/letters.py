@@ -164,6 +164,11 @@ def _may_copy(world: World) -> bool:
     return _may_speak(world) and world.last is not None and not world.wire.is_awaited(world.last[0])
 
 
+def _may_reload(world: World) -> bool:
+    """Not while a response may come in time: the next line does not wait for it, which costs that response."""
+    return world.is_up and world.sent is None and not (world.line.is_busy or world.is_finished or world.echo)
+
+
 # --- other clients, the adapter, time ---
 
 
@@ -188,6 +193,13 @@ def _lose_echo(world: World) -> None:
 def _damage_echo(world: World) -> None:
     world.echo = flipped(world.echo, 9)
     world.hear()
+
+
+def _reload(world: World) -> None:
+    world.line.finish(world.now)
+    world.pass_until(_silent_at(world))
+    world.reload()
+    world.pass_until(_silent_at(world))
 
 
 def _until(when: Callable[[World], float]) -> Letter:
@@ -252,6 +264,7 @@ LETTERS: Final[dict[str, Letter]] = {
     "echo damaged": Letter(lambda world: world.echo, _damage_echo),
     "port lost": Letter(lambda world: world.is_up, World.unplug),
     "port back": Letter(lambda world: not world.is_up and not world.is_finished, World.plug),
+    "reload": Letter(_may_reload, _reload),
     "finish": Letter(lambda world: not world.is_finished, World.finish),
     "request has left": _until(_left_at),
     "silence": _until(_silent_at),

@@ -41,6 +41,10 @@ ALPHABETS: Final[dict[str, tuple[str, ...]]] = {
         "read coils", "read coils further on", "answer", "exception", "foreign read of coils",
         "other foreign read of coils", "foreign answer", "foreign exception", "silence", "limit", "window", "rest",
     ),
+    "reload": (
+        "read", "read coils", "answer", "reload", "foreign read", "foreign read of coils",
+        "other foreign read of coils", "foreign answer", "silence", "limit", "window",
+    ),
     "together": (
         "read", "other read", "answer", "copy of answer", "foreign read", "other foreign read", "foreign answer",
         "noise", "next two together", "silence", "limit",

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from gateway.lines.attribution import Attribution
-from gateway.lines.late import LateWindows
+from gateway.lines.late import LateWindows, Overdue
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
-from gateway.modbus.scan import Expected
+from gateway.modbus.scan import Expected, Token
 from gateway.modbus.scan_rtu import RtuScanner
 from model.letters import LETTERS, enabled
 from model.search import Search, replay, search
@@ -99,6 +99,32 @@ def test_a_request_that_is_taken_for_coils(monkeypatch) -> None:
     monkeypatch.setattr(Attribution, "_is_twofold", lambda attribution, token: False)
     letters = "read coils, foreign read, foreign read of coils, silence, limit"
     assert LIE in finds(letters, 3).wrong[0]
+
+
+@pytest.mark.interpreted
+def test_a_line_that_does_not_know_of_the_clients_of_an_earlier_one(monkeypatch) -> None:
+    overdue = Line.overdue
+
+    def of_ours(line: Line, now: float, patience: float) -> list[Overdue]:
+        return [each for each in overdue(line, now, patience) if each.owed]
+
+    monkeypatch.setattr(Line, "overdue", of_ours)
+    letters = "read coils, foreign read of coils, other foreign read of coils, foreign answer, reload"
+    assert LIE in finds(letters, 5).wrong[0]
+
+
+@pytest.mark.interpreted
+def test_a_client_that_asks_the_same_and_is_not_noticed(monkeypatch) -> None:
+    is_request = Attribution._is_request
+
+    def is_other_request(attribution: Attribution, token: Token, *, is_sure: bool) -> bool:
+        asked = attribution._asked
+        is_copy = asked is not None and asked.is_copy(token.frame)
+        return is_request(attribution, token, is_sure=is_sure and not is_copy)
+
+    monkeypatch.setattr(Attribution, "_is_request", is_other_request)
+    letters = "read, answer, foreign read, foreign answer, silence, read coils, foreign read of coils"
+    assert LIE in finds(letters, 7).wrong[0]
 
 
 @pytest.mark.interpreted

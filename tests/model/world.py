@@ -30,6 +30,8 @@ from model.wire import LATENCY, TIMEOUT, Asking, Wire
 
 #: No request may take longer, in seconds.
 PATIENCE: Final = 20.0
+#: No response comes later than so many seconds after its request.
+_LONGEST_WAIT: Final = 1.5
 #: Times are compared to so many seconds.
 A_MOMENT: Final = 1e-6
 #: What the gateway answers itself: to what it has not sent, and to anything.
@@ -108,13 +110,7 @@ class World:
         self.now = EPOCH
         self.wrong: list[str] = []
         self.story: list[str] = []
-        self.line = Line(setting.line, self._told)
-        self._scanner = self.line._receiver._scanner
-        self._scanner.position = PLACES
-        if isinstance(self._scanner, RtuScanner):
-            self._scanner._scanned = PLACES
-        self.devices = {unit: Device(settings, self.line) for unit, settings in _UNITS.items()}
-        self.everyone = EveryDevice(self.line)
+        self._begin()
         self.wire = Wire(setting.line.timing, takes_time=setting.is_real)
         self.open: list[Question] = []
         #: The request on the line, and its echo that is still to come.
@@ -130,6 +126,16 @@ class World:
         self._silent_at = 0.0
         self.plug()
         self.pass_until(self.now + 1.0)
+
+    def _begin(self) -> None:
+        """A new line, with its devices."""
+        self.line = Line(self.setting.line, self._told)
+        self._scanner = self.line._receiver._scanner
+        self._scanner.position = PLACES
+        if isinstance(self._scanner, RtuScanner):
+            self._scanner._scanned = PLACES
+        self.devices = {unit: Device(settings, self.line) for unit, settings in _UNITS.items()}
+        self.everyone = EveryDevice(self.line)
 
     def picture(self) -> int:
         """What matters of it, as one number."""
@@ -210,6 +216,13 @@ class World:
         self.sent = None
         self.wire.cut()
         self.line.port_down(self.now)
+
+    def reload(self) -> None:
+        """Another line follows this one, which has finished, on the port, and takes over what may still come there."""
+        overdue = self.line.overdue(self.now, _LONGEST_WAIT)
+        self._begin()
+        self.line.await_overdue(overdue, _LONGEST_WAIT)
+        self.plug()
 
     def leave(self, client: str) -> None:
         """A client closes its connection."""
