@@ -23,7 +23,7 @@ from typing import Final
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.checks import crc_fits, lrc
-from gateway.modbus.codes import Area
+from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.timing.characters import LineTiming
@@ -56,6 +56,11 @@ def bit(number: int, area: Area, address: int) -> bool:
     """What coil or discrete input `address` of device `number` holds until it is written."""
     mixed = (number * 2 + (area is Area.DISCRETE)) * 0x9E3779B1 + address * 0x85EBCA6B & 0xFFFFFFFF
     return bool((mixed ^ mixed >> 15) * 0xC2B2AE35 >> 20 & 1)
+
+
+def counter(number: int, sub_function: int) -> int:
+    """What device `number` responds to this sub-function of 08."""
+    return (number + sub_function) % 2 * (number << 8 | sub_function)
 
 
 class Fault(StrEnum):
@@ -116,6 +121,8 @@ class FaultyDevice(SimulatedDevice):
         """Act on a request; the right answer."""
         if pdu[0] == OWN_FUNCTION:
             return bytes((OWN_FUNCTION, self.number)) + pdu[1:]
+        if pdu[0] == FunctionCode.DIAGNOSTICS:
+            return pdu[:3] + counter(self.number, pdu[2]).to_bytes(2)
         return self._respond(pdu)
 
 

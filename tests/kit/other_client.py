@@ -16,6 +16,7 @@ import random
 from collections.abc import Callable
 from typing import Final
 
+from gateway.modbus.codes import COUNTERS, FunctionCode
 from gateway.modbus.pdu import parse_request
 from kit.device import Answer
 from kit.faulty import FaultyDevice, FaultyLine
@@ -70,6 +71,8 @@ class OtherClient:
     def _pdu(self) -> bytes:
         if self._dice.random() < 0.15:
             return self._write()
+        if self._dice.random() < 0.05:
+            return bytes((FunctionCode.DIAGNOSTICS, 0, self._dice.choice(COUNTERS), 0, 0))
         function = self._dice.choice((3, 3, 3, 4, 1, 2))
         start, count = self._dice.choice(_SPANS if function > 2 else _BITS)
         return bytes((function,)) + start.to_bytes(2) + count.to_bytes(2)

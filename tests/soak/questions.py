@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Final
 
-from gateway.modbus.codes import Area
+from gateway.modbus.codes import COUNTERS, Area
 from gateway.registers.bits import pack_bits, unpack_bits
-from kit.faulty import OWN_FUNCTION, Fault, bit, word
+from kit.faulty import OWN_FUNCTION, Fault, bit, counter, word
 from soak.kinds_of_lines import NUMBERS
 
 CLIENTS: Final = 24
@@ -206,6 +206,12 @@ class Questions:
         data = self._dice.randbytes(self._dice.randint(2, 8))
         return Question(unit, bytes((OWN_FUNCTION,)) + data, _expect(bytes((OWN_FUNCTION, number)) + data))
 
+    def _read_counter(self, unit: int, number: int) -> Question:
+        """A counter that is 0 looks like a request to read it."""
+        sub_function = self._dice.choice(COUNTERS)
+        head = bytes((8, 0, sub_function))
+        return Question(unit, head + bytes(2), _expect(head + counter(number, sub_function).to_bytes(2)))
+
     def _broadcast(self, unit: int, number: int) -> Question:
         """A register that this client's broadcasts write, and nothing else: a device may hear one or not."""
         address, value = self._own + OWN_ITEMS - 1, self._values.new_value()
@@ -230,6 +236,7 @@ _MIX: dict[Callable[[Questions, int, int], Question], int] = {
     Questions._write_coil: 20,
     Questions._write_coils: 15,
     Questions._unknown_function: 13,
+    Questions._read_counter: 20,
     Questions._broadcast: 2,
 }
 _KINDS = list(_MIX)
