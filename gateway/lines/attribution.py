@@ -233,7 +233,7 @@ class Attribution:
         to its request (05, 06): if another client has sent it, one more follows.
         """
         asked = self._asked
-        if asked is None or not _is_repeated(asked, token.frame):
+        if asked is None or token.start < self._place or not _is_repeated(asked, token.frame):
             return False
         may_be_response = asked.asked.accepts(token.frame.pdu)
         is_first, self._had_echo = not self._had_echo, True

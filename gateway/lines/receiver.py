@@ -296,18 +296,21 @@ class Receiver:
 
         A copy of the request that could be its response counts as an echo, unless the port is known to have no wire.
         """
-        since, asked = current.expected.since, current.asked
+        asked = current.asked
         if self._echo.is_configured:
             return False
-        if self._echo.has_no_wire and copies and copies[0].start < since and asked.accepts(asked.data):
+        if self._echo.has_no_wire and copies and self._is_early(copies[0], current) and asked.accepts(asked.data):
             return True
-        return any(token.start < since and current.accepts(token.frame) for token in others)
+        return any(self._is_early(token, current) and current.accepts(token.frame) for token in others)
 
     def _notice_echo(self, current: Transaction) -> None:
         """A copy that came before all of the request was sent is the adapter's."""
-        since = current.expected.since
-        if any(token.start < since and current.is_copy(token.frame) for token, _ in self._frames):
+        if any(self._is_early(token, current) and current.is_copy(token.frame) for token, _ in self._frames):
             self._echo.record_echo(current)
+
+    def _is_early(self, token: Token, current: Transaction) -> bool:
+        """Whether it began after the request, but before all of that can have been sent."""
+        return self._began_at <= token.start < current.expected.since
 
     def _patience(self, asked: RequestPdu, answer_time: AnswerTime) -> float:
         """How long after another client's request its response may come: as long as after ours."""

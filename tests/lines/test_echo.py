@@ -180,6 +180,20 @@ def test_an_echo_that_is_cut_by_the_end_of_its_request_is_one(real: Bench) -> No
     assert len(real.told(EchoHeard)) == 1
 
 
+@pytest.mark.parametrize("pdu", [READ, WRITE])
+def test_what_had_begun_when_the_request_was_sent_is_no_echo(real: Bench, pdu: str) -> None:
+    """Another client has sent it, and the adapter has handed it over in two pieces."""
+    whole = bytes.fromhex(real.frame(1, pdu))
+    real.hear(whole[:3].hex())
+    real.ask(pdu)
+    real.pass_time(0.003)
+    assert real.written == [real.frame(1, pdu)]
+    real.hear(whole[3:].hex())
+    real.pass_time(1.0)
+    assert (real.told(EchoHeard), real.client.answers) == ([], [f"8{pdu[1]} 0B"])
+
+
+
 @pytest.mark.parametrize("later", [0.002, 0.05])
 def test_an_echo_that_comes_later_is_one_when_it_came_to_several_requests_in_a_row(real: Bench, later: float) -> None:
     """Another client's request may be a copy of ours; hardly of each of ours."""
