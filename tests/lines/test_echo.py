@@ -193,7 +193,6 @@ def test_what_had_begun_when_the_request_was_sent_is_no_echo(real: Bench, pdu: s
     assert (real.told(EchoHeard), real.client.answers) == ([], [f"8{pdu[1]} 0B"])
 
 
-
 @pytest.mark.parametrize("later", [0.002, 0.05])
 def test_an_echo_that_comes_later_is_one_when_it_came_to_several_requests_in_a_row(real: Bench, later: float) -> None:
     """Another client's request may be a copy of ours; hardly of each of ours."""
