@@ -17,7 +17,8 @@ A frame with a damaged byte is no response. It counts as a request, because the 
 unless it looks like the response to our request and nobody else was ever heard.
 
 Some frames can be read both ways: `01 03 10 00 18` is a read of 24 coils, and a response with 24 coils. For five
-minutes after another client was heard, such a frame is not believed: it counts as a request, and answers none.
+minutes after another client was heard, such a frame is not believed: it counts as a request, and answers none. It is
+no evidence of another client.
 """
 
 from collections import deque
@@ -44,7 +45,7 @@ _PER_UNIT: Final = 16
 _LONGEST: Final = 300.0
 
 #: Functions with frames that can be read both ways, unless the response repeats its request. A response to others has
-#: another size than any request, an even byte count (03, 04), or an odd length where a request has a 6 (20).
+#: another size than any request, an even byte count (03, 04), or an odd length in place of the reference type 6 (20).
 _TWOFOLD: Final = frozenset(
     {
         FunctionCode.READ_COILS,
@@ -134,6 +135,11 @@ class Attribution:
             return "nobody"
         return self._other_owner(token, is_twofold=is_twofold)
 
+    def expect_client(self, request: Overdue) -> None:
+        """An earlier line has heard this request of another client."""
+        if self.other_client is None or self.other_client.ends_at < request.ends_at:
+            self.other_client = request
+
     def foreign_requests(self) -> list[ForeignRequest]:
         """Other clients' requests without a response."""
         return [request for requests in self.foreign.values() for request in requests]
@@ -152,9 +158,9 @@ class Attribution:
                 return "another client"
             if self._is_late(token):
                 return "a late response"
-        if self._is_echo(token):
+        if not (is_twofold and self._was_refused(token)) and self._is_echo(token):
             return "an echo"
-        if self._is_request(token, is_sure=not is_twofold):
+        if self._is_request(token, is_sure=not _is_request_and_response(token.frame.pdu)):
             return "another's request"
         self._count_stray_response(token)
         return "nobody"
@@ -225,6 +231,10 @@ class Attribution:
             self.late = request
         return request is not None
 
+    def _was_refused(self, token: Token) -> bool:
+        """Whether it has ended our request, but may be another client's, or for another client."""
+        return bool(self.doubts) and token.end == self.ended_at
+
     def _is_echo(self, token: Token) -> bool:
         """Whether it is a copy of our request that came from the adapter, or a response to a broadcast.
 
@@ -250,9 +260,9 @@ class Attribution:
     def _count_copy(self, token: Token) -> None:
         """Count a frame that is a copy of our request and not the response to it."""
         asked = self._asked
-        if asked is None or not _is_repeated(asked, token.frame):
+        if asked is None or token.start < self._place or not _is_repeated(asked, token.frame):
             return
-        if self.doubts and token.end == self.ended_at:
+        if self._was_refused(token):
             return  # it may be the response
         if self._is_on_line or asked.asked.accepts(token.frame.pdu):
             self._copies += 1
@@ -272,15 +282,21 @@ class Attribution:
             self.overheard.count_copy(token.at)
         elif is_sure:
             self.overheard.count_request(token.at)
-        if is_sure:
-            self.other_client = Overdue(frame.unit, frame.unit, frame.pdu, 0, token.at + _LONGEST)
         self.is_shared = True
-        request = ForeignRequest(token.at, token.end, frame, asked)
-        self.foreign.setdefault(frame.unit, deque(maxlen=_PER_UNIT)).append(request)
+        self._await_response(ForeignRequest(token.at, token.end, frame, asked))
         may_be_response = is_copy and asked.accepts(frame.pdu)
-        if self.heard_asker is not None and is_sure and not may_be_response:
-            self.heard_asker()
+        if is_sure and not may_be_response:
+            self.other_client = Overdue(frame.unit, frame.unit, frame.pdu, 0, token.at + _LONGEST)
+            if self.heard_asker is not None:
+                self.heard_asker()
         return True
+
+    def _await_response(self, request: ForeignRequest) -> None:
+        """Remember another client's request. If there are too many, one that may be a response goes first."""
+        requests = self.foreign.setdefault(request.frame.unit, deque())
+        if len(requests) >= _PER_UNIT:
+            requests.remove(next((each for each in requests if _is_request_and_response(each.frame.pdu)), requests[0]))
+        requests.append(request)
 
     def _count_stray_response(self, token: Token) -> None:
         """A frame without an owner may be a second response to our last request, or come after its late window."""

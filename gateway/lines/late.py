@@ -22,10 +22,10 @@ WORTH_WAITING: Final = 0.250
 
 
 class Overdue(NamedTuple):
-    """A request that was heard or sent on a port earlier: up to `owed` responses may come until `ends_at`.
+    """A request that was sent or heard on the port by an earlier line: up to `owed` responses may come until `ends_at`.
 
-    `answers_from` is the unit that responds; None if it is unknown. If `owed` is 0, only the client of the request is
-    still expected: it is not this gateway.
+    `answers_from` is the unit that responds; None if it is unknown. If `owed` is 0, no response is awaited: another
+    client has sent the request, and may be there until `ends_at`.
     """
 
     unit: int

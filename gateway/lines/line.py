@@ -219,7 +219,7 @@ class Line:
         """
         for each in answers:
             if not each.owed:
-                self._receiver.attribution.other_client = each
+                self._receiver.attribution.expect_client(each)
                 continue
             expected = self._receiver.expected(each.answers_from, each.asked)
             self._windows.open(each, expected, each.ends_at, each.owed, patience)

@@ -299,8 +299,8 @@ class Receiver:
         asked = current.asked
         if self._echo.is_configured:
             return False
-        if self._echo.has_no_wire and copies and self._is_early(copies[0], current) and asked.accepts(asked.data):
-            return True
+        if self._echo.has_no_wire and asked.accepts(asked.data):
+            others = others + copies
         return any(self._is_early(token, current) and current.accepts(token.frame) for token in others)
 
     def _notice_echo(self, current: Transaction) -> None:

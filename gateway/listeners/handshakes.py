@@ -21,10 +21,9 @@ MOST: Final = 64
 MOST_OF_ONE: Final = 8
 #: How long a handshake may take, in seconds: small devices with RSA need some.
 DEADLINE: Final = 10.0
-#: A client that was waited for this long in all, in seconds, makes room for one of an address with only one fewer.
-#: Otherwise clients that come at once would end one another's handshakes. So short that more can make room in a second
-#: than connections are accepted.
-SLOW: Final = 0.25
+#: A client that has kept its handshake waiting for so many seconds makes room for one of an address with one fewer.
+#: Otherwise clients that come at once would end one another's handshakes.
+SLOW: Final = 1.0
 
 TOO_MANY_OF_ONE: Final = f"{MOST_OF_ONE} handshakes with this address are not done"
 TOO_MANY: Final = f"{MOST} handshakes are not done, and others have fewer of them"
@@ -48,7 +47,11 @@ class ConnectingClient:
 
 @dataclass(slots=True)
 class _Handshake:
-    """A handshake that is not done: since when its client is awaited, None during a step; how long it was before."""
+    """A handshake that is not done.
+
+    `awaited_at` is since when its client is awaited; None while a step is due or under way. `awaited` is for how many
+    seconds it was awaited before that, since it was sent something.
+    """
 
     connecting: ConnectingClient
     began_at: float
@@ -56,7 +59,7 @@ class _Handshake:
     awaited: float = 0.0
 
     def delay(self, now: float) -> float:
-        """For how many seconds its client was awaited."""
+        """For how many seconds its client has kept it waiting: what makes no progress does not count."""
         return self.awaited + (0.0 if self.awaited_at is None else now - self.awaited_at)
 
 
@@ -170,12 +173,16 @@ class Handshakes:
 
     def _stepped(self, stream: TlsStream, began_at: float, step: asyncio.Future[str | None]) -> None:
         self._is_working = False
+        has_response = stream.has_response
         try:
             if not step.cancelled():
                 stream.stepped(step.result())
         finally:
             now = asyncio.get_running_loop().time()
-            if stream in self._pending:
-                self._pending[stream].awaited_at = now
+            handshake = self._pending.get(stream)
+            if handshake is not None:
+                handshake.awaited_at = now
+                if has_response:
+                    handshake.awaited = 0.0
             self._turns.took(now - began_at, now)
             self._go_on()

@@ -29,7 +29,7 @@ class MbapSession(Session):
     its next requests have other identifiers.
     """
 
-    __slots__ = ("_framer", "_latest", "_rises", "_under_way", "_was_read_before")
+    __slots__ = ("_framer", "_is_read_ahead", "_latest", "_rises", "_under_way")
 
     def __init__(
         self,
@@ -49,8 +49,8 @@ class MbapSession(Session):
         #: The latest identifier, and how many in a row have risen up to it.
         self._latest = 0
         self._rises = 0
-        #: Whether the next request was read earlier: nobody knows how long ago its client has sent it.
-        self._was_read_before = False
+        #: Whether the next request was read ahead: it is unknown how long ago its client has sent it.
+        self._is_read_ahead = False
 
     @property
     def has_begun(self) -> bool:
@@ -93,7 +93,7 @@ class MbapSession(Session):
         while self._takes_more:
             adu = self._framer.next()
             if adu is None:
-                self._was_read_before = False
+                self._is_read_ahead = False
                 return
             if self._under_way and (earlier := self._under_way.pop(adu.transaction, None)) is not None:
                 earlier.transaction = _GIVEN_UP
@@ -101,7 +101,7 @@ class MbapSession(Session):
                 self._withdraw(adu.transaction)
             if self._limit == 0:  # no more requests are taken
                 continue
-            rises = 0 < (adu.transaction - self._latest) & 0xFFFF < _STEP and not self._was_read_before
+            rises = 0 < (adu.transaction - self._latest) & 0xFFFF < _STEP and not self._is_read_ahead
             self._rises = self._rises + 1 if rises else 0
             self._latest = adu.transaction
             self.last_asked = now
@@ -138,9 +138,9 @@ class MbapSession(Session):
             self._out = [response for response in self._out if not self._framer.holds(response[:2])]
 
     def _take_later(self) -> None:
-        """What has been read does not show that the client counts: it may have given up some of it meanwhile."""
+        """What is read ahead does not show that the client counts: it may have given up some of it since."""
         self._rises = 0
-        self._was_read_before = True
+        self._is_read_ahead = True
 
     def _withdraw(self, transaction: int) -> None:
         """Drop the response with this identifier, which was ready at once and is not sent yet."""

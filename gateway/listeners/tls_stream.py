@@ -115,6 +115,11 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             return explain(error)
         return ""
 
+    @property
+    def has_response(self) -> bool:
+        """Whether the last step has something for the client."""
+        return self._outgoing.pending > 0
+
     def _order_step(self) -> None:
         self._transport.pause_reading()
         self._is_stepping = True

@@ -96,11 +96,14 @@ def only_reads(pdu: bytes) -> bool:
     return row_of(pdu).effect == "read"
 
 
-def _one_word(
-    *sub_functions: int, effect: Effect = "write", repeats: int = 5, is_answered: bool = True
-) -> dict[bytes, Function]:
-    """Sub-functions of 08 with one word of data in request and response: in requests for a value (3) it is 0000."""
-    rules = {"the data must be 0000": lambda pdu: pdu[3:] == b"\0\0"} if repeats == 3 else {}
+def _one_word(*sub_functions: int, asks: bool = False, is_answered: bool = True) -> dict[bytes, Function]:
+    """Sub-functions of 08 with one word of data in request and response.
+
+    One that `asks` for a value has the data 0000, and its response repeats only the sub-function.
+    """
+    effect: Effect = "inspect" if asks else "write"
+    repeats = 3 if asks else 5
+    rules = {"the data must be 0000": lambda pdu: pdu[3:] == b"\0\0"} if asks else {}
     row = Function(Code.DIAGNOSTICS, "6.8.1", effect, fixed(5), fixed(5), repeats, is_answered=is_answered, rules=rules)
     return {bytes((Code.DIAGNOSTICS, 0, each)): row for each in sub_functions}
 
@@ -120,7 +123,7 @@ _ROWS: Final = (
         b"\x08\0\0": Function(Code.DIAGNOSTICS, "6.8.1", "write", any_size(3), any_size(3), ALL,
                               rules={"the data must be words": lambda pdu: len(pdu) > 3 and len(pdu) % 2 == 1}),
         **_one_word(0x01, 0x03, codes.CLEAR_COUNTERS, codes.CLEAR_OVERRUN_COUNTER),  # restart, change the delimiter
-        **_one_word(0x02, *codes.COUNTERS, effect="inspect", repeats=3),  # return the diagnostic register
+        **_one_word(0x02, *codes.COUNTERS, asks=True),  # return the diagnostic register
         **_one_word(0x04, is_answered=False),  # only listen from now on
     }),
     Function(Code.GET_COMM_EVENT_COUNTER, "6.9", "read", fixed(1), fixed(5)),

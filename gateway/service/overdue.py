@@ -5,7 +5,7 @@
     ]}}
 
 A line on this port stopped 812.4 s after the machine was started, and responses to this request can arrive until
-814.1 s. With `owed` 0 it was another client's, and that client can ask until then. If the machine was restarted, its
+814.1 s. If `owed` is 0, another client has sent it, and may be there until then. If the machine was restarted, its
 clock is behind that: the rest of the time then counts from the restart, which is as long or longer. If the clock has
 already passed it, it is no longer than it was.
 """
@@ -34,7 +34,7 @@ Entry = dict[str, Any]
 
 
 class LeftBehind:
-    """Late responses that may still arrive on ports of removed lines; with a `file` also for the next process.
+    """What may still arrive on ports of removed lines, see Line.overdue; with a `file` also for the next process.
 
     The key of a port is its `place`. Times are seconds of the monotonic clock, like those of the event loop.
     """
@@ -45,14 +45,14 @@ class LeftBehind:
         self._entries: Entries = {} if file is None else file.read()
 
     def at(self, place: str, now: float) -> list[Overdue]:
-        """The responses that may still arrive there."""
+        """What may still arrive there."""
         entry = self._entries.get(place)
         if entry is None:
             return []
         return read_entry(entry, now, -entry["at"] if entry["at"] > now else 0.0)
 
     def leave(self, place: str, answers: Sequence[Overdue], now: float) -> None:
-        """A line has stopped there, and only these responses are overdue.
+        """A line has stopped there, and only this may still arrive.
 
         Expired entries are deleted for ports of this process only: others may belong to another gateway, which may have
         changed them.
@@ -82,7 +82,7 @@ def as_entry(answers: Iterable[Overdue], now: float) -> Entry:
 
 
 def read_entry(entry: Entry, now: float, later: float) -> list[Overdue]:
-    """The responses that may still arrive; their times are this many seconds later by this clock."""
+    """What may still arrive; the times are this many seconds later by this clock."""
     return [each for answer in entry["answers"] if (each := _overdue(answer, later)).ends_at > now]
 
 

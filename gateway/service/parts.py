@@ -125,7 +125,7 @@ class GatewayLine:
         return max(limit + late, self._least_patience)
 
     def overdue(self, now: float) -> list[Overdue]:
-        """Late responses that may still arrive on the port."""
+        """What may still arrive on the port: see Line.overdue."""
         return self.driver.line.overdue(now, self.patience)
 
     def devices_of(self, plan: LinePlan) -> dict[int, Device]:

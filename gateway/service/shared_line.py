@@ -73,7 +73,7 @@ class SharedPort:
         return state | ({"rate": [configured, rate]} if _RATE in self._changed else {})
 
     def final_state(self) -> dict[str, Any]:
-        """With the late answers, whose times count from now on."""
+        """With what may still arrive on the port; its times count from now on."""
         now = self._line.now()
         late = [each._replace(ends_at=each.ends_at - now) for each in self._line.overdue(now)]
         return self.state() | ({"late": as_entry(late, 0.0)} if late else {})

@@ -193,6 +193,18 @@ def test_what_had_begun_when_the_request_was_sent_is_no_echo(real: Bench, pdu: s
     assert (real.told(EchoHeard), real.client.answers) == ([], [f"8{pdu[1]} 0B"])
 
 
+def test_several_copies_that_had_begun_before_their_requests_are_no_echo(real: Bench) -> None:
+    copy = bytes.fromhex(READ_FRAME)
+    for _ in range(ECHOES + 1):
+        real.hear(copy[:3].hex())
+        real.ask()
+        real.pass_time(0.03)
+        real.hear(copy[3:].hex())
+        real.hear(2 * RESPONSE_FRAME)
+        real.pass_time(5.0)
+    assert real.told(EchoHeard) == []
+
+
 @pytest.mark.parametrize("later", [0.002, 0.05])
 def test_an_echo_that_comes_later_is_one_when_it_came_to_several_requests_in_a_row(real: Bench, later: float) -> None:
     """Another client's request may be a copy of ours; hardly of each of ours."""

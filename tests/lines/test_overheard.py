@@ -243,6 +243,17 @@ def test_the_line_that_follows_knows_of_the_other_client(shared: Bench) -> None:
     assert (later.client.answers, later.line.late_windows(later.now)) == (["81 0B"], 1)
 
 
+def test_an_earlier_line_has_heard_a_client_earlier(shared: Bench) -> None:
+    earlier = shared.line.overdue(shared.now, 1.0)
+    shared.pass_time(200.0)
+    shared.respond(THEIRS)
+    shared.line.await_overdue([each for each in earlier if not each.owed], 1.0)
+    shared.pass_time(200.0)
+    ask_coils(shared)
+    shared.respond(TWOFOLD)
+    assert shared.client.answers == ["81 0B"]
+
+
 def test_coils_are_no_request_where_nobody_else_was_heard_for_long(shared: Bench) -> None:
     shared.pass_time(301)
     ask_coils(shared)
@@ -272,13 +283,56 @@ def test_a_counter_that_is_zero_may_be_the_request_of_another_client(shared: Ben
     assert shared.client.answers == ["88 0B"]
 
 
-def test_a_counter_that_is_sent_twice_is_no_request(bench: Bench) -> None:
+@pytest.mark.parametrize("response", ["08 00 0B 00 05", "08 00 0B 00 00", "06 00 01 00 05", TWOFOLD])
+def test_a_response_that_comes_twice_shows_no_other_client(bench: Bench, response: str) -> None:
     heard: list[str] = []
     bench.line.share(lambda: True, lambda: heard.append("another client"))
-    bench.ask("08 00 0B 00 00")
+    bench.ask({"08": "08 00 0B 00 00", "06": response, "01": COILS}[response[:2]])
     bench.pass_time(0.03)
-    bench.hear(2 * bench.frame(1, "08 00 0B 00 05"))
-    assert (bench.client.answers, heard) == (["08 00 0B 00 05"], [])
+    bench.respond(response)
+    bench.pass_time(0.01)
+    bench.respond(response)
+    bench.pass_time(1.0)
+    ask_coils(bench)
+    bench.respond(TWOFOLD)
+    assert (bench.client.answers, heard) == ([response, TWOFOLD], [])
+
+
+@pytest.mark.parametrize(
+    ("pdu", "late", "other", "their_response"),
+    [
+        ("08 00 0B 00 00", "08 00 0B 00 05", "08 00 0B 00 00", "08 00 0B 00 06"),
+        ("01 03 00 00 18", "01 03 11 11 11", "01 00 10 00 18", "01 03 22 22 22"),
+    ],
+)
+def test_one_who_asks_what_we_ask_in_place_of_a_response_is_remembered(
+    shared: Bench, pdu: str, late: str, other: str, their_response: str
+) -> None:
+    shared.ask(pdu)
+    shared.pass_time(0.03)
+    shared.respond(pdu)
+    shared.pass_time(0.1)
+    shared.respond(late)
+    shared.pass_time(0.1)
+    shared.ask(other)
+    shared.pass_time(0.05)
+    shared.respond(their_response)
+    assert [answer[3:] for answer in shared.client.answers] == ["0B", "0B"]
+
+
+@pytest.mark.parametrize("start", range(0x0B, 0x0D))
+def test_what_may_be_a_request_makes_nobody_forget_a_real_one(shared: Bench, start: int) -> None:
+    shared.device(timeout=1.0)
+    shared.respond(THEIRS)
+    for _ in range(9):
+        shared.pass_time(0.01)
+        shared.respond(f"08 00 {start:02X} 00 00")
+        shared.pass_time(0.01)
+        shared.respond(f"08 00 {start:02X} 00 00")
+    shared.ask()
+    shared.pass_time(0.05)
+    shared.respond(THEIR_RESPONSE)
+    assert shared.client.answers == ["83 0B"]
 
 
 def test_a_read_of_registers_is_a_request_wherever_they_are(shared: Bench) -> None:

@@ -22,6 +22,7 @@ class Stream:
     def __init__(self, owner: Handshakes) -> None:
         self._owner: Any = owner
         self.refused = ""
+        self.has_response = False
 
     def start(self) -> None:
         pass
@@ -93,4 +94,20 @@ async def test_a_client_that_sends_a_byte_now_and_then_is_slow() -> None:
     begun(owner, *(f"10.0.1.{number}" for number in range(MOST - 1)))
     assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == ""
     assert trickling.refused == MADE_ROOM
+    owner.close()
+
+
+async def test_a_client_that_goes_on_is_not_slow() -> None:
+    """However many others come: else each would end the handshake that is nearly done."""
+    owner = handshakes()
+    going_on = begun(owner, "10.0.0.1")[0]
+    going_on.has_response = True
+    await asyncio.sleep(0.9 * SLOW)
+    owner.step_due(going_on)
+    await asyncio.sleep(0.001)
+    begun(owner, *(f"10.0.1.{number}" for number in range(MOST - 1)))
+    await asyncio.sleep(0.9 * SLOW)
+    assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == ALL_GO_ON
+    await asyncio.sleep(0.2 * SLOW)
+    assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == ""
     owner.close()
