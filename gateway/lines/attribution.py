@@ -103,13 +103,18 @@ class Attribution:
         self._copies = 0
         self._echo_until: float
         self._had_echo: bool
+        self._echo_is_first: bool
 
-    def begin(self, transaction: Transaction, position: int, echo_until: float) -> None:
-        """The request is sent at this place. A copy of it before `echo_until` is an echo."""
+    def begin(self, transaction: Transaction, position: int, echo_until: float, *, echo_is_first: bool) -> None:
+        """The request is sent at this place. A copy of it before `echo_until` is an echo.
+
+        With `echo_is_first` no response is before the echo.
+        """
         self.echoes_in_a_row = self.echoes_in_a_row + 1 if self._copies else 0
         self._copies = 0
         self._echo_until = echo_until
         self._had_echo = False
+        self._echo_is_first = echo_is_first
         self._asked = transaction
         self.overheard.count_sent()
         self._place = position
@@ -178,6 +183,7 @@ class Attribution:
             return False
         self.end(token.end)
         self._is_answered = True
+        self._had_echo = self._had_echo or self._echo_is_first
         if self.foreign or self.doubts:
             self.doubts = self._doubts_about(token.frame, asked)
         if is_twofold:
@@ -212,13 +218,19 @@ class Attribution:
         return self._place <= token.start and token.end <= asked.expected.since
 
     def _answers_other_client(self, token: Token) -> bool:
-        """If one of our late responses looks the same, this may have been that one: its window is extended."""
-        frame = token.frame
+        """If one of our late responses looks the same, this may have been that one: its window is extended.
+
+        It may answer an earlier sending of the request on the line, too: then another client's is still awaited.
+        """
+        frame, ours = token.frame, self._asked
+        is_ours_too = ours is not None and self._is_on_line and ours.outstanding > 1 and ours.accepts(frame)
         for request in self.foreign.get(frame.unit, ()):
             asked = request.asked
             is_repeated = frame.pdu == asked.data != asked.response_head
             is_over = token.at > request.at + _LONGEST
             if not (is_repeated or is_over or token.is_damaged) and asked.accepts(frame.pdu):
+                if is_ours_too:
+                    return True
                 self.foreign[frame.unit].remove(request)
                 self._drop_empty(frame.unit)
                 self._windows.extend(token, request.at, partial(self._patience, asked))
@@ -277,13 +289,15 @@ class Attribution:
             return False
         if asked.function not in KNOWN_FUNCTIONS:
             return False
-        is_copy = self._asked is not None and self._asked.is_copy(frame)
-        if is_copy:
+        at, ours = token.at, self._asked
+        is_copy = ours is not None and ours.is_copy(frame)
+        if ours is not None and is_copy:
             self.overheard.count_copy(token.at)
+            at = max(at, ours.ends_at)  # the response that follows may be ours
         elif is_sure:
             self.overheard.count_request(token.at)
         self.is_shared = True
-        self._await_response(ForeignRequest(token.at, token.end, frame, asked))
+        self._await_response(ForeignRequest(at, token.end, frame, asked))
         may_be_response = is_copy and asked.accepts(frame.pdu)
         if is_sure and not may_be_response:
             self.other_client = Overdue(frame.unit, frame.unit, frame.pdu, 0, token.at + _LONGEST)

@@ -254,6 +254,48 @@ def test_an_earlier_line_has_heard_a_client_earlier(shared: Bench) -> None:
     assert shared.client.answers == ["81 0B"]
 
 
+def test_behind_our_answer_a_copy_is_no_echo_if_that_was_first() -> None:
+    """Another client reads the coils that we have read, and gets an exception."""
+    bench = Bench(virtual=False, echo=True)
+    bench.ask(TWOFOLD)
+    bench.hear(bench.frame(1, TWOFOLD))
+    bench.pass_time(0.03)
+    bench.respond("01 03 00 00 FF")
+    bench.pass_time(0.1)
+    bench.respond(TWOFOLD)
+    bench.pass_time(0.01)
+    bench.ask(COILS)
+    bench.hear(bench.frame(1, COILS))
+    bench.pass_time(0.03)
+    bench.respond("81 02")
+    assert bench.client.answers == ["01 03 00 00 FF", "81 0B"]
+
+
+def test_the_response_to_another_clients_copy_may_be_for_our_request_and_as_late(bench: Bench) -> None:
+    """On a virtual port the copy may come before all of our request can have been sent."""
+    bench.ask()
+    sent_at = bench.now
+    bench.respond(READ)
+    bench.respond("83 02")
+    (theirs,) = bench.line._receiver.attribution.foreign_requests()
+    assert theirs.at > sent_at + 0.003
+
+
+def test_a_response_to_an_earlier_sending_does_not_stand_for_another_clients() -> None:
+    """It comes while the second sending is on its way."""
+    bench = Bench(virtual=False, retries=1)
+    bench.ask()
+    bench.pass_time(0.02)
+    bench.hear("55")
+    while len(bench.written) < 2:
+        bench.pass_time(0.001)
+    bench.respond(THEIRS)
+    bench.respond()
+    bench.pass_time(0.05)
+    bench.respond(THEIR_RESPONSE)
+    assert bench.client.answers == ["83 0B"]
+
+
 def test_coils_are_no_request_where_nobody_else_was_heard_for_long(shared: Bench) -> None:
     shared.pass_time(301)
     ask_coils(shared)

@@ -161,7 +161,7 @@ def _begun(world: World) -> list[Asking]:
 
 
 def _may_copy(world: World) -> bool:
-    return _may_speak(world) and world.last is not None and not world.wire.is_awaited(world.last[0])
+    return _may_speak(world) and world.last is not None and not world.wire.is_awaited(world.last[0], world.now)
 
 
 def _may_reload(world: World) -> bool:
@@ -187,10 +187,12 @@ def _hold_back(world: World) -> None:
 
 
 def _lose_echo(world: World) -> None:
+    world.wire.loses_echo()
     world.echo = b""
 
 
 def _damage_echo(world: World) -> None:
+    world.wire.loses_echo()
     world.echo = flipped(world.echo, 9)
     world.hear()
 

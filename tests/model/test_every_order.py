@@ -1,5 +1,6 @@
 """Nothing goes wrong on a line, in whatever order things happen; and a line without one of its rules is found out."""
 
+import random
 from dataclasses import replace
 
 import pytest
@@ -11,6 +12,7 @@ from gateway.lines.transaction import Transaction
 from gateway.modbus.scan import Expected, Token
 from gateway.modbus.scan_rtu import RtuScanner
 from model.letters import LETTERS, enabled
+from model.long_orders import walk
 from model.search import Search, replay, search
 from model.settings import ALPHABETS, setting, settings
 from model.world import Setting
@@ -35,6 +37,13 @@ def test_of_three_that_belong_together(mode: str, alphabet: str) -> None:
     port = "real that echoes" if alphabet == "echo" else "direct"
     found = search(setting(mode, port, retries=1, alphabet=alphabet), 3)
     assert not found.wrong, found
+
+
+def test_of_long_orders() -> None:
+    dice, lines = random.Random(1), list(settings(*ALPHABETS))
+    for _ in range(3000):
+        found = walk(dice.choice(lines), dice)
+        assert not found.wrong, found
 
 
 def test_everything_can_happen() -> None:
@@ -143,8 +152,9 @@ def test_an_echo_that_counts_twice(monkeypatch) -> None:
         return is_echo(attribution, *frame)
 
     monkeypatch.setattr(Attribution, "_is_echo", every_time)
-    letters = "read, answer, foreign read, foreign answer, request has left, silence"
-    assert LIE in finds(letters, 7, "real that echoes").wrong[0]
+    letters = "read", "answer", "foreign read", "foreign answer", "request has left", "silence"
+    each, dice = replace(setting(port="real that echoes"), letters=letters), random.Random(3)
+    assert any(LIE in found.wrong[0] for _ in range(5000) if (found := walk(each, dice)).wrong)
 
 
 @pytest.mark.interpreted

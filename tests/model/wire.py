@@ -11,13 +11,16 @@ Each request on the wire is answered once by its device, whoever has asked. What
 - No other client writes what we write while an answer to that may come, or the same again when it was not answered: a
   copy of such a request looks like its answer.
 - What comes is read at once: nothing is on its way when a request leaves.
-- An echo that the settings do not tell of comes before its request has left, on a real line.
+- An echo that the settings do not tell of comes before its request has left, on a real line. There another client's
+  copy of our request takes its time too.
+- No other client sends a copy of our request whose echo was lost.
 - No noise looks like a frame.
 
 Values say whose they are: while an answer is still to come, no other one has its value.
 """
 
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any, Final
 
 from gateway.modbus import ascii as ascii_framing
@@ -31,7 +34,7 @@ from kit.noise import flipped
 TIMEOUT: Final = 0.2
 LATENCY: Final = 0.005
 #: Exception codes of devices, none of which the gateway answers with.
-_CODES: Final = (1, 2, 3, 4, 5, 8)
+_CODES: Final = (1, 2, 3, 4, 5, 8, *range(0x10, 0x20))
 #: Functions whose response is the request.
 _REPEATED: Final = frozenset(
     {FunctionCode.WRITE_SINGLE_COIL, FunctionCode.WRITE_SINGLE_REGISTER, FunctionCode.DIAGNOSTICS}
@@ -96,25 +99,36 @@ class Wire:
         self._takes_time = takes_time
         self._encode = ascii_framing.encode if timing.mode == "ascii" else rtu.encode
         self._writes_of_others = 0
+        #: When another client can have sent what we have sent last.
+        self._copied_at: dict[tuple[int, bytes], float] = {}
         self._is_shared_until = 0.0
         #: Other clients' requests without an answer that was heard whole, and what looks like one.
         self._unanswered: set[tuple[int, bytes]] = set()
+        #: Our requests whose answer came damaged: until when the gateway may await it.
+        self._lost: dict[tuple[int, bytes], float] = {}
 
     def asked(self, frame: bytes, questions: list[Any], now: float) -> Asking:
         """We have written a request for `questions`."""
         unit, pdu = self.decoded(frame)
-        return self._add(unit, pdu, questions, now + len(frame) * self._timing.character, is_ours=True)
+        duration = len(frame) * self._timing.character
+        self._copied_at = {(unit, pdu): now + 2 * duration * self._takes_time}
+        return self._add(unit, pdu, questions, now + duration, is_ours=True)
 
     def may_ask(self, unit: int, pdu: bytes, now: float) -> bool:
         """Whether another client may ask this now."""
         asked = unit, pdu
-        owed = [each for each in self.askings if each.is_owed and each.is_ours]
-        is_awaited = any((each.unit, each.pdu) == asked for each in owed)
-        looks_like_answer = pdu[0] == FunctionCode.WRITE_SINGLE_COIL and (is_awaited or asked in self._unanswered)
+        awaited = {(each.unit, each.pdu) for each in self.askings if each.is_owed and each.is_ours}
+        awaited |= {each for each, ends_at in self._lost.items() if now < ends_at} | self._unanswered
+        looks_like_answer = pdu[0] == FunctionCode.WRITE_SINGLE_COIL and asked in awaited
+        if now < self._copied_at.get(asked, 0.0):
+            return False
         if pdu.startswith(_TWOFOLD) and now >= self._is_shared_until:
-            unanswered = {(each, other[0]) for each, other in self._unanswered}
-            looks_like_answer = (unit, pdu[0]) in unanswered | {each.shape for each in owed}
+            looks_like_answer = (unit, pdu[0]) in {(each, other[0]) for each, other in awaited}
         return not looks_like_answer and sum(each.is_owed and not each.is_ours for each in self.askings) < _OTHERS
+
+    def loses_echo(self) -> None:
+        """The echo of our last request is lost: a copy of it would be taken for that."""
+        self._copied_at = dict.fromkeys(self._copied_at, inf)
 
     def other_asked(self, unit: int, pdu: bytes, now: float) -> bytes:
         """Another client has asked; its frame. Who asks the same as we do, after us, has the same answer as we.
@@ -169,11 +183,14 @@ class Wire:
     def loses(self, asking: Asking) -> bytes:
         """The device answers, and something happens to this frame on its way."""
         asking.is_owed = False
+        if asking.is_ours:
+            self._lost[asking.unit, asking.pdu] = asking.ends_at
         return self._encode(asking.unit, asking.answer)
 
-    def is_awaited(self, shape: tuple[int, int]) -> bool:
-        """Whether somebody awaits an answer of this shape."""
-        return any(each.is_owed and each.shape == shape for each in self.askings)
+    def is_awaited(self, shape: tuple[int, int], now: float) -> bool:
+        """Whether somebody may await an answer of this shape."""
+        lost = [(unit, pdu[0]) for (unit, pdu), ends_at in self._lost.items() if now < ends_at]
+        return shape in lost or any(each.is_owed and each.shape == shape for each in self.askings)
 
     def next_end(self, now: float) -> float:
         """When the next answer that is late can come no more, 0 if none is awaited."""
