@@ -103,18 +103,13 @@ class Attribution:
         self._copies = 0
         self._echo_until: float
         self._had_echo: bool
-        self._echo_is_first: bool
 
-    def begin(self, transaction: Transaction, position: int, echo_until: float, *, echo_is_first: bool) -> None:
-        """The request is sent at this place. A copy of it before `echo_until` is an echo.
-
-        With `echo_is_first` no response is before the echo.
-        """
+    def begin(self, transaction: Transaction, position: int, echo_until: float) -> None:
+        """The request is sent at this place. A copy of it before `echo_until` is an echo."""
         self.echoes_in_a_row = self.echoes_in_a_row + 1 if self._copies else 0
         self._copies = 0
         self._echo_until = echo_until
         self._had_echo = False
-        self._echo_is_first = echo_is_first
         self._asked = transaction
         self.overheard.count_sent()
         self._place = position
@@ -183,7 +178,8 @@ class Attribution:
             return False
         self.end(token.end)
         self._is_answered = True
-        self._had_echo = self._had_echo or self._echo_is_first
+        if self._echo_until == inf and asked.expected.since > self._place:
+            self._had_echo = True  # the scanner has removed it
         if self.foreign or self.doubts:
             self.doubts = self._doubts_about(token.frame, asked)
         if is_twofold:

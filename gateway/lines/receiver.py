@@ -102,7 +102,7 @@ class Receiver:
         # Another client's copy takes as long as our request, by its own clock, and cannot begin before that was sent.
         soon = min(scanner.silence, _SOONEST * (transaction.ends_at - now))
         echo_until = inf if echo.echoes else 0.0 if echo.is_virtual else transaction.ends_at + soon
-        self.attribution.begin(transaction, scanner.position, echo_until, echo_is_first=echo.is_configured)
+        self.attribution.begin(transaction, scanner.position, echo_until)
         echo.record_copies(self.attribution.echoes_in_a_row, transaction)
         sent = scanner.encode(transaction.unit, transaction.asked.data)
         self._pace.begin()

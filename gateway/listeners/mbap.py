@@ -13,6 +13,8 @@ _GIVEN_UP: Final = -1
 #: none of them was used twice.
 _COUNTED: Final = 16
 _STEP: Final = 0x1000
+#: The next requests were read ahead: they do not show that the client counts, for it may have given up some of them.
+_READ_AHEAD: Final = -1
 #: No client's time-out is shorter, in seconds.
 _QUICK: Final = 0.05
 #: Process what has been read as soon as possible.
@@ -29,7 +31,7 @@ class MbapSession(Session):
     its next requests have other identifiers.
     """
 
-    __slots__ = ("_framer", "_is_read_ahead", "_latest", "_rises", "_under_way")
+    __slots__ = ("_framer", "_latest", "_rises", "_under_way")
 
     def __init__(
         self,
@@ -46,11 +48,9 @@ class MbapSession(Session):
         self._framer = mbap.MbapFramer()
         #: The requests in progress by their transaction identifiers.
         self._under_way: dict[int, Request] = {}
-        #: The latest identifier, and how many in a row have risen up to it.
+        #: The latest identifier, and how many in a row have risen up to it, or _READ_AHEAD.
         self._latest = 0
         self._rises = 0
-        #: Whether the next request was read ahead: it is unknown how long ago its client has sent it.
-        self._is_read_ahead = False
 
     @property
     def has_begun(self) -> bool:
@@ -72,7 +72,7 @@ class MbapSession(Session):
         is_awaited = request.transaction != _GIVEN_UP
         if is_awaited and request.transaction in self._under_way:  # else it was ready at once
             del self._under_way[request.transaction]
-            if self._rises and self._connection.time() - request.received_at > _QUICK:
+            if self._rises > 0 and self._connection.time() - request.received_at > _QUICK:
                 self._rises = 0  # the client may have given up, and ask something else with the same identifier
         if self._life == GONE:
             return
@@ -93,7 +93,7 @@ class MbapSession(Session):
         while self._takes_more:
             adu = self._framer.next()
             if adu is None:
-                self._is_read_ahead = False
+                self._rises = max(self._rises, 0)
                 return
             if self._under_way and (earlier := self._under_way.pop(adu.transaction, None)) is not None:
                 earlier.transaction = _GIVEN_UP
@@ -101,8 +101,8 @@ class MbapSession(Session):
                 self._withdraw(adu.transaction)
             if self._limit == 0:  # no more requests are taken
                 continue
-            rises = 0 < (adu.transaction - self._latest) & 0xFFFF < _STEP and not self._is_read_ahead
-            self._rises = self._rises + 1 if rises else 0
+            if self._rises != _READ_AHEAD:
+                self._rises = self._rises + 1 if 0 < (adu.transaction - self._latest) & 0xFFFF < _STEP else 0
             self._latest = adu.transaction
             self.last_asked = now
             self.asked += 1
@@ -111,7 +111,7 @@ class MbapSession(Session):
             self._router.submit(request, now)
             if not request.is_over:
                 self._under_way[adu.transaction] = request
-        self._take_later()
+        self._rises = _READ_AHEAD
         self._pause()
 
     def _close_when_done(self) -> None:
@@ -132,15 +132,10 @@ class MbapSession(Session):
         room = self._framer.room()
         if len(room) and (count := self._connection.receive(room)):
             self._framer.filled(count)
-            self._take_later()
+            self._rises = _READ_AHEAD
             self._connection.wake(_SOON)
         if self._framer.unfinished:
             self._out = [response for response in self._out if not self._framer.holds(response[:2])]
-
-    def _take_later(self) -> None:
-        """What is read ahead does not show that the client counts: it may have given up some of it since."""
-        self._rises = 0
-        self._is_read_ahead = True
 
     def _withdraw(self, transaction: int) -> None:
         """Drop the response with this identifier, which was ready at once and is not sent yet."""

@@ -53,10 +53,8 @@ class RtuScanner(Scanner):
 
     def __init__(self, silence: float = 0.0) -> None:
         super().__init__(silence)
-        #: When the last byte was read, and whether the silence after it is over.
+        #: When the last byte was read, and the place of the last silence that was noticed.
         self._last = 0.0
-        self._is_silent = True
-        #: The place after the last silence that was noticed.
         self._silent_at = 0
         #: The place of the request, and the size of its echo.
         self._sent_at: int
@@ -94,7 +92,7 @@ class RtuScanner(Scanner):
         """See `Scanner`."""
         if now - self._last > HOLE and self._expected is None:
             self._restart()
-        self._last, self._is_silent = now, False
+        self._last = now
         self.position += len(data)
         if self._size and not (damaged or early):
             return self._received_alone(data, now)
@@ -121,15 +119,14 @@ class RtuScanner(Scanner):
 
     def deadline(self, expected: Expected) -> float | None:
         """See `Scanner`. A response that tells its size may have begun in noise: frames after that count too."""
-        if self._is_silent or expected.asked.response_size is not None or expected.since >= self.position:
+        if expected.asked.response_size is not None or max(expected.since, self._silent_at) >= self.position:
             return None
         return None if expected.asked.longest_response and not self._waiting else self._last + self.silence
 
     def tick(self, now: float) -> list[Token]:
         """See `Scanner`."""
-        if self._is_silent or now < self._last + self.silence:
+        if self._silent_at == self.position or now < self._last + self.silence:
             return []
-        self._is_silent = True
         unknown = [each for each in self._awaited() if not each.asked.longest_response]
         tokens = self._scan_again() if unknown else []
         if self._expected is not None and self._expected.asked.response_size is None:

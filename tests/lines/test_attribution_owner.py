@@ -41,7 +41,7 @@ class Table:
         transaction = self.transaction(pdu, unit)
         transaction.expected = Expected(transaction.answers_from, transaction.asked, self.position)
         transaction.sent_at = now
-        self.attribution.begin(transaction, self.position, ECHO_UNTIL, echo_is_first=False)
+        self.attribution.begin(transaction, self.position, ECHO_UNTIL)
         return transaction
 
     def owner(self, pdu: str, unit: int = 1, at: float = NOW + 0.1, *, is_damaged: bool = False) -> str:
