@@ -1,6 +1,7 @@
 """Which clients may begin a handshake while many are not done."""
 
 import asyncio
+import time
 from typing import Any
 
 from gateway.listeners.handshakes import (
@@ -23,15 +24,18 @@ class Stream:
         self._owner: Any = owner
         self.refused = ""
         self.has_response = False
+        self.has_stepped = asyncio.Event()
+        #: For how many seconds the machine stands still during a step.
+        self.stands_still = 0.0
 
     def start(self) -> None:
         pass
 
     def step(self) -> None:
-        pass
+        time.sleep(self.stands_still)
 
     def stepped(self, reason: None) -> None:
-        pass
+        self.has_stepped.set()
 
     def abort(self) -> None:
         pass
@@ -111,3 +115,18 @@ async def test_a_client_that_goes_on_is_not_slow() -> None:
     await asyncio.sleep(0.2 * SLOW)
     assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == ""
     owner.close()
+
+
+def test_a_machine_that_stood_still_during_a_step_is_no_reason_to_wait() -> None:
+    async def goes_on() -> bool:
+        owner = handshakes()
+        (stream,) = begun(owner, "10.0.0.1")
+        stream.stands_still = 0.2
+        owner.step_due(stream)
+        await stream.has_stepped.wait()
+        owner.step_due(stream)
+        is_working = owner._is_working
+        owner.close()
+        return is_working
+
+    assert asyncio.run(goes_on())
