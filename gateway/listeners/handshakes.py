@@ -1,7 +1,7 @@
 """Connections whose handshake is not done yet: a bounded number, for a bounded time.
 
-The work is done in a thread of its own, one step at a time and for a share of the time only, so that clients of other
-listeners do not wait for it (docs/adr/0021-modbus-security.md).
+The work is done in a thread of its own, one step at a time and for a share of a processor only, so that clients of
+other listeners do not wait for it (docs/adr/0021-modbus-security.md).
 """
 
 import asyncio
@@ -22,8 +22,9 @@ MOST: Final = 64
 MOST_OF_ONE: Final = 8
 #: How long a handshake may take, in seconds: small devices with RSA need some.
 DEADLINE: Final = 10.0
-#: A client that has kept its handshake waiting for so many seconds makes room for one of an address with one fewer.
-#: Otherwise clients that come at once would end one another's handshakes.
+#: If there are too many, the slowest client of the address with most makes room. If that address has only one more than
+#: the new client's, the slowest must have been awaited for this long, in seconds: otherwise clients that come at once
+#: would end one another's handshakes.
 SLOW: Final = 1.0
 
 TOO_MANY_OF_ONE: Final = f"{MOST_OF_ONE} handshakes with this address are not done"
@@ -50,8 +51,8 @@ class ConnectingClient:
 class _Handshake:
     """A handshake that is not done.
 
-    `awaited_at` is since when its client is awaited; None while a step is due or under way. `awaited` is for how many
-    seconds it was awaited before that, since it was sent something.
+    Its client is awaited since `awaited_at`; None while a step is due or under way. Before that it was awaited for
+    `awaited` seconds, counted since it was last sent something.
     """
 
     connecting: ConnectingClient
@@ -60,7 +61,7 @@ class _Handshake:
     awaited: float = 0.0
 
     def delay(self, now: float) -> float:
-        """For how many seconds its client has kept it waiting: what makes no progress does not count."""
+        """For how many seconds its client was awaited since it was last sent something."""
         return self.awaited + (0.0 if self.awaited_at is None else now - self.awaited_at)
 
 
@@ -190,6 +191,6 @@ class Handshakes:
 
 
 def _timed(stream: TlsStream) -> tuple[str | None, float]:
-    """What a step has led to, and the processor time that it took. A machine that stood still has delayed nobody."""
+    """The outcome of a step, and the processor time that it took: a pause of the machine must not count."""
     began = thread_time()
     return stream.step(), thread_time() - began

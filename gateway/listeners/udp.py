@@ -263,7 +263,7 @@ class UdpListener:
         self._waiting[arrived] = request
 
     def _why_never(self, sock: socket.socket, key: PeerAddress) -> str:
-        """Why a sender is rejected whoever else is there. This is checked at once, so that it keeps nobody waiting."""
+        """Why a sender is rejected even if there is room. Checked on arrival, so that it takes no place of others."""
         if not is_meant(key.asked_host, sock, self._addresses):
             return NOT_MEANT
         return "" if self.router.rights.admits(key.host) else NO_RIGHTS

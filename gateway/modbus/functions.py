@@ -123,7 +123,7 @@ _ROWS: Final = (
         b"\x08\0\0": Function(Code.DIAGNOSTICS, "6.8.1", "write", any_size(3), any_size(3), ALL,
                               rules={"the data must be words": lambda pdu: len(pdu) > 3 and len(pdu) % 2 == 1}),
         **_one_word(0x01, 0x03, codes.CLEAR_COUNTERS, codes.CLEAR_OVERRUN_COUNTER),  # restart, change the delimiter
-        **_one_word(0x02, *codes.COUNTERS, asks=True),  # return the diagnostic register
+        **_one_word(0x02, *codes.COUNTERS, asks=True),  # the diagnostic register, counters
         **_one_word(0x04, is_answered=False),  # only listen from now on
     }),
     Function(Code.GET_COMM_EVENT_COUNTER, "6.9", "read", fixed(1), fixed(5)),
