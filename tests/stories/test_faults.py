@@ -11,8 +11,10 @@ from gateway.ports.port import Port, PortUser
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.faulty import Fault, FaultyDevice, FaultyLine, word
 from kit.gateway_bench import gateway_bench
-from soak.never_lies import CONFIG, play, run
+from soak.kinds_of_lines import CONFIG
+from soak.never_lies import WORLDS, run
 from soak.stalling_server import StallingServer
+from soak.worlds.lines import play
 
 LINES: Mapping[str, LineTiming] = {
     "rtu": LineTiming("rtu", 19200, CharacterFormat.parse("8E1")),
@@ -130,5 +132,6 @@ async def test_it_notices_a_gateway_that_keeps_connections_to_servers_that_stall
     assert tally.events["connection_renewed"] == 0
 
 
-def test_the_same_seed_gives_the_same_run() -> None:
-    assert str(run(500, 0.3, seed=9)) == str(run(500, 0.3, seed=9))
+@pytest.mark.parametrize("world", WORLDS)
+def test_the_same_seed_gives_the_same_run(world: str) -> None:
+    assert str(run(world, 500, 0.3, seed=9)) == str(run(world, 500, 0.3, seed=9))
