@@ -16,7 +16,7 @@ import gateway
 from gateway.ports.exact_loop import exact_loop
 from kit.virtual_time import VirtualTimeLoop
 
-pytest_plugins = ["kit.skips"]
+pytest_plugins = ["kit.left_out"]
 
 gc.disable()  # until all tests are collected, which takes a sixth longer otherwise
 _TESTS = Path(__file__).parent

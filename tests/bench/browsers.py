@@ -34,7 +34,8 @@ from scenarios import SCENARIOS
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from kit.chromium import CHROMIUM, chromium
+from kit.chromium import chromium
+from kit.programs import find
 
 BROWSERS = 20
 #: How much of the lines' rate may be lost to them.
@@ -162,7 +163,7 @@ def _request(port: int, path: str) -> bytes:
 
 def _weigh(tools: Path) -> bool:
     """Print what each page weighs; whether all keep the goals."""
-    if not CHROMIUM.exists():
+    if find("chromium") is None:
         print("Chromium is not installed: the pages were not weighed (apt install chromium-headless-shell)")
         return True
     weights: dict[str, tuple[float, int, int]] = {}

@@ -1,7 +1,6 @@
 """The manual page, the completions and the examples: made of what the command line understands."""
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -38,9 +37,9 @@ def test_the_page_has_every_command_with_its_options():
         assert flag in ("-h", "--help") or flag.replace("-", "\\-") in section
 
 
-@pytest.mark.parametrize("groff", [path for path in [shutil.which("groff")] if path])
-def test_roff_has_no_complaints_about_the_page(groff):
-    words = [groff, "-man", "-Tutf8", "-ww", "-z"]
+@pytest.mark.needs("groff")
+def test_roff_has_no_complaints_about_the_page():
+    words = ["groff", "-man", "-Tutf8", "-ww", "-z"]
     done = subprocess.run(words, input=manual(), capture_output=True, text=True, check=True)
     assert done.stderr == ""
 
@@ -69,8 +68,8 @@ def test_every_command_and_option_is_completed(shell):
         assert (f"-l {flag[2:]}" if shell == "fish" and flag.startswith("--") else flag.lstrip("-")) in script
 
 
-@pytest.mark.parametrize("shell", [shell for shell in FILES if shutil.which(shell)])
-def test_a_shell_that_is_here_can_read_its_script(shell):
+@pytest.mark.parametrize("shell", [pytest.param(shell, marks=pytest.mark.needs(shell)) for shell in FILES])
+def test_a_shell_can_read_its_script(shell):
     subprocess.run([shell, "-n"], input=completion(shell), check=True, text=True)
 
 

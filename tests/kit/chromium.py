@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,13 +21,12 @@ import pytest
 
 from gateway.web.languages import LANGUAGES
 from kit.process import PATIENCE, started
+from kit.programs import find
 
-#: The browser without windows is a third of the other one.
-CHROMIUM = next(
-    (path for path in (Path("/usr/bin/chromium-headless-shell"), Path("/usr/bin/chromium")) if path.exists()),
-    Path("/usr/bin/chromium"),
-)
-MISSING = "Chromium is not installed (apt install chromium-headless-shell)"
+NEEDS_BROWSER = [
+    pytest.mark.needs("chromium"),
+    pytest.mark.skipif(find_spec("playwright") is None, reason="there is no playwright for this kind of machine"),
+]
 #: What depends on the language is the text. So CI looks at pages in each of them, whoever tests in between in English.
 EACH_LANGUAGE = [pytest.param(each, marks=() if each == "en" else pytest.mark.search) for each in LANGUAGES]
 
@@ -79,7 +79,7 @@ def chromium() -> Iterator[PatientBrowser]:
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it is not installed everywhere
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=find("chromium"), args=["--no-sandbox"])
         try:
             yield PatientBrowser(browser)
         finally:

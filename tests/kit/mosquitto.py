@@ -3,7 +3,6 @@
 import asyncio
 import itertools
 import json
-import shutil
 import signal
 import socket
 import ssl
@@ -16,18 +15,11 @@ from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, NamedTuple, Self
 
-import pytest
 from aiohttp import WSMsgType, web
 
 from kit.free_port import free_port
 from kit.process import PATIENCE
-
-#: Brokers stand in /usr/sbin, which is not in everybody's path.
-PROGRAM = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
-needs_mosquitto = pytest.mark.skipif(
-    PROGRAM is None or shutil.which("mosquitto_sub") is None,
-    reason="mosquitto is not installed (Debian packages mosquitto, mosquitto-clients)",
-)
+from kit.programs import find
 
 
 class Mosquitto:
@@ -52,7 +44,7 @@ class Mosquitto:
     def start(self) -> None:
         """Start it, and wait until it listens."""
         with self._log.open("ab") as log:
-            self._process = subprocess.Popen([str(PROGRAM), "-c", str(self._config)], stdout=log, stderr=log)
+            self._process = subprocess.Popen([str(find("mosquitto")), "-c", str(self._config)], stdout=log, stderr=log)
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
             assert self._process.poll() is None, self.log

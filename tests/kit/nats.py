@@ -12,16 +12,10 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.request import urlopen
 
-import pytest
-
 from kit.free_port import free_port
 from kit.link import Link
 from kit.process import PATIENCE
-
-#: Servers stand in /usr/sbin, which is not in everybody's path.
-PROGRAM = shutil.which("nats-server") or shutil.which("nats-server", path="/usr/sbin:/usr/local/sbin")
-needs_nats = pytest.mark.skipif(PROGRAM is None, reason="nats-server is not installed (Debian package nats-server)")
-
+from kit.programs import find
 
 #: Where the configs are that users get.
 CONFIGS = Path(__file__).resolve().parents[2] / "deploy" / "nats"
@@ -96,7 +90,8 @@ class NatsServer:
     def start(self) -> None:
         """Start it, and wait until clients can connect and its JetStream can be used."""
         with self._log.open("ab") as log:
-            self._process = subprocess.Popen([str(PROGRAM), "-c", str(self._config)], stdout=log, stderr=log)
+            words = [str(find("nats-server")), "-c", str(self._config)]
+            self._process = subprocess.Popen(words, stdout=log, stderr=log)
         self.wait_until(lambda: self.told("healthz?js-enabled=true")["status"] == "ok", "ready")
 
     def stop(self) -> None:

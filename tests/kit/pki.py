@@ -11,6 +11,7 @@ from gateway.tls import making
 from gateway.tls.certificate import ROLE
 from gateway.tls.der import SEQUENCE, elements, only
 from gateway.tls.revoking import revoke
+from kit.left_out import need
 
 OPERATOR, VIEWER = "operator", "viewer"
 #: In the settings of openssl: extensions with more than one role, and with one that is no UTF8String.
@@ -22,6 +23,7 @@ NOT_UTF8 = f"{ROLE}=DER:0c:02:c3:28"
 @lru_cache(maxsize=1)
 def pki() -> Path:
     """A folder with an authority (`ca`), `server`, and the clients `operator`, `viewer`, `nobody` and `revoked`."""
+    need("openssl")
     folder = Path(mkdtemp(prefix="pki-"))
     making.make_authority(folder, "Plant 2")
     making.make_server(folder, "server", ["localhost", "127.0.0.1", "::1"])
@@ -84,7 +86,8 @@ def _sequence(content: bytes) -> bytes:
 
 
 def openssl(*words: object) -> str:
-    """What `openssl WORDS` prints."""
+    """What `openssl WORDS` prints; without that program the test is left out."""
+    need("openssl")
     done = subprocess.run(["openssl", *map(str, words)], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -28,8 +28,8 @@ if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[each]) for each in (1, 2)]
 
 from gateway.modbus import mbap
-from kit.nats import PROGRAM
 from kit.process import COMMAND
+from kit.programs import find
 from kit.shared_bus import Bus
 
 DEPLOYED = Path(__file__).resolve().parents[2] / "deploy" / "keepalived"
@@ -172,7 +172,7 @@ def soak(folder: Path) -> None:
         run("ip", "link", "add", "bridge", "type", "bridge")
         run("ip", "addr", "add", "10.77.0.1/24", "dev", "bridge")
         run("ip", "link", "set", "bridge", "up")
-        server = [str(PROGRAM), "-js", "-sd", folder / "nats", "-a", "10.77.0.1", "-l", folder / "nats.log"]
+        server = [str(find("nats-server")), "-js", "-sd", folder / "nats", "-a", "10.77.0.1", "-l", folder / "nats.log"]
         nats = subprocess.Popen(server)
         stack.callback(nats.wait)
         stack.callback(nats.kill)
@@ -191,7 +191,7 @@ def soak(folder: Path) -> None:
 
 
 def main() -> int:
-    if os.geteuid() != 0 or shutil.which("keepalived") is None or PROGRAM is None:
+    if os.geteuid() != 0 or shutil.which("keepalived") is None or find("nats-server") is None:
         print("it needs root, keepalived and nats-server", file=sys.stderr)
         return 2
     if "ALONE" not in os.environ:  # with a network of its own, so that nothing of this machine's is touched

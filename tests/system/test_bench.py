@@ -13,7 +13,7 @@ from kit.process import PATIENCE
 TESTS = Path(__file__).parents[1]
 FAULTS = ("wrong", "lost", "exceptions", "line faults")
 
-pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="the benchmark needs a C compiler")
+pytestmark = pytest.mark.needs("cc")
 
 
 def measured(folder: Path, **environment: str) -> tuple[int, list[int]]:

@@ -4,7 +4,6 @@ And each way to reach the gateway: Modbus TCP, RTU and ASCII over TCP, UDP.
 """
 
 import asyncio
-import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -110,7 +109,7 @@ async def test_pymodbus_reads_and_writes_three_lines_and_an_image_at_once(gatewa
     await asyncio.gather(use(41, 256), use(46, 6 * 256), use(43, 3 * 256), use(52, 2 * 256), use(200, 0))
 
 
-@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (Debian package mbpoll)")
+@pytest.mark.needs("mbpoll")
 @pytest.mark.usefixtures("pymodbus_device")
 async def test_mbpoll_reads_and_writes_three_lines_and_an_image(gateway: GatewayProcess) -> None:
     for unit, register in ((41, 256 + 9), (46, 6 * 256 + 9), (43, 3 * 256 + 9), (52, 2 * 256 + 9), (200, 0)):
@@ -156,8 +155,7 @@ async def test_pymodbus_reads_by_udp_and_may_not_write(gateway: GatewayProcess) 
         assert (await client.write_registers(50, [7], device_id=200)).exception_code == 1
 
 
-@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (Debian package mbpoll)")
-@pytest.mark.skipif(shutil.which("socat") is None, reason="socat is not installed (Debian package socat)")
+@pytest.mark.needs("mbpoll", "socat")
 @pytest.mark.usefixtures("pymodbus_device")
 async def test_mbpoll_is_served_through_a_virtual_serial_port(gateway: GatewayProcess, tmp_path: Path) -> None:
     """As plants do with programs that know serial ports only: RTU over TCP, behind a pseudo-terminal."""

@@ -4,7 +4,6 @@ import gc
 import os
 import re
 import shlex
-import shutil
 import signal
 import subprocess
 import time
@@ -79,7 +78,7 @@ def test_it_stays_until_it_is_interrupted_and_leaves_nothing_behind(tmp_path: Pa
     assert not _simulators_in(Path(config).parent)
 
 
-@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (Debian package mbpoll)")
+@pytest.mark.needs("mbpoll")
 def test_the_commands_that_it_and_the_devices_page_print_work_as_they_stand(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
     own_socket = os.environ | {"RUNTIME_DIRECTORY": str(tmp_path)}

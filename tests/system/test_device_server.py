@@ -2,7 +2,6 @@
 
 import asyncio
 import select
-import shutil
 import signal
 import socket
 import struct
@@ -369,8 +368,6 @@ async def test_a_keeper_connects_again(user):
 
 # --- the gateway in front of ser2net ---
 
-needs_ser2net = pytest.mark.skipif(shutil.which("ser2net") is None, reason="needs ser2net: apt install ser2net")
-
 LINE = """
 [[listen]]
 bind = "tcp://127.0.0.1:0"
@@ -430,7 +427,7 @@ def answers(client: Client) -> None:
         time.sleep(0.05)
 
 
-@needs_ser2net
+@pytest.mark.needs("ser2net")
 @pytest.mark.parametrize("mode", ["rtu", "ascii"])
 def test_a_line_behind_ser2net_is_asked_and_found_again(tmp_path: Path, mode: str) -> None:
     device, number = SimulatedDevice(1), free_port()
@@ -468,7 +465,7 @@ def ask_for(client: Client, address: int) -> str:
     return client._socket.recv(260)[7:].hex(" ")
 
 
-@needs_ser2net
+@pytest.mark.needs("ser2net")
 def test_a_request_that_a_stalled_server_held_back_never_answers_the_next_one(tmp_path: Path) -> None:
     """On a busy machine ser2net may give an answer to the connection after the one that asked (ADR 5): three tries."""
     device, number = SimulatedDevice(1), free_port()
@@ -504,7 +501,7 @@ def only_right_answers(client: Client, server: Ser2Net, stall: float) -> bool:
     return is_right
 
 
-@needs_ser2net
+@pytest.mark.needs("ser2net")
 def test_a_second_gateway_at_the_same_device_server_hears_why_it_waits(tmp_path: Path) -> None:
     number, device = free_port(), SimulatedDevice(1)
     device.holding[0] = 7

@@ -13,11 +13,11 @@ from typing import NamedTuple, Self
 import pytest
 
 from gateway.modbus.mbap import encode
-from kit.nats import hub_and_leaf, needs_nats
+from kit.nats import hub_and_leaf
 from kit.process import PATIENCE, GatewayProcess, command
 from kit.slow_device import SlowDevice
 
-pytestmark = needs_nats
+pytestmark = pytest.mark.needs("nats-server")
 
 READ = bytes.fromhex("03 00 00 00 01")
 

@@ -16,10 +16,10 @@ from gateway.fleet.counts import LostMessages
 from gateway.fleet.messages import Message
 from gateway.fleet.settings import Login, Server
 from kit.free_port import free_port
-from kit.nats import NatsServer, needs_nats
+from kit.nats import NatsServer
 from kit.process import PATIENCE
 
-pytestmark = needs_nats
+pytestmark = pytest.mark.needs("nats-server")
 
 
 def server_of(nats: NatsServer, *, is_encrypted: bool = False) -> Server:

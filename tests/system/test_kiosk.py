@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, axe_findings, renew, until, until_scripts_run, watched
+from kit.chromium import NEEDS_BROWSER, axe_findings, renew, until, until_scripts_run, watched
 from kit.free_port import free_port
 from kit.process import GatewayProcess
 
-pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
+pytestmark = NEEDS_BROWSER
 
 CONFIG = """
 [[listen]]

@@ -12,9 +12,8 @@ import pytest
 from gateway.web.languages import LANGUAGES
 from kit.browser import PASSWORD, USERS
 from kit.chromium import (
-    CHROMIUM,
     EACH_LANGUAGE,
-    MISSING,
+    NEEDS_BROWSER,
     axe_findings,
     in_language,
     look_at_a_desk,
@@ -25,7 +24,7 @@ from kit.chromium import (
 )
 from kit.process import GatewayProcess
 
-pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
+pytestmark = NEEDS_BROWSER
 
 #: Some of them the demo has not.
 PAGES = (

@@ -14,13 +14,13 @@ import pytest
 
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port
-from kit.mosquitto import Mosquitto, OlderBroker, Subscriber, WebSocketDoor, needs_mosquitto
+from kit.mosquitto import Mosquitto, OlderBroker, Subscriber, WebSocketDoor
 from kit.pki import pki
 from kit.process import PATIENCE, GatewayProcess, command
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
 
-pytestmark = needs_mosquitto
+pytestmark = pytest.mark.needs("mosquitto", "mosquitto_sub")
 DEPLOY = Path(__file__).parents[2] / "deploy" / "mosquitto"
 
 PROFILE = """

@@ -18,14 +18,14 @@ from nats.js.errors import KeyWrongLastSequenceError, NoStreamResponseError
 
 from gateway.fleet.bucket import LARGEST_VALUE
 from kit.link import Link
-from kit.nats import CONFIGS, NatsServer, hub_and_leaf, needs_nats
+from kit.nats import CONFIGS, NatsServer, hub_and_leaf
 from kit.pki import pki
 from kit.process import PATIENCE
 
 if TYPE_CHECKING:
     from kit.nats_tokens import Key
 
-pytestmark = needs_nats
+pytestmark = pytest.mark.needs("nats-server")
 
 #: How long nothing must come, in seconds, where what must not come would come in a millisecond.
 QUIET = 0.3

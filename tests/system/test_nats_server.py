@@ -7,10 +7,10 @@ import socket
 import pytest
 
 from kit.link import Link
-from kit.nats import NatsServer, needs_nats
+from kit.nats import NatsServer
 from kit.process import PATIENCE
 
-pytestmark = needs_nats
+pytestmark = pytest.mark.needs("nats-server")
 
 
 class Plain:

@@ -3,17 +3,16 @@
 import re
 import time
 from collections.abc import Callable, Iterator
-from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING
+from kit.chromium import NEEDS_BROWSER
 from kit.process import PATIENCE
 
-pytestmark = pytest.mark.skipif(not CHROMIUM.exists() or find_spec("playwright") is None, reason=MISSING)
+pytestmark = NEEDS_BROWSER
 TIME = r"\d\d:\d\d\D*"
 NUMBERS = re.compile(
     rf"^silo-1, {TIME}\N{{EN DASH}}{TIME}: \d+ requests?\b.* · answer in [\d.]+ ms on average, [\d.]+ % of the limit"

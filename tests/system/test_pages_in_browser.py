@@ -7,9 +7,8 @@ import pytest
 
 from gateway.web.languages import LANGUAGES
 from kit.chromium import (
-    CHROMIUM,
     EACH_LANGUAGE,
-    MISSING,
+    NEEDS_BROWSER,
     axe_findings,
     in_language,
     look_at_a_desk,
@@ -18,7 +17,7 @@ from kit.chromium import (
     watched,
 )
 
-pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
+pytestmark = NEEDS_BROWSER
 
 #: What each page is called, and one of its kind in the demo.
 PAGES = {

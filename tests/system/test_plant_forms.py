@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode
-from kit.mosquitto import Mosquitto, needs_mosquitto
+from kit.mosquitto import Mosquitto
 from kit.mqtt_listener import Listener
 from kit.process import PATIENCE, GatewayProcess
 
-pytestmark = needs_mosquitto
+pytestmark = pytest.mark.needs("mosquitto", "mosquitto_sub")
 
 DEVICES = """
 [[image]]

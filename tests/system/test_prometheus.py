@@ -36,7 +36,7 @@ holding = 1
 bind = "http://127.0.0.1:{port}"
 """
 
-pytestmark = pytest.mark.skipif(not shutil.which("promtool"), reason="prometheus is not installed")
+pytestmark = pytest.mark.needs("promtool")
 
 
 def promtool(*words: str | Path, given: str = "", folder: Path | None = None) -> None:

@@ -1,7 +1,6 @@
 """`read` and `write` as processes: through a daemon, on a port without one, and against other Modbus TCP servers."""
 
 import json
-import shutil
 import signal
 import socket
 import subprocess
@@ -187,7 +186,7 @@ def test_against_the_server_of_pymodbus() -> None:
         assert (wrong.returncode, wrong.stderr) == (1, "unit 3, holding 300: exception 02, illegal data address\n")
 
 
-@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (Debian package mbpoll)")
+@pytest.mark.needs("mbpoll")
 def test_mbpoll_sees_what_was_written_and_the_help_for_it_means_the_same(tmp_path: Path, port: Path) -> None:
     control = str(tmp_path / "control.sock")
     at = ("--control", control)

@@ -1,6 +1,5 @@
 """Outside clients on real (virtual) ports: mbpoll over RTU, and a script that knows the Mint document, over ASCII."""
 
-import shutil
 import subprocess
 import time
 from collections.abc import Iterator
@@ -118,7 +117,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         yield Running(tmp_path_factory.mktemp("server-lines"), parts)
 
 
-@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (apt install mbpoll)")
+@pytest.mark.needs("mbpoll")
 def test_mbpoll_reads_a_weigher_on_another_line(running: Running) -> None:
     words = "mbpoll -m rtu -b 19200 -P none -o 10 -a 41 -t 4:float -B -0 -r 0 -c 1 -1"
     asked = subprocess.run(
@@ -128,7 +127,7 @@ def test_mbpoll_reads_a_weigher_on_another_line(running: Running) -> None:
     assert "4999.66" in asked.stdout
 
 
-@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed (apt install mbpoll)")
+@pytest.mark.needs("mbpoll")
 def test_mbpoll_gets_no_answer_for_a_unit_that_is_not_served(running: Running) -> None:
     words = "mbpoll -m rtu -b 19200 -P none -o 0.5 -a 2 -t 4 -0 -r 29 -1"
     asked = subprocess.run(

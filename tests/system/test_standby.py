@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from kit.nats import NatsServer, needs_nats
+from kit.nats import NatsServer
 from kit.process import PATIENCE
 from kit.shared_bus import Bus, sometimes_late
 from soak.standby import OLDER_STORE, TTL, Site, Stage
@@ -44,7 +44,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
         yield found
 
 
-@needs_nats
+@pytest.mark.needs("nats-server")
 @pytest.mark.parametrize(
     "fault",
     [
@@ -60,7 +60,7 @@ def test_two_never_ask_at_once_and_one_goes_on(stage: Stage, fault: str) -> None
     assert sum(site.answers["wrong"] for site in stage.sites) == 0
 
 
-@needs_nats
+@pytest.mark.needs("nats-server")
 @pytest.mark.parametrize("released", [True, pytest.param(False, marks=pytest.mark.search)])
 def test_two_never_ask_at_once_when_the_store_comes_back_older(tmp_path: Path, released: bool) -> None:
     """The holder cannot reach it; the standby finds a released lease, or an old one of its own, and waits all the same.
@@ -91,7 +91,7 @@ def hand_over(stage: Stage) -> float:
     return standby.silences[-1]
 
 
-@needs_nats
+@pytest.mark.needs("nats-server")
 def test_after_a_stop_the_other_one_goes_on_at_once(stage: Stage) -> None:
     """Only after a release it need not be silent. A busy machine may be too slow for the release, but not each time."""
     assert any(hand_over(stage) == 0 for _ in range(5))

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, MOVING, renew, until, watched
+from kit.chromium import MOVING, NEEDS_BROWSER, renew, until, watched
 
-pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
+pytestmark = NEEDS_BROWSER
 
 
 @pytest.fixture

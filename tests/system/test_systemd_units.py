@@ -9,7 +9,7 @@ import pytest
 from kit.booted import SERVICE, SOCKET, UNITS
 from kit.process import PATIENCE
 
-pytestmark = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd on this machine")
+pytestmark = pytest.mark.needs("systemd-analyze")
 
 
 def analyze(*words: str | Path) -> subprocess.CompletedProcess[str]:

@@ -3,7 +3,6 @@
 import json
 import re
 import select
-import shutil
 import signal
 import socket
 import subprocess
@@ -45,10 +44,6 @@ devices = [{{ unit = 1, as = 61, name = "noisy" }}]
 [control]
 socket = "{control}"
 """
-
-needs_tshark = pytest.mark.skipif(
-    shutil.which("tshark") is None, reason="tshark is not installed (Debian package tshark)"
-)
 
 
 @contextmanager
@@ -166,7 +161,7 @@ def decoded(file: Path, *fields: str) -> list[list[str]]:
     return [line.split("\t") for line in done.stdout.splitlines()]
 
 
-@needs_tshark
+@pytest.mark.needs("tshark")
 def test_tshark_decodes_a_capture_without_settings(asked: GatewayProcess, tmp_path: Path) -> None:
     file = tmp_path / "hall.pcapng"
     done = command("trace", "--since", "5min", "--pcapng", str(file), "--control", asked.control)
@@ -196,7 +191,7 @@ def test_tshark_decodes_a_capture_without_settings(asked: GatewayProcess, tmp_pa
     assert [line[0] for line in marked if line[1] in {"1", "True"}] == ["spoiled"]
 
 
-@needs_tshark
+@pytest.mark.needs("tshark")
 def test_check_sums_are_right_where_they_were_also_for_ascii(asked: GatewayProcess, tmp_path: Path) -> None:
     file = tmp_path / "all.pcapng"
     command("trace", "--since", "5min", "--pcapng", str(file), "--control", asked.control)

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from kit.chromium import CHROMIUM, MISSING, renew, until, watched
+from kit.chromium import NEEDS_BROWSER, renew, until, watched
 
-pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason=MISSING)
+pytestmark = NEEDS_BROWSER
 
 
 @pytest.fixture

@@ -15,7 +15,10 @@ from kit.free_port import free_port
 from kit.process import COMMAND, PATIENCE
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = [*sorted(DOCS.glob("tutorials/*.md")), DOCS / "zh" / "index.md"]
+PAGES = [
+    pytest.param(page, marks=pytest.mark.needs("mbpoll") if "$ mbpoll " in page.read_text(encoding="utf-8") else ())
+    for page in (*sorted(DOCS.glob("tutorials/*.md")), DOCS / "zh" / "index.md")
+]
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _FILE = re.compile(r"# (\S+\.toml)\n")
 _PROMPT = re.compile(r"^\$ (.*)\n", re.MULTILINE)

@@ -19,6 +19,7 @@ from urllib.error import HTTPError
 import hypothesis
 import pytest
 
+from kit.pki import openssl
 from kit.process import COMMAND, PATIENCE, GatewayProcess
 
 CONFIG = """
@@ -119,7 +120,7 @@ def user(folder: Path, *words: str) -> None:
 def make_certificate(folder: Path) -> str:
     subject = ["-subj", "/CN=localhost", "-days", "2", "-nodes", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256"]
     files = ["-keyout", str(folder / "key"), "-out", str(folder / "crt")]
-    subprocess.run(["openssl", "req", "-x509", *subject, *files], check=True, capture_output=True)
+    openssl("req", "-x509", *subject, *files)
     (folder / "key").chmod(0o600)
     return f'certificate = "{folder}/crt"\nkey = "{folder}/key"\n'
 

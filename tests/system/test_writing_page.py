@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,13 +9,13 @@ from typing import Any
 import pytest
 
 from kit.browser import PASSWORD, USERS
-from kit.chromium import CHROMIUM, MISSING
+from kit.chromium import NEEDS_BROWSER
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.process import PATIENCE, GatewayProcess
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
 
-pytestmark = pytest.mark.skipif(not CHROMIUM.exists() or find_spec("playwright") is None, reason=MISSING)
+pytestmark = NEEDS_BROWSER
 
 CONFIG = """
 [[listen]]
