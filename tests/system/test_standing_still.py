@@ -83,7 +83,7 @@ def running(folder: Path, scheme: str, port: str) -> Iterator[GatewayProcess]:
 
 
 def connected(gateway: GatewayProcess, scheme: str) -> socket.socket:
-    client = socket.create_connection(("localhost", gateway.port), timeout=PATIENCE)
+    client = socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE)
     client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return client_context(OPERATOR).wrap_socket(client, server_hostname="localhost") if scheme == "tls" else client
 
