@@ -90,7 +90,8 @@ def show_status(status: Mapping[str, Any], width: int = 80) -> str:
     units = _rows(status, "units")
     asked = [unit for unit in units or () if _cell(_was_polled, unit)]
     shown = {**status, "units": None if units is None else asked, "users": list(_users(_rows(status, "lines") or ()))}
-    parts = [_table(title, _rows(shown, section), columns, width) for title, section, columns in _TABLES]
+    parts = ["   ".join(str(status[fact]) for fact in ("site", "page") if status.get(fact))]
+    parts += [_table(title, _rows(shown, section), columns, width) for title, section, columns in _TABLES]
     parts.append(_notes(shown, width))
     silent = len(units or ()) - len(asked)
     if silent:

@@ -111,8 +111,9 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
 
 
 def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    if config.site and config.mqtt is None and config.fleet is None and failed.isdisjoint(("mqtt", "fleet")):
-        yield warning(("site",), "has no effect without [mqtt] or [fleet]")
+    shown_by = (config.web, config.mqtt, config.fleet)
+    if config.site and not any(shown_by) and failed.isdisjoint(("web", "mqtt", "fleet")):
+        yield warning(("site",), "has no effect without [web], [mqtt] or [fleet]")
     if not (config.line or config.image or config.upstream or failed):
         yield error((), "there is no [[line]], and nothing else to serve", 'add [[line]] with port = "/dev/ttyUSB0"')
 

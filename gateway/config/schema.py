@@ -504,7 +504,9 @@ class Config(Table):
     """A whole file."""
 
     site: str = Field(
-        "", description="The name of the plant: a part of the topics of `[mqtt]`, and its name in `[fleet]`."
+        "",
+        description="The name of the plant: in the title of each page of `[web]`, a part of the topics of `[mqtt]`, and its "
+        "name in `[fleet]`.",
     )
     listen: Annotated[tuple[Listen, ...], ListOf] = ()
     line: Annotated[tuple[Line, ...], ListOf] = ()

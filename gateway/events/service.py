@@ -67,11 +67,12 @@ class CertificateExpires(Event):
 
 
 class Ready(Event):
-    """Clients can connect and every line was tried once. `control` is the socket for the commands."""
+    """Clients can connect and every line was tried once. `page` is the web page, `control` the socket for commands."""
 
     listeners: tuple[str, ...]
     lines_up: int
     lines_down: int
+    page: str = ""
     control: str = ""
 
 

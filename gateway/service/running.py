@@ -53,6 +53,7 @@ class Running:
         self.emit = emit
         #: The path of the control socket.
         self.control = ""
+        self.page = ""
         #: Set while clients can connect and no stop was ordered.
         self.ready = asyncio.Event()
         #: Whether the config was accepted when it was last read.

@@ -273,26 +273,33 @@ class Status:
     brokers: tuple[BrokerStatus, ...] = ()
     fleets: tuple[FleetStatus, ...] = ()
     leases: tuple[LeaseStatus, ...] = ()
+    #: The name of the plant, and the address of the web page; empty if there is none.
+    site: str = ""
+    page: str = ""
 
 
 def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
     """The status of `gateway` at `now`, with rates from `recent` if given."""
     units = [_unit(owner, device, now) for owner, device in _devices(gateway)]
-    return _status(gateway, now, [_line(each, recent, now) for each in gateway.lines], units)
+    return _status(gateway, now, [_line(each, recent, now) for each in gateway.lines], units, "")
 
 
-async def status_in_slices(gateway: Gateway, recent: Recent | None = None) -> Status:
+async def status_in_slices(gateway: Gateway, recent: Recent | None = None, page: str = "") -> Status:
     """The status of `gateway`, with pauses for its lines: each unit is shown as it was when it was its turn."""
     now = asyncio.get_running_loop().time
     units = await in_slices(_unit(owner, device, now()) for owner, device in _devices(gateway))
     lines = await in_slices(_line(each, recent, now()) for each in gateway.lines)
-    return _status(gateway, now(), lines, units)
+    return _status(gateway, now(), lines, units, page)
 
 
-def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:
+def _status(
+    gateway: Gateway, now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus], page: str
+) -> Status:
     broker, fleet = gateway.publishing.status(), gateway.fleet.status()
     return Status(
         at=now,
+        site=gateway.plan.site,
+        page=page,
         listeners=tuple(_listener(each) for each in gateway.listeners),
         clients=tuple(each for listener in gateway.listeners for each in _clients(listener, now)),
         rejections=tuple(each for listener in gateway.listeners for each in _rejections(listener, now)),

@@ -87,7 +87,7 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     parts = running.gateway.parts
     up = sum(part.reconnector.error is None for part in parts)
     listeners = tuple(each.address for each in running.gateway.listeners)
-    running.emit(events.Ready(listeners, up, len(parts) - up, running.control))
+    running.emit(events.Ready(listeners, up, len(parts) - up, running.page, running.control))
     systemd.ready(summary(running.gateway))
     running.ready.set()
     await running.gateway.publishing.adopt(running.gateway)

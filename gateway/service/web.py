@@ -91,6 +91,7 @@ async def _open(
         aclosing(_Answers(running, reloader, fan_out, history)) as answers,
         server.web_open(settings, answers, taken) as address,
     ):
+        running.page = address
         running.emit(events.WebUp(address))
         yield
 
@@ -194,6 +195,10 @@ class _Answers:
     def users_rejected(self, reason: str) -> None:
         self._running.emit(events.WebUsersRejected(reason))
 
+    @property
+    def site(self) -> str:
+        return self._running.gateway.plan.site
+
     def trouble(self) -> str:
         """Why the gateway is not ready: it is while clients can connect and a line is up or an image exists."""
         if not self._running.ready.is_set():
@@ -214,7 +219,9 @@ class _Answers:
         async with self._one_status_at_a_time:
             now = asyncio.get_running_loop().time()
             if self._status is None or now - self._status.at >= _STATUS_KEPT:
-                self._status = await told.status_in_slices(self._running.gateway, self._running.recent)
+                self._status = await told.status_in_slices(
+                    self._running.gateway, self._running.recent, self._running.page
+                )
             return self._status
 
     def past(self, slots: int) -> Past:

@@ -291,6 +291,10 @@ class Answers(UnitAnswers, Protocol):
     types: Mapping[str, type]
     doctor: Doctor
 
+    @property
+    def site(self) -> str:
+        """The name of the plant; empty if it has none."""
+
     async def metrics(self) -> bytes:
         """The metrics, as text."""
 

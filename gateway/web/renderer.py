@@ -59,7 +59,8 @@ class Page(Protocol):
 class Renderer:
     """Makes pages, one at a time and in a thread: the lines do not wait for them."""
 
-    def __init__(self, assets: Assets, *, is_encrypted: bool) -> None:
+    def __init__(self, assets: Assets, site: Callable[[], str], *, is_encrypted: bool) -> None:
+        self._site = site
         self._turns = Turns()
         self._is_encrypted = is_encrypted
         self._templates = {code: _templates(language, assets) for code, language in LANGUAGES.items()}
@@ -86,6 +87,7 @@ class Renderer:
         frame = {
             "visitor": request[VISITOR],
             "path": request.path,
+            "site": self._site(),
             "is_kiosk": "kiosk" in request.query,
             "other_languages": [(each, address) for each, address in others if each is not language],
             "theme": theme,

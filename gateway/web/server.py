@@ -110,7 +110,7 @@ def _application(
     reads = SharedReads(answers, asyncio.get_running_loop().time)
     api = Api(answers, guard, streams, reads, may_write=settings.write)
     assets = Assets()
-    renderer = Renderer(assets, is_encrypted=settings.is_encrypted)
+    renderer = Renderer(assets, lambda: answers.site, is_encrypted=settings.is_encrypted)
     heat_map = HeatMap()
     rights = WriteRights(answers, may_write=settings.write)
     units = UnitPage(answers, renderer, reads, rights)

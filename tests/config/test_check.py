@@ -814,11 +814,11 @@ def test_a_row_of_access_may_name_the_web_page_and_networks():
 
 
 def test_what_has_no_effect_is_told_once():
-    assert problems('site = "plant-2"\n' + LINE) == ["warning: site: has no effect without [mqtt] or [fleet]"]
+    assert problems('site = "plant-2"\n' + LINE) == ["warning: site: has no effect without [web], [mqtt] or [fleet]"]
 
 
 def test_the_name_of_the_plant_has_no_effect_alone():
-    said = "warning: site: has no effect without [mqtt] or [fleet]"
+    said = "warning: site: has no effect without [web], [mqtt] or [fleet]"
     assert problems('site = "plant-2"\n' + LINE) == [said]
     assert problems('site = ""\n' + LINE) == []
 

@@ -16,7 +16,7 @@ import pytest
 from gateway.web.connections import MOST_CONNECTIONS
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port
-from kit.process import PATIENCE, GatewayProcess
+from kit.process import PATIENCE, GatewayProcess, command
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
 
@@ -75,7 +75,7 @@ def config(tmp_path: Path) -> str:
 def idle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Web]:
     """One whose line is down, for tests that only ask."""
     folder = tmp_path_factory.mktemp("idle")
-    with Web(folder, f'{CONFIG.format(folder=folder)}hosts = ["gw.plant.local"]\n') as gateway:
+    with Web(folder, f'site = "plant-2"\n{CONFIG.format(folder=folder)}hosts = ["gw.plant.local"]\n') as gateway:
         yield gateway
 
 
@@ -91,6 +91,18 @@ def test_metrics_count_what_clients_ask(tmp_path, config):
         assert gateway.get("/healthz").text == "ok\n"
         assert gateway.get("/readyz").text == "ready\n"
         assert gateway.stop() == 0
+
+
+def test_who_starts_it_and_who_asks_for_its_status_is_told_where_the_page_is(idle):
+    (ready,) = (event for event in idle.log if event["event"] == "ready")
+    assert ready["page"] == idle.address
+    assert command("status", "--control", ready["control"]).stdout.startswith(f"plant-2   {idle.address}\n\n")
+
+
+def test_the_name_of_the_plant_is_on_each_page(idle):
+    page = idle.get("/traffic").text
+    assert "<title>Traffic · plant-2</title>" in page
+    assert '<a class="brand" href="/">plant-2</a>' in page
 
 
 def test_a_gateway_of_which_no_line_can_answer_is_healthy_and_not_ready(idle):
