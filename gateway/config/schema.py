@@ -505,8 +505,8 @@ class Config(Table):
 
     site: str = Field(
         "",
-        description="The name of the plant: in the title of each page of `[web]`, a part of the topics of `[mqtt]`, and its "
-        "name in `[fleet]`.",
+        description="The name of the plant: in the titles of web pages, a part of the topics of `[mqtt]`, and its name in "
+        "`[fleet]`.",
     )
     listen: Annotated[tuple[Listen, ...], ListOf] = ()
     line: Annotated[tuple[Line, ...], ListOf] = ()
