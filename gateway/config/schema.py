@@ -505,7 +505,7 @@ class Config(Table):
 
     site: str = Field(
         "",
-        description="The name of the plant: in the titles of web pages, a part of the topics of `[mqtt]`, and its name in "
+        description="The name of the plant: in the titles of web pages, in the topics of `[mqtt]`, and its name in "
         "`[fleet]`.",
     )
     listen: Annotated[tuple[Listen, ...], ListOf] = ()

@@ -142,3 +142,18 @@ def is_drawn(page: Any, address: str, picture: str) -> bool:
     """Whether a page comes with a picture, which needs a unit that has answered."""
     page.goto(address)
     return page.locator(picture).count() > 0
+
+
+def test_on_a_desk_every_column_is_whole_and_times_stand_apart(seen: SimpleNamespace, address: str) -> None:
+    seen.page.goto(address)
+    shown_row(seen.page)
+    cut = "[...document.querySelectorAll('section')].filter((each) => each.scrollWidth > each.clientWidth).length"
+    assert seen.page.evaluate(cut) == 0
+    text = (
+        "(each) => { const range = new Range(); range.selectNodeContents(each); return range.getBoundingClientRect(); }"
+    )
+    shown = "[...document.querySelectorAll('th .ticks span')].filter((each) => each.checkVisibility())"
+    places = seen.page.evaluate(f"{shown}.map({text}).map((each) => [each.top, each.left, each.right])")
+    assert len(places) > 3
+    pairs = [(one, other) for one, other in zip(places, places[1:], strict=False) if one[0] == other[0]]
+    assert all(other[1] - one[2] > 4 for one, other in pairs if other[1] > one[1])
