@@ -3,6 +3,7 @@
 import re
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
@@ -155,5 +156,5 @@ def test_on_a_desk_every_column_is_whole_and_times_stand_apart(seen: SimpleNames
     shown = "[...document.querySelectorAll('th .ticks span')].filter((each) => each.checkVisibility())"
     places = seen.page.evaluate(f"{shown}.map({text}).map((each) => [each.top, each.left, each.right])")
     assert len(places) > 3
-    pairs = [(one, other) for one, other in zip(places, places[1:], strict=False) if one[0] == other[0]]
+    pairs = [(one, other) for one, other in pairwise(places) if one[0] == other[0]]
     assert all(other[1] - one[2] > 4 for one, other in pairs if other[1] > one[1])
