@@ -79,7 +79,20 @@ class Mosquitto:
 
     def publish(self, topic: str, payload: str, *options: str) -> None:
         """Publish a message, with QoS 1."""
-        command = ["mosquitto_pub", "-p", str(self.port), "-q", "1", "-t", topic, "-m", payload, *options]
+        command = [
+            "mosquitto_pub",
+            "-h",
+            "127.0.0.1",
+            "-p",
+            str(self.port),
+            "-q",
+            "1",
+            "-t",
+            topic,
+            "-m",
+            payload,
+            *options,
+        ]
         subprocess.run(command, check=True, timeout=PATIENCE, capture_output=True)
 
 
@@ -109,7 +122,7 @@ class Subscriber:
         self._broker = broker
         self._name = f"subscriber-{next(self._numbers)}"
         self._messages: Queue[Heard | None] = Queue()
-        own = ("-p", str(broker.port), "-i", self._name)
+        own = ("-h", "127.0.0.1", "-p", str(broker.port), "-i", self._name)
         self._command = ["mosquitto_sub", *own, "-q", "1", "-t", topic, "-F", "%j", *options]
 
     def __enter__(self) -> Self:
