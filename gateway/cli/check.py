@@ -115,7 +115,7 @@ def _as_text(loaded: Loaded, plan: Plan | None) -> str:
         return "\n".join([*parts, _verdict(loaded.problems)])
     parts += [_listeners(plan.listeners), rights_as_text(plan)]
     parts += [_line(line, plan) for line in plan.lines]
-    parts += [_upstream(upstream) for upstream in plan.upstreams]
+    parts += [_upstream(upstream, plan) for upstream in plan.upstreams]
     parts += sites_as_text(plan)
     parts += [_server(server, plan) for server in plan.servers]
     parts += images_as_text(plan)
@@ -156,7 +156,8 @@ def _listeners(listeners: tuple[ListenSettings, ...]) -> str:
 
 
 def _leads_to(listener: ListenSettings) -> str:
-    return f"line {listener.line}" if listener.line else "all units"
+    kind = "line" if listener.line else "upstream"
+    return f"{kind} {listener.only}" if listener.only else "all units"
 
 
 def _address(listener: ListenSettings) -> str:
@@ -197,14 +198,18 @@ def _failures(line: LineSettings) -> Iterator[str]:
 
 def _list_listeners(plan: LinePlan, whole: Plan) -> Iterator[str]:
     """The addresses that the listeners for this line lead to."""
-    names = ", ".join(f'"{name}"' for name in _listeners_for(plan, whole))
-    if names:
-        others = "" if plan.shared else " and no other listener"
-        yield f"  Through {names}{others}: {show_units(plan.addresses)}, as on the wire."
+    through = _through(_listeners_for(plan.line.name, whole), is_shared=bool(plan.shared))
+    if through:
+        yield f"{through}: {show_units(plan.addresses)}, as on the wire."
 
 
-def _listeners_for(plan: LinePlan, whole: Plan) -> list[str]:
-    return [one.name for one in whole.listeners if one.line == plan.line.name]
+def _through(listeners: list[str], *, is_shared: bool) -> str:
+    names = ", ".join(f'"{name}"' for name in listeners)
+    return names and f"  Through {names}{'' if is_shared else ' and no other listener'}"
+
+
+def _listeners_for(name: str, whole: Plan) -> list[str]:
+    return [one.name for one in whole.listeners if one.only == name]
 
 
 def _gap(plan: LinePlan) -> str:
@@ -277,14 +282,16 @@ def limits_table(limits: tuple[FunctionLimits, ...], indent: str) -> str:
     return align([("FUNCTION", "LIMIT FOR 1 ITEM", "MOST ITEMS", "LIMIT FOR MOST"), *rows], indent)
 
 
-def _upstream(plan: UpstreamPlan) -> str:
-    settings = plan.upstream
-    rows = [(str(device.known_as), str(device.unit), _round_up(longest_wait_behind(plan))) for device in plan.devices]
+def _upstream(plan: UpstreamPlan, whole: Plan) -> str:
+    settings, wait = plan.upstream, _round_up(longest_wait_behind(plan))
+    rows = [(str(device.known_as), str(device.unit), wait) for device in plan.devices]
+    through = _through(_listeners_for(settings.name, whole), is_shared=bool(rows))
     return "\n".join(
         [
             f"Upstream {settings.name}: {plan.port.port}",
             f"  timeout {show_duration(settings.timeout)}, {settings.in_flight} in flight",
-            align([("UNIT", "BEHIND THE SERVER", "LONGEST WAIT"), *rows], "  "),
+            *([align([("UNIT", "BEHIND THE SERVER", "LONGEST WAIT"), *rows], "  ")] if rows else []),
+            *([f"{through}: 0-255, as behind the server; longest wait {wait}."] if through else []),
             *timeout_advice(plan),
         ]
     )
@@ -331,13 +338,14 @@ def _as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
                 "unit0": one.unit0,
                 "on_failure": one.on_failure,
                 "line": one.line or None,
+                "upstream": one.upstream or None,
             }
             for one in plan.listeners
         ]
         picture["rights"] = rights_as_json(plan)
         picture["lines"] = [_line_as_json(line, plan) for line in plan.lines]
         picture["remembered"] = _remembered_as_json(plan)
-        picture["upstreams"] = [_upstream_as_json(upstream) for upstream in plan.upstreams]
+        picture["upstreams"] = [_upstream_as_json(upstream, plan) for upstream in plan.upstreams]
         picture["other_sites"] = sites_as_json(plan)
         picture["servers"] = [_server_as_json(server, plan) for server in plan.servers]
         picture["images"] = images_as_json(plan)
@@ -375,7 +383,7 @@ def _line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
         "rest_ms": None if plan.line.rest is None else milliseconds(plan.line.rest),
         "passes_through": plan.passes_through,
         "shared": bool(plan.shared),
-        "own_listeners": _listeners_for(plan, whole),
+        "own_listeners": _listeners_for(plan.line.name, whole),
         "addresses": show_units(plan.addresses),
         "polls": polls_as_json(load),
         "polls_share": round(total_share(load), 4),
@@ -383,12 +391,14 @@ def _line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
     }
 
 
-def _upstream_as_json(plan: UpstreamPlan) -> dict[str, Any]:
+def _upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
     return {
         "name": plan.upstream.name,
         "to": plan.port.port,
         "timeout_ms": milliseconds(plan.upstream.timeout),
         "in_flight": plan.upstream.in_flight,
+        "own_listeners": _listeners_for(plan.upstream.name, whole),
+        "longest_wait_ms": milliseconds(longest_wait_behind(plan)),
         "units": [
             {
                 "unit": str(device.known_as),

@@ -5,7 +5,7 @@ from typing import Any
 from gateway.cli.columns import align
 from gateway.config.plan import Plan
 from gateway.config.rights_in_words import (
-    is_by_address,
+    own_numbers,
     right_in_words,
     rows_in_words,
     unnamed_certified,
@@ -36,7 +36,7 @@ def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
             "role": row.role,
             "listen": None if row.listeners is None else sorted(row.listeners),
             "units": None if row.units is None else sorted(row.units),
-            "by_address": is_by_address(row, plan),
+            "by_address": bool(own_numbers(row, plan)),
             "may": right_in_words(row.right),
             "source": row.source,
         }

@@ -11,9 +11,9 @@ from gateway.config.check_access import check_access
 from gateway.config.check_fleet import check_fleet
 from gateway.config.check_images import check_addresses, check_images
 from gateway.config.check_lease import check_lease
-from gateway.config.check_line_listeners import check_line_listeners
 from gateway.config.check_load import check_load
 from gateway.config.check_mqtt import check_mqtt, check_published
+from gateway.config.check_own_listeners import check_own_listeners
 from gateway.config.check_points import check_points
 from gateway.config.check_repeats import check_repeats
 from gateway.config.check_tls import check_tls
@@ -102,12 +102,12 @@ def _check_all(config: Config, failed: frozenset[str], real_path: Callable[[str]
     yield from check_overlaps(config)
     yield from check_numbers_as_names(config)
     yield from check_passing_through(config, failed)
-    yield from check_line_listeners(config, failed)
+    yield from check_own_listeners(config, failed)
     yield from check_asked(config, failed)
     yield from check_references(config, failed)
     yield from check_images(config, failed)
     yield from check_addresses(config)
-    yield from check_upstreams(config)
+    yield from check_upstreams(config, failed)
 
 
 def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
@@ -139,8 +139,10 @@ def _generate_names(config: Config) -> dict[str, Table]:
     made: dict[str, Table] = {name: line for line in lines if line.devices is None for name in line.all_device_names}
     rows = [(line, row) for line in lines for row in line.devices or () if row.name is None]
     made |= {name: row for line, row in rows for name in line.device_names(row)}
-    behind = [(upstream, row) for upstream in config.upstream for row in upstream.units]
-    return made | {name: row for upstream, row in behind for name in upstream.unit_names(row)}
+    for upstream in config.upstream:
+        made |= {name: row for row in upstream.rows for name in upstream.unit_names(row)}
+        made |= dict.fromkeys(upstream.unnamed.values() if config.listeners_for(upstream) else (), upstream)
+    return made
 
 
 def _list_names(config: Config) -> Iterator[tuple[str, Table]]:

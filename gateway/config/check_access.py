@@ -3,14 +3,14 @@
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from gateway.config.check_line_listeners import addresses_on
+from gateway.config.check_own_listeners import numbers_on
 from gateway.config.check_units import client_lines, not_configured, served_units
 from gateway.config.fleet import Site
 from gateway.config.plan import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
-from gateway.config.schema import Access, Config, Listen
-from gateway.config.unitset import show_units
+from gateway.config.schema import Access, Config, Line, Listen, Upstream
+from gateway.config.unitset import CLIENT_UNITS, NO_CLIENT_UNIT, show_units
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.modbus.functions import only_reads
 from gateway.routing.access import LOOPBACK, Network
@@ -36,7 +36,7 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             yield from _check_sites(row)
         if not failed & {"line", "image", "upstream"}:
             yield from _check_units(row, config)
-    yield from _check_order(config.access, _for_one_line(config))
+    yield from _check_order(config.access, _by_own_numbers(config))
 
 
 def _defaults(config: Config) -> Iterator[Problem]:
@@ -109,10 +109,10 @@ def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
             what = f'clients of "{name}" have no network, so a row with from never matches them'
             yield warning(path, what, "name it in a row of its own, without from")
     named = [name for name in row.listen or () if name in known]
-    by_unit = [f'"{name}"' for name in named if name not in _for_one_line(config)]
+    by_unit = [f'"{name}"' for name in named if name not in _by_own_numbers(config)]
     if 0 < len(by_unit) < len(named):
         there = " and ".join(by_unit)
-        what = f"names listeners for one line, where units are addresses on its wire, and {there}, where they are not"
+        what = f"names listeners for one line or upstream, under its own numbers, and {there}, where units have others"
         yield error((*row.path, "listen"), what, "write a row for each kind")
 
 
@@ -157,31 +157,36 @@ def _explain_unreachable(listen: Listen, network: Network, everyone: Iterable[Li
     return f"{listen.label} takes IPv{version} clients only ({bind})"
 
 
-def _for_one_line(config: Config) -> frozenset[str]:
-    """The names of listeners for one line."""
-    return frozenset(listen.label for listen in config.listen if listen.line is not None)
+def _by_own_numbers(config: Config) -> frozenset[str]:
+    """The names of listeners for one line or upstream."""
+    return frozenset(listen.label for listen in config.listen if listen.only is not None)
 
 
 def _check_units(row: Access, config: Config) -> Iterator[Problem]:
-    answered = _answered(row, config)
-    if row.units != "all" and not answered & set(row.units):
+    if row.units == "all":
+        return
+    path, answered = (*row.path, "units"), _answered(row, config)
+    strange = set(row.units) - CLIENT_UNITS - answered
+    if strange:
+        yield error(path, f"unit {min(strange)} is {NO_CLIENT_UNIT}")
+    elif not answered & set(row.units):
         remedy = ""
-        if not _for_one_line(config).isdisjoint(row.listen or ()):
+        if not _by_own_numbers(config).isdisjoint(row.listen or ()):
             remedy = f"through a listener for one line, units are addresses on its wire: {show_units(answered)}"
-        what = f"{not_configured(row.units)}, so the row never matches"
-        yield warning((*row.path, "units"), what, remedy)
+        yield warning(path, f"{not_configured(row.units)}, so the row never matches", remedy)
 
 
 def _answered(row: Access, config: Config) -> frozenset[int]:
-    """The unit IDs that a row can match: addresses if it names listeners for one line."""
-    named = {listen.line for listen in config.listen if listen.label in (row.listen or ())} - {None}
+    """The unit IDs that a row can match: those of the line or server if it names listeners for one."""
+    named = {listen.only for listen in config.listen if listen.label in (row.listen or ())} - {None}
     if named:
-        return frozenset().union(*(addresses_on(line) for line in client_lines(config) if line.label in named))
+        parts: tuple[Line | Upstream, ...] = (*client_lines(config), *config.upstream)
+        return frozenset().union(*(numbers_on(part) for part in parts if part.label in named))
     apart = any(map(config.is_apart, client_lines(config))) and row.listen is None
     return served_units(config) | (frozenset(range(FIRST_UNIT, LAST_UNIT + 1)) if apart else frozenset())
 
 
-def _check_order(rows: Sequence[Access], for_one_line: frozenset[str]) -> Iterator[Problem]:
+def _check_order(rows: Sequence[Access], by_own_numbers: frozenset[str]) -> Iterator[Problem]:
     """First match wins, so a special row must come before a more general one.
 
     A row is compared with those only that name its first client: thousands of rows are one for each client.
@@ -189,9 +194,9 @@ def _check_order(rows: Sequence[Access], for_one_line: frozenset[str]) -> Iterat
     #: The earlier rows that name a client, in their order; with None those for all clients.
     naming: dict[Network | Site | None, list[int]] = {}
     for index, row in enumerate(rows):
-        by_address = not for_one_line.isdisjoint(row.listen or ())
+        by_own = not by_own_numbers.isdisjoint(row.listen or ())
         covering = (
-            next((one for one in naming.get(client, ()) if _covers(rows[one], row, by_address=by_address)), None)
+            next((one for one in naming.get(client, ()) if _covers(rows[one], row, by_own_numbers=by_own)), None)
             for client in (None, *_around_first_client(row))
         )
         first = min((one for one in covering if one is not None), default=None)
@@ -211,9 +216,9 @@ def _around_first_client(row: Access) -> Iterator[Network | Site]:
             yield from (client.supernet(new_prefix=length) for length in range(client.prefixlen + 1))
 
 
-def _covers(earlier: Access, row: Access, *, by_address: bool) -> bool:
-    """Whether `earlier` matches every client and unit that `row` matches, whose units are addresses if `by_address`."""
-    if by_address and earlier.units != "all" and earlier.listen is None:
+def _covers(earlier: Access, row: Access, *, by_own_numbers: bool) -> bool:
+    """Whether `earlier` matches every client and unit that `row` matches, which may count units `by_own_numbers`."""
+    if by_own_numbers and earlier.units != "all" and earlier.listen is None:
         return False
     listeners = earlier.listen is None or (row.listen is not None and set(row.listen) <= set(earlier.listen))
     units = earlier.units == "all" or (row.units != "all" and set(row.units) <= set(earlier.units))

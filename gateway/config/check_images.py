@@ -92,7 +92,7 @@ def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
                 profile = profile.model_copy(update={"functions": tuple(ASKED_AT_ZERO)})
             profiles |= dict.fromkeys(line.device_names(row), profile)
     for upstream in config.upstream:
-        for units in upstream.units:
+        for units in upstream.rows:
             profiles |= dict.fromkeys(upstream.unit_names(units))
     return profiles
 

@@ -6,7 +6,7 @@ from typing import Final
 
 from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.resolve_lines import passing_units
-from gateway.config.schema import Config, Device, Line
+from gateway.config.schema import Config, Device, Line, Upstream
 from gateway.config.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 
@@ -46,7 +46,7 @@ def claims(config: Config) -> Iterator[Claim]:
     if config.own is not None:
         yield Claim((config.own.unit,), "of the gateway itself", (*config.own.path, "unit"), config.own.source)
     for upstream in config.upstream:
-        for units in upstream.units:
+        for units in upstream.rows:
             owner, names = f'of upstream "{upstream.label}"', tuple(upstream.unit_names(units))
             yield Claim(units.known_as, owner, (*units.path, "as"), units.source, names=names)
 
@@ -108,20 +108,21 @@ def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Pr
 
 
 def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Each unit can be reached if every listener is for one line. `failed` as in `check`.
+    """Each unit can be reached if every listener is for one line or upstream. `failed` as in `check`.
 
     Server lines and mirrors lead to units too.
     """
     if config.leads_everywhere or failed & {"listen", "line", "image"}:
         return
     served, mirrored = _served_to_outside_clients(config), _mirrored(config)
-    own = {line.path for line in client_lines(config) if config.listeners_for(line)}
+    parts: tuple[Line | Upstream, ...] = (*client_lines(config), *config.upstream)
+    own = {part.path for part in parts if config.listeners_for(part)}
     for claim in claims(config):
         polled = {unit for unit, name in zip(claim.units, claim.names, strict=False) if name in mirrored}
         unasked = set(claim.units) - served - polled
         if unasked and claim.path[:2] not in own:
-            what = f"no listener leads to {show_units(unasked)}: each is for one line"
-            yield warning(claim.path, what, "add a [[listen]] without line")
+            what = f"no listener leads to {show_units(unasked)}: each is for one line or upstream"
+            yield warning(claim.path, what, "add a [[listen]] without line and upstream")
 
 
 def check_device_rows(config: Config) -> Iterator[Problem]:
@@ -139,7 +140,7 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
         return
     served = served_units(config)
     for listen in config.listen:
-        if listen.line is None and isinstance(listen.unit0, int) and listen.unit0 not in served:
+        if listen.only is None and isinstance(listen.unit0, int) and listen.unit0 not in served:
             yield error((*listen.path, "unit0"), not_configured({listen.unit0}), _called(config, {listen.unit0}))
     for line in config.line:
         unknown = set(line.serves or ()) - served

@@ -13,8 +13,8 @@ from gateway.config.unitset import show_units
 _SHORTEST_TO_SITE: Final = 0.25
 
 
-def check_upstreams(config: Config) -> Iterator[Problem]:
-    """Servers have a usable address and are not this gateway. An upstream has units."""
+def check_upstreams(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Servers have a usable address and are not this gateway. An upstream has units. `failed` as in `check`."""
     for upstream in config.upstream:
         path = (*upstream.path, "to")
         if isinstance(upstream.to, Site):
@@ -24,6 +24,9 @@ def check_upstreams(config: Config) -> Iterator[Problem]:
                 yield warning((*upstream.path, "timeout"), what, 'write "250 ms" or more')
         else:
             yield from _check_server(path, upstream.to, config)
+        if upstream.units is None and "listen" not in failed and not config.listeners_for(upstream):
+            remedy = f'name its units, or give it its own [[listen]] with upstream = "{upstream.label}"'
+            yield error(upstream.path, "units is missing", remedy)
         yield from _check_units(upstream)
     for line in config.line:
         if isinstance(line.port, Address):
@@ -50,9 +53,9 @@ def _check_site(path: Path, other: Site, config: Config) -> Iterator[Problem]:
 
 
 def _check_units(upstream: Upstream) -> Iterator[Problem]:
-    if not upstream.units:
+    if upstream.units == ():
         yield error((*upstream.path, "units"), "is empty", "write units = [{ as = 37, unit = 37 }]")
-    for row in upstream.units:
+    for row in upstream.rows:
         if len(row.known_as) != len(row.units):
             yield error(
                 (*row.path, "as"),

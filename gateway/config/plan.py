@@ -100,6 +100,8 @@ class UpstreamPlan:
     port: TcpSettings | SiteSettings
     upstream: UpstreamSettings
     devices: tuple[DeviceSettings, ...]
+    #: All its other units, if there are listeners for it, which lead to them. The connection is the same without.
+    unnamed: tuple[DeviceSettings, ...] = field(default=(), compare=False)
 
 
 @dataclass(frozen=True, slots=True)

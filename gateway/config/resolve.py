@@ -26,7 +26,7 @@ from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.images.self_image import self_settings
 from gateway.listeners.session import ListenSettings
-from gateway.modbus.codes import Area
+from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.profiles.profile import Profile
 from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Right, Row, right_to
 from gateway.tls.settings import ClientTls, ServerTls
@@ -38,7 +38,7 @@ def resolve(config: Config) -> Plan:
     """The settings that `config` asks for. The config must have passed its checks."""
     profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
     lines = tuple(line_plan(line, profiles, config) for line in config.line if line.role == "client")
-    upstreams = tuple(upstream_plan(upstream) for upstream in config.upstream)
+    upstreams = tuple(upstream_plan(upstream, config) for upstream in config.upstream)
     owners: tuple[LinePlan | UpstreamPlan, ...] = (*lines, *upstreams)
     devices = {device.name: device for owner in owners for device in owner.devices}
     images = tuple(_image(image, profiles) for image in config.image if image.of is None)
@@ -93,12 +93,13 @@ def _listener(listen: Listen, everyone: Iterable[Listen]) -> ListenSettings:
         reserve=listen.reserve,
         idle=listen.idle,
         in_flight=listen.in_flight,
-        unit0=listen.unit0,
+        unit0=listen.unit0 if listen.upstream is None else BROADCAST_UNIT,  # there it is a unit of the server
         on_failure=listen.on_failure,
         source=listen.source,
         scheme=bind.scheme,
         ipv6_only=any(bind.takes_ipv4_of(other.bind) for other in everyone),
         line=listen.line or "",
+        upstream=listen.upstream or "",
         shares_port=any(bind.has_port_of(other.bind) for other in everyone if other is not listen),
         tls=_server_tls(listen),
     )

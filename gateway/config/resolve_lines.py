@@ -64,18 +64,27 @@ def server_plan(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
     return ServerPlan(_port(line, timing), settings, line.broadcast_to)
 
 
-def upstream_plan(upstream: Upstream) -> UpstreamPlan:
+def upstream_plan(upstream: Upstream, config: Config) -> UpstreamPlan:
     """Another server, or the gateway of another site."""
     settings = UpstreamSettings(
         name=upstream.label, timeout=upstream.timeout, in_flight=upstream.in_flight, source=upstream.source
     )
-    return UpstreamPlan(_other_server(upstream), settings, tuple(_behind(upstream)))
+    named = (
+        (unit, known_as, name, row.source)
+        for row in upstream.rows
+        for unit, known_as, name in zip(row.units, row.known_as, upstream.unit_names(row), strict=True)
+    )
+    others = upstream.unnamed.items() if config.listeners_for(upstream) else ()
+    unnamed = ((unit, unit, name, upstream.source) for unit, name in others)
+    return UpstreamPlan(
+        _other_server(upstream), settings, tuple(_behind(upstream, named)), tuple(_behind(upstream, unnamed))
+    )
 
 
 def passing_units(config: Config) -> list[int]:
     """The units of a pass-through line: all without another destination, and those that mirrors poll."""
     elsewhere = {image.unit for image in config.image if image.of is None}
-    elsewhere |= {unit for upstream in config.upstream for row in upstream.units for unit in row.known_as}
+    elsewhere |= {unit for upstream in config.upstream for row in upstream.rows for unit in row.known_as}
     elsewhere |= set() if config.own is None else {config.own.unit}
     return [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
 
@@ -187,9 +196,12 @@ def _client_tls(upstream: Upstream, address: Address) -> ClientTls | None:
     return ClientTls(upstream.certificate, upstream.key, upstream.ca, upstream.server_name or address.host)
 
 
-def _behind(upstream: Upstream) -> Iterator[DeviceSettings]:
-    """The units behind another server, without a profile: the server checks requests itself."""
+def _behind(upstream: Upstream, units: Iterable[tuple[int, int, str, str]]) -> Iterator[DeviceSettings]:
+    """These units behind another server, without a profile: the server checks requests itself.
+
+    Of each there are the number there, the one for clients, its name and its place in the file.
+    """
+    profile = Profile("upstream")
     answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=upstream.timeout, fixed=True)
-    for row in upstream.units:
-        for unit, known_as, name in zip(row.units, row.known_as, upstream.unit_names(row), strict=True):
-            yield DeviceSettings(name, unit, known_as, Profile("upstream"), answer_time, source=row.source)
+    for unit, known_as, name, source in units:
+        yield DeviceSettings(name, unit, known_as, profile, answer_time, source=source)

@@ -28,9 +28,7 @@ def rows_in_words(plan: Plan) -> list[RightsRow]:
 
 def row_in_words(row: Row, plan: Plan) -> RightsRow:
     """One row."""
-    units = "all" if row.units is None else show_units(row.units)
-    if row.units is not None and is_by_address(row, plan):
-        units += " on the wire"
+    units = "all" if row.units is None else f"{show_units(row.units)} {own_numbers(row, plan)}".rstrip()
     return RightsRow(_clients(row), _through(row), units, right_in_words(row.right), row.source)
 
 
@@ -39,9 +37,10 @@ def right_in_words(right: Right) -> str:
     return _WORDS.get(right) or "functions " + show_units(each if isinstance(each, int) else each[0] for each in right)
 
 
-def is_by_address(row: Row, plan: Plan) -> bool:
-    """Whether the row names listeners for one line, where units are addresses."""
-    return any(listener.line and listener.name in (row.listeners or ()) for listener in plan.listeners)
+def own_numbers(row: Row, plan: Plan) -> str:
+    """Where the units of a row that names listeners for one line or upstream have these numbers; empty for others."""
+    named = (listener for listener in plan.listeners if listener.only and listener.name in (row.listeners or ()))
+    return " or ".join(sorted({"on the wire" if listener.line else "at the server" for listener in named}))
 
 
 def unnamed_datagrams(plan: Plan) -> list[str]:

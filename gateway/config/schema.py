@@ -97,6 +97,13 @@ class Listen(Table):
         "`as`, and nothing else can be reached. If the line has no `devices`, all addresses are passed through. "
         "`unit0`, and `[[access]]` rows that name this listener, use these addresses too.",
     )
+    upstream: Name | None = Field(
+        None,
+        description="Makes this a listener for one upstream: clients use the unit IDs of that server, 0-255, "
+        "regardless of `as`, and nothing else can be reached. Units that its `units` do not name are passed through. "
+        "Unit 0 is a unit of the server, with a response. `[[access]]` rows that name this listener use these unit "
+        "IDs too.",
+    )
     certificate: CredentialFile | None = Field(
         None, description="With `tls://`: the file with the certificate and its chain (PEM)."
     )
@@ -117,6 +124,11 @@ class Listen(Table):
     def label(self) -> str:
         """Its name, or its default name."""
         return self.name or str(self.bind)
+
+    @property
+    def only(self) -> str | None:
+        """The name of the one line or upstream that it leads to; None for all units."""
+        return self.line if self.line is not None else self.upstream
 
 
 class Device(Table):
@@ -387,7 +399,11 @@ class Upstream(Table):
         description="Its address: `tcp://`, or `tls://` for a server with Modbus/TCP Security. Default port: 502, with "
         "`tls://` 802. Or `fleet://SITE` for the gateway of another site, with [`[fleet]`](fleet.md)."
     )
-    units: Annotated[tuple[UpstreamUnit, ...], ListOf] = Field(description="The units behind it.")
+    units: Annotated[tuple[UpstreamUnit, ...], ListOf] | None = Field(
+        None,
+        description="The units behind it. This key may be left out if a `[[listen]]` names the upstream; only such "
+        "listeners then lead to it.",
+    )
     timeout: Duration = Field(1.0, description="How long a response may take.")
     in_flight: Annotated[int, Field(ge=1, le=64)] = Field(
         16, description="Requests in progress at once; 1 for a server that can only handle one."
@@ -412,9 +428,25 @@ class Upstream(Table):
         """Its name, or its default name."""
         return self.name or str(self.to)
 
+    @property
+    def rows(self) -> tuple[UpstreamUnit, ...]:
+        """The units that it names."""
+        return self.units or ()
+
     def unit_names(self, row: UpstreamUnit) -> list[str]:
         """What the units of a row are called, in the order of its units."""
         return [f"{self.label}/{unit}" for unit in row.known_as]
+
+    @property
+    def unnamed(self) -> dict[int, str]:
+        """The units of the server that no row names, and what they are called."""
+        named = {unit for row in self.rows for unit in row.units}
+        taken = {unit for row in self.rows for unit in row.known_as}
+        return {
+            unit: f"{self.label}/unit-{unit}" if unit in taken else f"{self.label}/{unit}"
+            for unit in range(256)
+            if unit not in named
+        }
 
 
 class Own(Table):
@@ -436,7 +468,7 @@ class Access(Table):
         description="Names of listeners, server lines, `control`, `web`, `mqtt` or `fleet`. Default: all. A server "
         "line, the control socket, the web page and the MQTT client keep their rights until a row names them. UDP "
         "clients can write only through a row that names their listener, other sites through one that names `fleet`. A "
-        "row names either listeners for one line, or others.",
+        "row names either listeners for one line or upstream, or others.",
     )
     role: Role | None = Field(
         None,
@@ -446,7 +478,8 @@ class Access(Table):
     units: UnitsOrAll = Field(
         "all",
         description="Unit IDs for clients, 1-247 and 255; in a row that names a listener for one line, addresses on "
-        "that line. A broadcast needs the right at every unit.",
+        "that line, and in one that names a listener for one upstream, unit IDs of that server, 0-255. A broadcast "
+        "needs the right at every unit.",
     )
     allow: Annotated[tuple[Literal["read", "write"], ...], ListOf] | None = Field(
         None,
@@ -530,12 +563,12 @@ class Config(Table):
 
     @property
     def leads_everywhere(self) -> bool:
-        """Whether a listener leads to all units: one that is not for a line, or the one that is there without any."""
-        return not self.listen or any(listen.line is None for listen in self.listen)
+        """Whether a listener leads to all units; the one that is there without any does."""
+        return not self.listen or any(listen.only is None for listen in self.listen)
 
-    def listeners_for(self, line: Line) -> list[Listen]:
-        """The listeners that are for this line alone."""
-        return [listen for listen in self.listen if listen.line == line.label]
+    def listeners_for(self, part: Line | Upstream) -> list[Listen]:
+        """The listeners that are for this line or upstream alone."""
+        return [listen for listen in self.listen if listen.only == part.label]
 
     def is_apart(self, line: Line) -> bool:
         """Whether no other listeners lead to a client line: it has no devices, and is not the only one."""

@@ -60,12 +60,12 @@ def check_client_unit(value: int) -> int:
 
 
 def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
-    """A unit set, or "all".
+    """A unit set, or "all". Which units are possible depends on more: a server may have any from 0 to 255.
 
     Raises:
         WrongValue: it is neither.
     """
-    return "all" if value == "all" else parse_client_units(value)
+    return "all" if value == "all" else parse_units(value, 0, 255)
 
 
 def _parse(value: object, allowed: frozenset[int], otherwise: str) -> tuple[int, ...]:

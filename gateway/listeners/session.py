@@ -42,7 +42,7 @@ class ListenSettings:
     `reserve` of the `clients` are only for addresses that rows of the rights name.
     `scheme` is the protocol: `tcp`, `tls`, `rtu+tcp`, `ascii+tcp` or `udp`; `tls` are the files of the second one.
     `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
-    `on_failure` is what a client gets without a response from a unit. `line` is set on a listener for one line.
+    `on_failure` is what a client gets without a response from a unit. `line` or `upstream` is set on a listener for it.
     `shares_port`: another listener uses this port at another address.
     """
 
@@ -58,9 +58,15 @@ class ListenSettings:
     ipv6_only: bool = False
     on_failure: OnFailure = "exception"
     line: str = ""
+    upstream: str = ""
     shares_port: bool = field(default=False, compare=False)
     reserve: int = 0
     tls: ServerTls | None = None
+
+    @property
+    def only(self) -> str:
+        """The name of the one line or upstream that it leads to; empty for all units."""
+        return self.line or self.upstream
 
 
 @dataclass(slots=True)

@@ -78,7 +78,7 @@ async def examined(
         groups += [(each.name, _about_upstream(each, has_nats=has_nats)) for each in gateway.upstreams]
         outwards = (*_about_publishing(gateway), *_about_fleet(gateway))
         groups.append(("", [*about_certificates(gateway.contexts, time.time()), *outwards]))
-    listeners = [each for each in gateway.listeners if wanted is None or each.settings.line in ("", wanted)]
+    listeners = [each for each in gateway.listeners if wanted is None or each.settings.only in ("", wanted)]
     now = asyncio.get_running_loop().time()
     clients = [client for listener in listeners for client in client_evidence(listener, gateway, now)]
     groups.append(("", [finding for client in clients for finding in about_client(client)]))

@@ -108,7 +108,7 @@ def client_evidence(listener: Listener, gateway: Gateway, now: float) -> list[Cl
     if not isinstance(listener, TcpListener):
         return []
     parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    own = listener.settings.line
+    own = listener.settings.only
     waits = [wait for part in parts if own in ("", part.name) for wait in part.longest_wait.values()]
     longest = max(waits, default=0.0)
     return [

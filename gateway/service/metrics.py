@@ -251,8 +251,9 @@ def _process(running: Running) -> Iterable[Family]:
 
 
 def _asked(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, Device]]:
-    """The units that were polled."""
-    return [(str(unit), device) for unit, device in owner.devices.items() if device.counts]
+    """The units that were polled, by their numbers for clients; by its name a unit whose number is another one's."""
+    asked = [(device, device.settings.known_as) for device in owner.all_devices if device.counts]
+    return [(str(unit) if owner.devices.get(unit, each) is each else each.name, each) for each, unit in asked]
 
 
 def _counted(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, UnitCounts]]:

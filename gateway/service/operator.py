@@ -200,13 +200,13 @@ def _kind(image: ImageSettings) -> str:
     return "gateway" if image.shows_gateway else "image"
 
 
-def _longest_waits(gateway: Gateway) -> Mapping[int, float]:
+def _longest_waits(gateway: Gateway) -> Mapping[str, float]:
     """The longest wait for each unit that is not in the gateway, in seconds."""
     parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    return {unit: wait for part in parts for unit, wait in part.longest_wait.items()}
+    return {name: wait for part in parts for name, wait in part.longest_wait.items()}
 
 
-def _picture(found: _Unit, gateway: Gateway, longest: Mapping[int, float]) -> UnitPicture:
+def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> UnitPicture:
     functions = found.profile.functions
     return UnitPicture(
         unit=found.unit,
@@ -216,7 +216,7 @@ def _picture(found: _Unit, gateway: Gateway, longest: Mapping[int, float]) -> Un
         functions=None if functions is None else tuple(sorted(functions)),
         limits=found.profile.limits,
         areas={str(area): ranges for area, ranges in found.profile.areas.items()},
-        longest_wait_ms=round(longest.get(found.unit, 0.0) * 1000, 1),
+        longest_wait_ms=round(longest.get(found.name, 0.0) * 1000, 1),
         points=gateway.plan.points.get(found.unit, ()),
     )
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class GatewayLine:
-    """A client line with its parts. Keys of devices and longest waits are the units for clients.
+    """A client line with its parts. Keys of devices are the units for clients, those of longest waits their names.
 
     `opener` opens ports. `buckets` is where its lease is kept, if the plan names one.
     """
@@ -73,7 +73,7 @@ class GatewayLine:
         )
         self.every_device = EveryDevice(self.driver)
         self.devices: dict[int, Device] = {}
-        self.longest_wait: dict[int, float] = {}
+        self.longest_wait: dict[str, float] = {}
         self.adopt(plan, self.devices_of(plan))
 
     def at_speed(self, baud: int, format_: CharacterFormat | None = None) -> "GatewayLine":
@@ -111,6 +111,11 @@ class GatewayLine:
         return (self.every_device.counts, *(device.counts for device in self.devices.values()))
 
     @property
+    def all_devices(self) -> tuple[Device, ...]:
+        """Its units."""
+        return tuple(self.devices.values())
+
+    @property
     def sent(self) -> int:
         """How many frames were sent to its units, and as broadcasts."""
         return sum(counts.sent for unit in self.counts for counts in unit.values())
@@ -140,10 +145,9 @@ class GatewayLine:
         """Take over `plan`, which differs only in its place in the file or in passed-through units."""
         self.plan = plan
         self.devices = devices
-        waits = longest_waits(plan)
+        self.longest_wait = longest_waits(plan)
         for each in plan.devices:
             devices[each.known_as].source = each.source
-            self.longest_wait.setdefault(each.known_as, waits[each.name])
 
     def _standby(self, plan: LinePlan, buckets: "Buckets") -> "Standby":
         """What it takes is loaded only with a lease."""
@@ -193,14 +197,31 @@ class GatewayUpstream:
         )
         tell = kept_in(ring, loop.time, emit)
         self.reconnector = Reconnector(self.name, plan.port.port, open_port, self.driver, tell)
-        self.devices = {each.known_as: Device(each, self.driver, emit, ring, self.name) for each in plan.devices}
-        self.longest_wait = {each.known_as: longest_wait_behind(plan) for each in plan.devices}
+        self._new_device = partial(Device, line=self.driver, emit=emit, ring=ring, line_name=self.name)
+        self.devices = {each.known_as: self._new_device(each) for each in plan.devices}
+        #: The units that the config does not name, by their numbers there: only the listeners for it lead to them.
+        self.unnamed: dict[int, Device] = {}
+        self.longest_wait: dict[str, float] = {}
+        self.adopt(plan, self.unnamed_of(plan))
 
-    def adopt(self, plan: UpstreamPlan) -> None:
-        """Take over `plan`, which differs only in places in the file."""
+    @property
+    def all_devices(self) -> tuple[Device, ...]:
+        """Its units; of those that the config does not name, the ones that were asked."""
+        return (*self.devices.values(), *(device for device in self.unnamed.values() if device.counts))
+
+    def unnamed_of(self, plan: UpstreamPlan) -> dict[int, Device]:
+        """The units that `plan` does not name: existing ones and new ones."""
+        return {each.unit: self.unnamed.get(each.unit) or self._new_device(each) for each in plan.unnamed}
+
+    def adopt(self, plan: UpstreamPlan, unnamed: dict[int, Device]) -> None:
+        """Take over `plan`, which differs only in its place in the file or in the listeners that lead to it."""
         self.plan = plan
+        self.unnamed = unnamed
+        self.longest_wait = {each.name: longest_wait_behind(plan) for each in (*plan.devices, *plan.unnamed)}
         for each in plan.devices:
             self.devices[each.known_as].source = each.source
+        for each in plan.unnamed:
+            unnamed[each.unit].source = each.source
 
 
 class GatewayServer:

@@ -47,8 +47,8 @@ def reading(
     """Begin to read what the plan publishes of a gateway. `announcements` belong to each birth."""
     targets = {name: _as_target(each) for name, each in _destinations(plan, gateway).items()}
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    patience = {unit: wait for owner in owners for unit, wait in owner.longest_wait.items()}
-    waits = {each.name: patience.get(each.unit, 0.0) for each in plan.devices}
+    patience = {name: wait for owner in owners for name, wait in owner.longest_wait.items()}
+    waits = {each.name: patience.get(each.name, 0.0) for each in plan.devices}
     settings = PublisherSettings(plan.devices, waits, plan.source)
     driver = PublisherDriver(settings, _form(plan, announcements), targets, gateway.mqtt, emit, unix, carried_out)
     driver.start()

@@ -1,7 +1,7 @@
-"""The units that clients can reach, through any listener or through a listener for one line.
+"""The units that clients can reach, through any listener or through a listener for one line or upstream.
 
 For most listeners, a unit identifier is the same unit for all clients. For a listener for one line it is an address on
-that line, whatever unit ID other clients use for that device.
+that line, and for a listener for one upstream a unit of that server, whatever unit ID other clients use for it.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -47,19 +47,22 @@ def routings(gateway: "Gateway") -> Iterator[Routing]:
     alone = {
         one.line.name: _one_line(units.values(), recipient, targets)
         for one, units, recipient in zip(plans, gateway.devices, on_lines, strict=True)
+    } | {
+        upstream.name: _one_upstream([*upstream.devices.values(), *unnamed.values()], targets)
+        for upstream, unnamed in zip(gateway.upstreams, gateway.unnamed, strict=True)
     }
     for router in (gateway.mqtt, gateway.sites, gateway.control, gateway.web):
         yield Routing(router, everyone.routes, everyone.known_as)
     for listener in gateway.listeners:
         settings = listener.settings
-        reach = alone[settings.line] if settings.line else everyone
+        reach = alone[settings.only] if settings.only else everyone
         yield Routing(listener.router, _routes_of_listener(settings, reach, gateway.ring), reach.known_as)
     for server in gateway.servers:
         yield Routing(server.router, _routes_of_server(server.plan, everyone, gateway.ring), everyone.known_as)
 
 
 def _targets(gateway: "Gateway") -> dict[int, NamedTarget]:
-    """What answers for each unit of listeners that are not for one line."""
+    """What answers for each unit of listeners that are not for one line or upstream."""
     targets: dict[int, NamedTarget] = {image.settings.unit: image for image in gateway.images}
     for units, plan in zip(gateway.devices, gateway.plan.lines, strict=True):
         targets |= {unit: device for unit, device in units.items() if unit not in plan.own_units}
@@ -96,31 +99,42 @@ def _everything(routes: Mapping[int, NamedTarget], recipients: Collection[Recipi
 
 
 def _one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mapping[int, NamedTarget]) -> _Reach:
-    """The devices of a line by their addresses in the config; the first one if several have the same.
+    """The devices of a line by their addresses.
+
+    For rows without listeners, an address that other clients cannot reach counts by its own number, unless another
+    target has that. Address 0 stands for devices without an address in the config, and for broadcasts.
+    """
+    known = _known_as(devices, elsewhere)
+    for address in range(FIRST_UNIT, LAST_UNIT + 1):
+        if not known[address] and address not in elsewhere:
+            known[address].append(address)
+    routes = {address: device for address, device in _by_own_number(devices).items() if address != BROADCAST_UNIT}
+    return _Reach(routes, [recipient], tuple(map(tuple, known)))
+
+
+def _one_upstream(devices: Collection[Device], elsewhere: Mapping[int, NamedTarget]) -> _Reach:
+    """The units of another server by their numbers there.
+
+    For rows without listeners, one that other clients cannot reach has no number.
+    """
+    return _Reach(_by_own_number(devices), [], tuple(map(tuple, _known_as(devices, elsewhere))))
+
+
+def _by_own_number(devices: Collection[Device]) -> dict[int, NamedTarget]:
+    """The devices by their numbers on the line or at the server; the first one if several have the same.
 
     A device that moves keeps the address in the config, as it keeps its unit.
     """
-    routes: dict[int, NamedTarget] = {}
-    for device in devices:
-        if device.settings.unit != BROADCAST_UNIT:
-            routes.setdefault(device.settings.unit, device)
-    return _Reach(routes, [recipient], _known_as(devices, elsewhere))
+    return {device.settings.unit: device for device in reversed([*devices])}
 
 
-def _known_as(devices: Collection[Device], elsewhere: Mapping[int, NamedTarget]) -> KnownAs:
-    """The units by which other clients reach each address through `elsewhere`: its own, or those of mirrors.
-
-    An address that they cannot reach counts by its own number, unless another target has that. Address 0 stands for
-    devices without an address in the config, and for broadcasts.
-    """
+def _known_as(devices: Collection[Device], elsewhere: Mapping[int, NamedTarget]) -> list[list[int]]:
+    """The units by which other clients reach each number through `elsewhere`: its own, or those of mirrors."""
     known: list[list[int]] = [[] for _ in AS_NUMBERED]
     for device in devices:
         own = device.settings.known_as
         known[device.settings.unit] += [own] if elsewhere.get(own) is device else _mirrors_of(device, elsewhere)
-    for address in range(FIRST_UNIT, LAST_UNIT + 1):
-        if not known[address] and address not in elsewhere:
-            known[address].append(address)
-    return tuple(map(tuple, known))
+    return known
 
 
 def _mirrors_of(device: Device, routes: Mapping[int, NamedTarget]) -> list[int]:

@@ -54,7 +54,7 @@ def shown(running: Watched, now: float) -> Shown:
         "server-lines-down": down[1],
         "upstreams": len(upstreams),
         "upstreams-down": down[2],
-        "units": sum(len(owner.devices) for owner in owners),
+        "units": sum(len(owner.all_devices) for owner in owners),
         "units-failing": len(failing),
         "clients": sum(listener.clients for listener in gateway.listeners),
         "reload-failed": int(not running.reload_succeeded),
@@ -111,7 +111,7 @@ def _upstream(upstream: GatewayUpstream, now: float) -> Values:
     return {
         "state": _state(upstream.reconnector),
         "waiting": upstream.driver.upstream.waiting,
-        "units": len(upstream.devices),
+        "units": len(upstream.all_devices),
         "units-failing": len(_failing(upstream, now)),
         "answered": _answered(counts),
         "exceptions": counts.exception,
@@ -131,14 +131,14 @@ def _failing(owner: GatewayLine | GatewayUpstream, now: float) -> list[int]:
     """The units that did not answer when they were asked last; while their line is down, all that were ever asked."""
     is_down = _state(owner.reconnector) == _DOWN
     return [
-        unit
-        for unit, device in owner.devices.items()
+        device.settings.known_as
+        for device in owner.all_devices
         if device.breaker.failures or device.breaker.is_resting(now) or (is_down and device.counts)
     ]
 
 
 def _counts(upstream: GatewayUpstream) -> list[UnitCounts]:
-    return [device.counts for device in upstream.devices.values()]
+    return [device.counts for device in upstream.all_devices]
 
 
 def _answered(counts: Counts) -> int:

@@ -318,7 +318,7 @@ def _status(
 
 def _devices(gateway: Gateway) -> list[tuple[GatewayLine | GatewayUpstream, Device]]:
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    return [(owner, device) for owner in owners for device in owner.devices.values()]
+    return [(owner, device) for owner in owners for device in owner.all_devices]
 
 
 def _listener(listener: Listener) -> ListenerStatus:
@@ -415,7 +415,7 @@ def _upstream(parts: GatewayUpstream) -> UpstreamStatus:
         under_way=upstream.under_way,
         overdue=upstream.overdue,
         unasked_frames=upstream.unasked_frames,
-        counts=total_of_units(device.counts for device in parts.devices.values()),
+        counts=total_of_units(device.counts for device in parts.all_devices),
     )
 
 
@@ -441,7 +441,7 @@ def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> U
         last_answer_ms=_since(max((each.answered_at for each in times.values()), default=NEVER), now),
         last_error=counts.last_error,
         last_error_ms=_since(counts.last_error_at, now),
-        longest_wait_ms=milliseconds(parts.longest_wait[settings.known_as]),
+        longest_wait_ms=milliseconds(parts.longest_wait[settings.name]),
         counts=total_of_units([counts]),
         times=_times(times.values()),
         exceptions=dict(counts.codes),

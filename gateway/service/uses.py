@@ -80,7 +80,7 @@ class Look:
 
 def _devices(part: _Part) -> list[_LookedAt]:
     all_of_them = [part.every_device] if isinstance(part, GatewayLine) else []
-    return [*all_of_them, *part.devices.values()]
+    return [*all_of_them, *part.all_devices]
 
 
 def _total(device: _LookedAt) -> _Total:

@@ -290,6 +290,7 @@ def test_the_picture_as_json(config, capsys):
         "unit0": 41,
         "on_failure": "exception",
         "line": None,
+        "upstream": None,
     }
     (line,) = picture["lines"]
     unit = line["units"][0]
@@ -460,6 +461,27 @@ def test_units_behind_servers(config, capsys):
     assert "time-out above the longest wait" in said
 
 
+PORT_OF_PLANT_1 = '[[listen]]\nname = "{}"\nbind = "tcp://127.0.0.1:1503"\nupstream = "plant-1"\n'
+
+
+def test_listeners_for_one_upstream_say_where_they_lead(config, capsys):
+    assert main(["check", config(PORT_OF_PLANT_1.format("p") + UPSTREAM)]) == 0
+    said = capsys.readouterr().out
+    assert "  p     tcp://127.0.0.1:1503  32       10 min  0       upstream plant-1\n" in said
+    assert '  38    8                  2.3 s\n  Through "p": 0-255, as behind the server; longest wait 2.3 s.\n' in said
+    without = UPSTREAM.replace('units = [{ as = "37-38", unit = "7-8" }]\n', "")
+    assert main(["check", config(PORT_OF_PLANT_1.format("p") + without)]) == 0
+    said = capsys.readouterr().out
+    assert '16 in flight\n  Through "p" and no other listener: 0-255, as behind the server; longest' in said
+
+
+def test_listeners_for_one_upstream_as_json(config, capsys):
+    main(["check", "--json", config(PORT_OF_PLANT_1.format("p") + UPSTREAM)])
+    picture = json.loads(capsys.readouterr().out)
+    assert [(one["line"], one["upstream"], one["unit0"]) for one in picture["listeners"]] == [(None, "plant-1", 0)]
+    assert [one["own_listeners"] for one in picture["upstreams"]] == [["p"]]
+
+
 def test_units_behind_servers_as_json(config, capsys):
     main(["check", "--json", config(UPSTREAM)])
     picture = json.loads(capsys.readouterr().out)
@@ -470,6 +492,8 @@ def test_units_behind_servers_as_json(config, capsys):
             "to": "tcp://10.1.0.5:502",
             "timeout_ms": 300,
             "in_flight": 16,
+            "own_listeners": [],
+            "longest_wait_ms": 2300,
             "units": [
                 {"unit": "37", "behind_the_server": "7", "longest_wait_ms": 2300},
                 {"unit": "38", "behind_the_server": "8", "longest_wait_ms": 2300},

@@ -167,6 +167,16 @@ def test_units_of_a_listener_for_one_line_are_those_on_the_wire(
     assert [row["by_address"] for row in json.loads(capsys.readouterr().out)["rights"]] == [True, True]
 
 
+def test_units_of_a_listener_for_one_upstream_are_those_of_the_server(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    roof = '[[listen]]\nname = "roof port"\nbind = "tcp://127.0.0.1:1503"\nupstream = "roof"\n'
+    roof += '[[upstream]]\nname = "roof"\nto = "tcp://10.1.0.5"\n'
+    row = '[[access]]\nlisten = ["roof port"]\nunits = [0, 250]\nallow = ["read"]\n'
+    said = rights(tmp_path, capsys, FILE + roof + row).splitlines()
+    assert said[2] == "  anywhere  roof port  0, 250 at the server  read"
+
+
 def test_roles_are_shown_and_what_tls_clients_have_without(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tls = '[[listen]]\nname = "far"\nbind = "tls://0.0.0.0"\ncertificate = "/x"\nkey = "/x"\nclients_ca = "/x"\n'
     rows = '[[access]]\nrole = "fitter"\nallow = ["write"]\n[[access]]\nrole = ""\nallow = ["read"]\n'

@@ -55,6 +55,8 @@ OF_KEY: Mapping[tuple[type[Table], str], st.SearchStrategy[Any]] = {
     (PointTable, "labels"): st.dictionaries(st.sampled_from(["0", "1", "70000"]), st.sampled_from(["off", "on"])),
     (Line, "port"): st.sampled_from(["/dev/a", "/dev/b", "/dev/x/a", "rtu+tcp://c:1", "ascii+tcp://c:2"]),
     (Listen, "line"): st.sampled_from(["a", "b"]),
+    (Listen, "upstream"): st.sampled_from(["u", "v"]),
+    (Upstream, "name"): st.sampled_from(["u", "v", "a"]),
     (Line, "profile"): _PROFILES,
     (Device, "profile"): _PROFILES,
     (Image, "profile"): _PROFILES,
@@ -76,11 +78,18 @@ def accepted_configs(draw: st.DrawFn) -> str:
     document = draw(_DEVICES)
     config = _accepted(document)
     names = [name for line in config.line for name in line.all_device_names]
-    names += [name for upstream in config.upstream for row in upstream.units for name in upstream.unit_names(row)]
+    names += [name for upstream in config.upstream for row in upstream.rows for name in upstream.unit_names(row)]
     units = sorted(served_units(config))
     if names:
         mirrors = _tables(Image, of=st.sampled_from(names), read=st.lists(_POLLED, min_size=1, max_size=2))
         document["image"] += draw(st.lists(mirrors, max_size=2))
+    if config.upstream:
+        alone = st.builds(
+            lambda bind, upstream: {"bind": bind, "upstream": upstream},
+            OF_KIND["address"],
+            st.sampled_from([upstream.label for upstream in config.upstream]),
+        )
+        document["listen"] += draw(st.lists(alone, max_size=2))
     if units:
         serves = st.lists(st.sampled_from(units), min_size=1, max_size=3, unique=True)
         document["line"] += draw(st.lists(_tables(Line, role=st.just("server"), serves=serves), max_size=1))

@@ -205,6 +205,15 @@ class Scene:
         for unit in [unit for unit in range(1, 256) if unit not in addresses][-UNKNOWN_ASKED:]:
             await self.check_unknown(unit)
 
+    async def check_upstream(self, name: str) -> None:
+        """What a listener for one upstream leads to: all units of that server."""
+        (upstream,) = (one for one in self.printed.picture["upstreams"] if one["name"] == name)
+        named = [int(row["behind_the_server"]) for row in upstream["units"]]
+        for unit in dict.fromkeys([*named[:MOST_ASKED], *range(0, 256, 51)]):
+            place = Place(upstream["to"], unit)
+            self.printed.waits[place] = upstream["longest_wait_ms"] / 1000
+            await self._check_device(unit, place, Profile("upstream"))
+
     async def check_served(self, server: dict[str, Any], unit: int) -> None:
         """What the outside client of a server line gets from `unit`, if it is there in time."""
         place = self.printed.devices.get(unit)
@@ -305,7 +314,7 @@ def check(text: str, folder: Path) -> Printed:
 
 
 async def check_listener(scene: Scene, listener: dict[str, Any]) -> None:
-    """All that a listener leads to which is not for one line."""
+    """All that a listener leads to which is not for one line or upstream."""
     units = list(scene.printed.units)
     for unit in units[:MOST_ASKED]:
         await scene.check_unit(unit)
@@ -328,10 +337,12 @@ async def check_everything(scene: Scene) -> None:
     scene.allow_everything()
     for number, listener in enumerate(scene.printed.picture["listeners"]):
         scene.enter(number)
-        if listener["line"] is None:
-            await check_listener(scene, listener)
-        else:
+        if listener["line"]:
             await scene.check_line(listener["line"])
+        elif listener["upstream"]:
+            await scene.check_upstream(listener["upstream"])
+        else:
+            await check_listener(scene, listener)
     for server in scene.printed.picture["servers"]:
         for row in server["units"]:
             await scene.check_served(server, row["unit"])

@@ -1,4 +1,4 @@
-"""Listeners for one line: each rule with a file that breaks it, and what rows mean there."""
+"""Listeners for one line or upstream: each rule with a file that breaks it, and what rows mean there."""
 
 import json
 
@@ -79,7 +79,8 @@ UPSTREAM = '[[upstream]]\nto = "tcp://10.1.0.5:502"\nunits = [{ as = "71-73", un
 
 
 def dead(place, units):
-    return f"warning: {place}: no listener leads to {units}: each is for one line | add a [[listen]] without line"
+    what = f"no listener leads to {units}: each is for one line or upstream"
+    return f"warning: {place}: {what} | add a [[listen]] without line and upstream"
 
 
 @pytest.mark.parametrize(
@@ -184,9 +185,9 @@ def test_broadcasts_to_a_line_that_takes_none():
 )
 def test_a_row_names_listeners_of_one_kind(others, named):
     row = f'[[access]]\nlisten = {json.dumps(["port-a", *others])}\nallow = ["read"]\n'
-    what = "names listeners for one line, where units are addresses on its wire"
+    what = "names listeners for one line or upstream, under its own numbers"
     assert said(SHARED + A + LINE_A + PANEL + row) == [
-        f"error: access[0].listen: {what}, and {named}, where they are not | write a row for each kind"
+        f"error: access[0].listen: {what}, and {named}, where units have others | write a row for each kind"
     ]
 
 
@@ -222,3 +223,86 @@ def test_a_row_for_units_does_not_cover_one_for_addresses():
     assert any("never matches" in each for each in said(text + every))
     twice = '[[access]]\nlisten = ["port-a"]\nunits = "1-2"\nallow = ["read"]\n'
     assert any("never matches" in each for each in said(text + twice + twice.replace("1-2", "1")))
+
+
+ROOF = LISTEN.format("roof-port", 5023) + 'upstream = "roof"\n'
+SERVER = '[[upstream]]\nname = "roof"\nto = "tcp://10.1.0.5"\n'
+UNITS = 'units = [{ as = "71-72", unit = [1, 0] }]\n'
+
+
+@pytest.mark.parametrize("text", [SERVER, SERVER + UNITS, SHARED + SERVER + UNITS, SHARED + SERVER + A + LINE_A])
+def test_an_upstream_with_a_listener_of_its_own_needs_no_units(text):
+    assert said(ROOF + text) == []
+
+
+def test_an_upstream_without_units_needs_a_listener_of_its_own():
+    what = "error: upstream[0]: units is missing"
+    remedy = 'name its units, or give it its own [[listen]] with upstream = "roof"'
+    assert said(SHARED + SERVER) == [f"{what} | {remedy}"]
+    (problem,) = said('[[listen]]\nbind = "nowhere"\nupstream = "roof"\n' + SERVER)
+    assert problem.startswith("error: listen[0].bind")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (
+            ROOF.replace('"roof"', '"rof"') + SERVER + UNITS,
+            'upstream: there is no upstream "rof" | did you mean "roof"?',
+        ),
+        (ROOF.replace('"roof"', '"a"') + LINE_A, 'upstream: there is no upstream "a" | write line = "a"'),
+        (
+            ROOF.replace("upstream = ", "line = ") + SERVER + UNITS,
+            'line: there is no line "roof" | write upstream = "roof"',
+        ),
+        (
+            ROOF + 'line = "a"\n' + LINE_A + SERVER,
+            "upstream: cannot be combined with line | take one of them out, and write a [[listen]] for each",
+        ),
+        (
+            ROOF + 'unit0 = "refuse"\n' + SERVER,
+            "unit0: unit 0 is a unit of that server here, with a response | take it out",
+        ),
+    ],
+)
+def test_what_does_not_fit_a_listener_for_one_upstream(text, problem):
+    assert [each for each in said(text) if "listen" in each.split(":")[1]] == [f"error: listen[0].{problem}"]
+
+
+def test_an_upstream_that_could_not_be_read_is_not_missed():
+    (problem,) = said(SHARED + ROOF + SERVER + UNITS + "in_flight = 0\n")
+    assert problem.startswith("error: upstream[0].in_flight")
+
+
+def test_units_of_an_upstream_are_reached_through_its_own_listener():
+    assert said(ROOF + SERVER + UNITS) == []
+    assert said(A + LINE_A + SERVER + UNITS) == [dead("upstream[0].units[0].as", "71-72")]
+
+
+ROW = '[[access]]\nlisten = ["{}"]\nunits = {}\nallow = ["read"]\n'
+
+
+@pytest.mark.parametrize("units", ["0", "255", '[0, "248-254"]', '"1-247"'])
+def test_a_row_for_an_upstream_counts_by_the_units_of_the_server(units):
+    assert said(SHARED + ROOF + SERVER + UNITS + ROW.format("roof-port", units)) == []
+
+
+@pytest.mark.parametrize(("units", "unit"), [("[0, 71]", 0), ('["71-72", "250-251"]', 250)])
+def test_clients_of_other_listeners_have_no_such_units(units, unit):
+    strange = f"error: access[0].units: unit {unit} is neither 1-247 nor 255"
+    assert said(SHARED + ROOF + SERVER + UNITS + ROW.format("all", units)) == [strange]
+    by_anyone = f'[[access]]\nunits = {units}\nallow = ["read"]\n'
+    assert said(SHARED + ROOF + SERVER + UNITS + by_anyone) == [strange]
+
+
+def test_a_row_may_name_listeners_for_lines_and_upstreams():
+    row = '[[access]]\nlisten = ["port-a", "roof-port"]\nunits = 1\nallow = ["read"]\n'
+    assert said(SHARED + A + ROOF + LINE_A + SERVER + row) == []
+
+
+def test_what_units_without_a_number_are_called_is_the_name_of_nothing_else():
+    image = '[[image]]\nunit = 200\nname = "{}"\nholding = 1\n'
+    for taken in ("roof/9", "roof/unit-71"):
+        (problem,) = said(SHARED + ROOF + SERVER + UNITS + image.format(taken))
+        assert problem.startswith(f'error: image[0].name: "{taken}"')
+        assert said(SHARED + SERVER + UNITS + image.format(taken)) == []
