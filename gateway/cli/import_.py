@@ -1,12 +1,14 @@
 """`import`: a config out of the files of another program."""
 
 import argparse
+import sys
 from typing import Final
 
-from gateway.cli.main import FINE
+from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.usage import WrongUsageError, tell_wrong_usage
-from gateway.config.from_mbusd import config_from_mbusd, read_files
+from gateway.config.from_mbusd import config_from_mbusd
 from gateway.config.from_modbus_proxy import config_from_modbus_proxy
+from gateway.config.imported import read_file
 
 _PROGRAMS: Final = ("mbusd", "modbus-proxy")
 
@@ -18,17 +20,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print a config that does the same.
+    """Print a config that does the same, and say what is left out of it; 1 if something is.
 
     Raises:
-        ImportedFileError: a file cannot be read or understood.
+        ImportedFileError: no file can be read and understood.
     """
     if args.program == "modbus-proxy" and len(args.files) > 1:
         return tell_wrong_usage(WrongUsageError("modbus-proxy has one file", "import each of them by itself"))
-    texts = read_files(args.files)
     if args.program == "mbusd":
-        print(config_from_mbusd(texts), end="")
+        imported = config_from_mbusd(args.files)
     else:
-        ((file, text),) = texts.items()
-        print(config_from_modbus_proxy(file, text), end="")
-    return FINE
+        (file,) = args.files
+        imported = config_from_modbus_proxy(file, read_file(file))
+    print(imported.text, end="")
+    for each in imported.left_out:
+        print(f"modbus-gateway: error: left out: {each}", file=sys.stderr)
+    return PROBLEM_FOUND if imported.left_out else FINE

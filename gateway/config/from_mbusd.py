@@ -3,24 +3,24 @@
 Its format and its defaults are those of its manual page, mbusd(8), and of its sample file.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Final
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
 
 from gateway.config.address import Address
 from gateway.config.character_format import fits_mode, parse_format
 from gateway.config.imported import (
-    OPEN_ACCESS,
+    Imported,
     ImportedFileError,
     Taken,
-    left_out,
+    gather,
     listen_address,
     milliseconds,
+    read_file,
 )
 from gateway.config.port import parse_port
 from gateway.config.problem import WrongValue
-from gateway.config.toml_text import TableText, Value, file_text
+from gateway.config.toml_text import TableText, Value
 
 _DEFAULTS: Final[Mapping[str, str]] = {
     "device": "/dev/ttyS0",
@@ -36,6 +36,7 @@ _DEFAULTS: Final[Mapping[str, str]] = {
     "wait": "500",
     "replyonbroadcast": "no",
     "enable_rs485": "no",
+    "local_echo": "no",
 }
 #: What has a meaning for mbusd only.
 _WITHOUT_MEANING: Final = frozenset({"loglevel", "logfile", "trx_sysfile"})
@@ -53,14 +54,20 @@ _NUMBERS: Final[Mapping[str, tuple[int, int]]] = {
 
 _RTS: Final = "mbusd switched the direction with RTS; here the driver does it, if it can: see the log for line_up"
 _INVERTED: Final = "RTS was low while sending: set that in the driver (device tree: rs485-rts-active-low)"
+_USB: Final = (
+    "mbusd switched the direction of this USB adapter; nearly all of them do it themselves. "
+    'If this one does not, and its driver can: rs485 = "kernel"'
+)
 _SYSFS: Final = "mbusd switched the direction with a GPIO in sysfs, which the gateway cannot: let the driver do it"
 _REPEATS: Final = "mbusd repeated writes too; here only reads are sent again"
 _PAUSE: Final = 'mbusd paused so long; gap = "auto" is enough for most devices, and faster'
 
+#: A comment behind a value.
+_COMMENT = re.compile(r"(?:^|\s)#.*")
 
-@dataclass(frozen=True, slots=True)
-class _Setting:
-    """A value, and where it stands: empty for a default."""
+
+class _Setting(NamedTuple):
+    """A value, and where it stands."""
 
     value: str
     where: str
@@ -74,10 +81,10 @@ class _Settings:
         self.unknown: list[str] = []
         self._settings = {key: _Setting(value, file) for key, value in _DEFAULTS.items()}
         for number, line in enumerate(text.splitlines(), start=1):
-            self._read(line.strip(), f"{file}:{number}")
+            self._read(_COMMENT.sub("", line).strip(), f"{file}:{number}")
 
     def _read(self, line: str, where: str) -> None:
-        if not line or line.startswith("#"):
+        if not line:
             return
         key, separator, value = (part.strip() for part in line.partition("="))
         if not separator:
@@ -103,47 +110,28 @@ class _Settings:
         return self.text(key).lower() in ("yes", "y", "on", "true", "1")
 
 
-def config_from_mbusd(files: Mapping[str, str]) -> str:
-    """The config that does what mbusd does with these `files` (their texts, by name).
+def config_from_mbusd(files: Sequence[str], read: Callable[[str], str] = read_file) -> Imported:
+    """The config that does what mbusd does with these `files`.
 
     Raises:
-        ImportedFileError: one of them cannot be understood.
+        ImportedFileError: none of them can be used.
     """
-    tables: list[TableText] = []
-    taken, ports = Taken(), dict[str, str]()
-    for file, text in files.items():
-        tables += _line(_Settings(text, file), taken, ports)
-    return file_text([TableText("", comments=(f"From mbusd: {', '.join(files)}",)), *tables, OPEN_ACCESS])
+    taken = Taken()
+    return gather((f"From mbusd: {', '.join(files)}",), (_tables(file, read, taken) for file in files))
 
 
-def read_files(paths: list[str]) -> dict[str, str]:
-    """The texts of files.
-
-    Raises:
-        ImportedFileError: one of them cannot be read.
-    """
-    texts = {}
-    for path in paths:
-        try:
-            texts[path] = Path(path).read_text(encoding="utf-8-sig")
-        except OSError as error:
-            raise ImportedFileError(f"{path}: {error.strerror}") from None
-        except UnicodeDecodeError:
-            raise ImportedFileError(f"{path}: is not text in UTF-8") from None
-    return texts
-
-
-def _line(settings: _Settings, taken: Taken, ports: dict[str, str]) -> Iterator[TableText]:
+def _tables(file: str, read: Callable[[str], str], taken: Taken) -> Iterator[TableText]:
     """A listener and its line."""
+    settings = _Settings(read(file), file)
     device, bind = _port(settings), _bind(settings)
-    if device in ports:
-        yield left_out(settings.file, [f"{device} is the port of {ports[device]} too, and a port belongs to one line"])
-        return
-    if not taken.address(bind):
-        yield left_out(settings.file, [f"another listener has {bind} already"])
-        return
-    ports[device] = settings.file
     name = taken.name(device.rsplit("/", 1)[-1])
+    listen, line = _listener(settings, name, bind), _line(settings, name, device)
+    taken.take(bind, device, file)
+    yield listen
+    yield line
+
+
+def _listener(settings: _Settings, name: str, bind: Address) -> TableText:
     idle = settings.number("timeout")
     listen: dict[str, Value] = {
         "name": name,
@@ -154,17 +142,11 @@ def _line(settings: _Settings, taken: Taken, ports: dict[str, str]) -> Iterator[
         "unit0": "broadcast",
     }
     said = ["mbusd answered broadcasts; the gateway does not"] if settings.is_on("replyonbroadcast") else []
-    yield TableText("[[listen]]", listen, (settings.file, *said))
-    yield _client_line(settings, name, device)
+    return TableText("[[listen]]", listen, (settings.file, *said))
 
 
-def _client_line(settings: _Settings, name: str, device: str) -> TableText:
+def _line(settings: _Settings, name: str, device: str) -> TableText:
     retries, pause = settings.number("retries"), settings.number("pause")
-    comments = [f"mbusd had {one}, which is not known here" for one in settings.unknown]
-    rs485 = list(_rs485(settings))
-    comments += rs485
-    comments += [_REPEATS] if retries else []
-    comments += [_PAUSE] if pause else []
     keys: dict[str, Value] = {
         "name": name,
         "port": device,
@@ -174,20 +156,27 @@ def _client_line(settings: _Settings, name: str, device: str) -> TableText:
         "gap": milliseconds(pause) if pause else "auto",
         "retries": retries,
     }
-    if settings.is_on("enable_rs485") or settings.text("trx_control").lower().startswith("rts"):
+    comments = [f"mbusd had {one}, which is not known here" for one in settings.unknown]
+    comments += [_REPEATS] if retries else []
+    comments += [_PAUSE] if pause else []
+    if settings.is_on("local_echo"):
+        keys["echo"] = True
+    control = settings.text("trx_control").lower()
+    is_by_rts = control.startswith("rts")
+    if control.startswith("sysfs"):
+        comments.append(_SYSFS)
+    elif (is_by_rts or settings.is_on("enable_rs485")) and _is_usb(device):
+        comments.append(_USB)
+    elif is_by_rts or settings.is_on("enable_rs485"):
         keys["rs485"] = "kernel"
+        comments += [_RTS] if is_by_rts else []
+        comments += [_INVERTED] if control == "rts_0" else []
     return TableText("[[line]]", keys, tuple(comments))
 
 
-def _rs485(settings: _Settings) -> Iterator[str]:
-    """What is to be said of the direction control."""
-    control = settings.text("trx_control").lower()
-    if control.startswith("rts"):
-        yield _RTS
-    if control == "rts_0":
-        yield _INVERTED
-    if control.startswith("sysfs"):
-        yield _SYSFS
+def _is_usb(device: str) -> bool:
+    """Whether a port is called as those of USB adapters are: hardly any of their drivers has RS-485."""
+    return "usb" in device.lower() or "/ttyACM" in device
 
 
 def _port(settings: _Settings) -> str:

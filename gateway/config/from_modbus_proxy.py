@@ -1,33 +1,24 @@
 """A config out of that of modbus-proxy (tiagocoutinho/modbus-proxy): YAML, TOML or JSON with a list of devices.
 
-A device there has an address of its own at which clients ask for it, and any units behind it. Our listeners lead to
-all units, so units of several Modbus TCP devices get numbers of their own. A serial or RTU over TCP device becomes a
-line with a listener for it alone, and nothing changes for its clients.
+A device there has an address of its own at which clients ask for it, and any units behind it. Here it is an upstream
+or, if RTU or ASCII is spoken with it, a line, with a listener that leads to it alone: clients keep their unit IDs.
 """
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import PurePath
 from typing import Any, Final, NamedTuple
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from gateway.config.address import Address
 from gateway.config.character_format import fits_mode, parse_format
-from gateway.config.imported import (
-    OPEN_ACCESS,
-    ImportedFileError,
-    Taken,
-    address,
-    left_out,
-    listen_address,
-    milliseconds,
-)
+from gateway.config.imported import Imported, ImportedFileError, Taken, address, gather, listen_address, milliseconds
 from gateway.config.port import parse_port
 from gateway.config.problem import WrongValue
-from gateway.config.toml_text import TableText, Value, file_text
-from gateway.config.unitset import show_units
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, SERVER_UNIT
+from gateway.config.toml_text import TableText, Value
+from gateway.config.unitset import CLIENT_UNITS, show_units
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 
 #: What it waits for a device when nothing else is said, in seconds.
 _TIMEOUT: Final = 10.0
@@ -35,58 +26,44 @@ _NO_LIBRARY: Final = (
     "to read YAML, the library ruamel.yaml is needed. In a checkout: .venv/bin/pip install ruamel.yaml; with pipx: "
     "pipx inject mbgw ruamel.yaml; the Debian package and the image have it. TOML and JSON need none"
 )
+#: What is spoken with the device over TCP, by the scheme of its url, and the schemes of serial ports.
+_OVER_TCP: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("tcp", "tcp+tcp"), "tcp"),
+    **dict.fromkeys(("tcp+rtu", "rtu+tcp"), "rtu+tcp"),
+    **dict.fromkeys(("tcp+ascii", "ascii+tcp"), "ascii+tcp"),
+}
+_SERIAL: Final = frozenset({"serial", "serial+rtu", "rtu"})
+_SAME_PROTOCOL: Final = "as before, clients use the protocol of the device; for Modbus TCP write tcp:// in bind"
 
 
 class _Device(NamedTuple):
-    """One of its devices, as its file has it."""
+    """One of its devices, as its file has it. `remapped` are units of clients, and what the device knows them as."""
 
     where: str
     url: SplitResult
     bind: SplitResult
-    timeout: float
-    connection_time: float
-    #: Units of the clients, and what the device knows them as.
+    timeout: str
     remapped: dict[int, int]
-
-    @property
-    def protocol(self) -> str:
-        """What is spoken to the device, and to its clients."""
-        _, plus, protocol = self.url.scheme.rpartition("+")
-        return protocol if plus else "tcp" if self.url.scheme == "tcp" else "rtu"
-
-    @property
-    def is_serial(self) -> bool:
-        return self.url.scheme.partition("+")[0] == "serial"
+    remarks: list[str]
 
 
-class _Unit(NamedTuple):
-    """A unit as clients asked for it, as they ask for it now (0: not at all), and as the device knows it."""
-
-    before: int
-    now: int
-    there: int
-
-
-def config_from_modbus_proxy(file: str, text: str) -> str:
+def config_from_modbus_proxy(file: str, text: str) -> Imported:
     """The config that does what modbus-proxy does with this `file`, which has this `text`.
 
     Raises:
-        ImportedFileError: it cannot be understood.
+        ImportedFileError: nothing of it can be used.
     """
-    devices = [_device(one, f"{file}: device {number}") for number, one in enumerate(_devices(file, text), start=1)]
-    taken, units = Taken(), _Units(alone=sum(one.protocol == "tcp" for one in devices) == 1)
-    tables: list[TableText] = []
-    ports: set[str] = set()
-    binds = [_bind(device, "tcp") for device in devices]
-    for device in devices:
-        is_tcp = device.protocol == "tcp"
-        tables += _upstream(device, taken, units, binds) if is_tcp else _line(device, taken, ports, binds)
-    if not any(table.heading for table in tables):
-        raise ImportedFileError(f"{file}: there is no device that the gateway can reach")
-    return file_text([TableText("", comments=(f"From modbus-proxy: {file}",)), *tables, OPEN_ACCESS])
+    document, taken = _document(file, text), Taken()
+    tables = [*enumerate(document["devices"], start=1)]
+    remapped = (number for number, table in tables if isinstance(table, dict) and table.get("unit_id_remapping"))
+    first = next(remapped, 0)
+    return gather(
+        (f"From modbus-proxy: {file}", *_unknown(document, {"devices", "logging"})),
+        (_tables(table, f"{file}: device {number}", taken, may_remap=number == first) for number, table in tables),
+    )
 
 
-def _devices(file: str, text: str) -> list[Any]:
+def _document(file: str, text: str) -> dict[str, Any]:
     try:
         document = _parsed(PurePath(file).suffix.lower(), text)
     except (ValueError, RecursionError) as wrong:
@@ -94,7 +71,7 @@ def _devices(file: str, text: str) -> list[Any]:
     devices = document.get("devices") if isinstance(document, dict) else None
     if not isinstance(devices, list) or not devices:
         raise ImportedFileError(f"{file}: there is no list of devices in it")
-    return devices
+    return dict(document)
 
 
 def _parsed(kind: str, text: str) -> Any:
@@ -118,15 +95,57 @@ def _parsed(kind: str, text: str) -> Any:
         raise ValueError(" ".join(str(wrong).split())) from None
 
 
+def _tables(table: Any, where: str, taken: Taken, *, may_remap: bool) -> Iterator[TableText]:
+    """A listener, and the upstream or the line that it leads to."""
+    device = _device(table, where)
+    target, settings = _target(device)
+    spoken = target.scheme if isinstance(target, Address) else "rtu+tcp"
+    bind = listen_address(spoken, device.bind.hostname or "", _port(device.bind), f"{where}: bind")
+    name = taken.name(f"{target.host}-{target.port}" if isinstance(target, Address) else target.rsplit("/", 1)[-1])
+    kind = "upstream" if spoken == "tcp" else "line"
+    listen: dict[str, Value] = {"name": name, "bind": str(bind), kind: name, "idle": "0"}
+    keys: dict[str, Value] = {"name": name, **settings, "timeout": device.timeout}
+    remarks = [*device.remarks, *([] if kind == "upstream" else [_SAME_PROTOCOL])]
+    if device.remapped:
+        if not may_remap:
+            raise ImportedFileError(f"{where}: unit_id_remapping: a gateway can do that for one device only")
+        del listen[kind]
+        there = range(256) if kind == "upstream" else range(FIRST_UNIT, LAST_UNIT + 1)
+        units = {unit: device.remapped.get(unit, unit) for unit in sorted(CLIENT_UNITS)}
+        units = {unit: to for unit, to in units.items() if to in there}
+        keys["units" if kind == "upstream" else "devices"] = _rows(units)
+        remarks.append(f"clients cannot ask for units {show_units({*range(256)} - {*units})} any more")
+    taken.take(bind, target, where)
+    yield TableText("[[listen]]", listen, (where, *remarks))
+    yield TableText(f"[[{kind}]]", keys)
+
+
+def _rows(units: Mapping[int, int]) -> list[Value]:
+    """Units that keep their numbers in one row, and each other one in a row of its own."""
+    runs = show_units(unit for unit, to in units.items() if unit == to).split(", ")
+    same: list[Value] = [int(run) if run.isdecimal() else run for run in runs]
+    rows: list[Value] = [{"as": same, "unit": same}]
+    return rows + [{"as": unit, "unit": to} for unit, to in units.items() if unit != to]
+
+
 def _device(table: Any, where: str) -> _Device:
     modbus, listen = _part(table, "modbus", where), _part(table, "listen", where)
+    remarks = [
+        *_unknown(table, {"modbus", "listen", "unit_id_remapping"}),
+        *_unknown(modbus, {"url", "timeout", "connection_time"}),
+        *_unknown(listen, {"bind"}),
+    ]
+    pause = _seconds(modbus.get("connection_time"), 0.0, f"{where}: connection_time")
+    if pause:
+        remarks.append(f"there is no pause of {pause:g} s after connecting here")
+    timeout = _seconds(modbus.get("timeout"), _TIMEOUT, f"{where}: timeout")
     return _Device(
         where,
         _url(modbus, "url", where),
         _url(listen, "bind", where),
-        _seconds(modbus.get("timeout"), _TIMEOUT, f"{where}: timeout"),
-        _seconds(modbus.get("connection_time"), 0.0, f"{where}: connection_time"),
+        milliseconds(1000 * max(timeout, 0.001)),
         dict(_remapped(table.get("unit_id_remapping") or {}, where)),
+        remarks,
     )
 
 
@@ -137,12 +156,17 @@ def _part(table: Any, key: str, where: str) -> dict[str, Any]:
     return part
 
 
+def _unknown(table: Mapping[str, Any], known: Collection[str]) -> Iterator[str]:
+    return (f"modbus-proxy had {key}, which is not known here" for key in table if key not in known)
+
+
 def _url(table: Mapping[str, Any], key: str, where: str) -> SplitResult:
     value = table.get(key)
     if not isinstance(value, str):
         raise ImportedFileError(f"{where}: it has no {key}")
+    usual = "serial" if value.startswith("/") else "tcp"
     try:
-        url = urlsplit(value if "://" in value else f"tcp://{value}")
+        url = urlsplit(value if "://" in value else f"{usual}://{value}")
         _ = url.port, url.hostname
     except ValueError as wrong:
         raise ImportedFileError(f"{where}: {key}: {wrong}") from None
@@ -167,142 +191,35 @@ def _remapped(table: Any, where: str) -> Iterator[tuple[int, int]]:
         yield numbers[0], numbers[1]
 
 
-class _Units:
-    """Hands out units for clients: each one leads to one place."""
-
-    def __init__(self, *, alone: bool) -> None:
-        self._free = [*range(FIRST_UNIT, LAST_UNIT + 1), SERVER_UNIT]
-        self._all = list(self._free) if alone else []
-
-    def take(self, remapped: Mapping[int, int]) -> list[_Unit]:
-        """The units of a device. One that is alone has all; of others those are known that the config names, or 1."""
-        known = self._all or ([] if remapped else [FIRST_UNIT])
-        asked = {**{unit: unit for unit in known}, **remapped}
-        found = [_Unit(before, self._take(before), unit) for before, unit in sorted(asked.items(), key=self._wishes)]
-        return sorted(found)
-
-    def _take(self, wanted: int) -> int:
-        """This unit, or another one; 0 if there is none."""
-        now = wanted if wanted in self._free else next((unit for unit in self._free if unit <= LAST_UNIT), 0)
-        if now:
-            self._free.remove(now)
-        return now
-
-    def _wishes(self, pair: tuple[int, int]) -> bool:
-        """Those that can have their own number come first."""
-        return pair[0] not in self._free
+def _target(device: _Device) -> tuple[str | Address, dict[str, Value]]:
+    """The serial port or the server of a device, and the keys that say so."""
+    url, where = device.url, f"{device.where}: url"
+    if url.scheme in _SERIAL and not url.hostname and url.path:
+        return url.path, _serial(url, where)
+    if url.scheme not in _OVER_TCP:
+        raise ImportedFileError(f"{where}: {url.scheme}:// is not known here")
+    if url.path.strip("/"):
+        raise ImportedFileError(f"{where}: {url.path} behind an address means nothing")
+    host = "127.0.0.1" if url.hostname in (None, "0") else url.hostname
+    to = address(_OVER_TCP[url.scheme], host, _port(url), where)
+    if to.is_wildcard or not to.port:
+        raise ImportedFileError(f"{where}: {to} is not the address of a device")
+    return to, {"to": str(to), "in_flight": 1} if to.scheme == "tcp" else {"port": str(to)}
 
 
-def _upstream(device: _Device, taken: Taken, units: _Units, binds: list[Address]) -> Iterator[TableText]:
-    """A Modbus TCP device: another server, and the address at which clients ask for it."""
-    bind, to = _bind(device, "tcp"), _to(device, "tcp")
-    why = _why_not(bind, to, taken, binds)
-    found = [] if why else units.take(device.remapped)
-    rows = [one for one in found if one.now]
-    if not rows:
-        yield left_out(device.where, [why or "all units are those of other devices"])
-        return
-    yield TableText("[[listen]]", {"bind": str(bind)}, (device.where,))
-    keys: dict[str, Value] = {
-        "name": taken.name(f"{to.host}-{to.port}"),
-        "to": str(to),
-        "units": _unit_rows(rows),
-        "timeout": _duration(device.timeout),
-        "in_flight": 1,
-    }
-    yield TableText("[[upstream]]", keys, tuple(_remarks(device, bind, found)))
-
-
-def _why_not(bind: Address, to: Address, taken: Taken, binds: list[Address]) -> str:
-    """What keeps a device from being asked; then its address is not taken."""
-    if any(each.is_reached_by(to) for each in binds):
-        return f"{to} leads back to an address where clients connect"
-    return "" if taken.address(bind) else f"another device has {bind} already"
-
-
-def _remarks(device: _Device, bind: Address, units: list[_Unit]) -> Iterator[str]:
-    """What is not as it was."""
-    for before, now, _ in units:
-        if not now:
-            yield f"clients of {bind} cannot ask for unit {before} any more"
-        elif before != now:
-            yield f"clients of {bind} ask for unit {now} now, which was {before}"
-    if len(units) < LAST_UNIT:
-        yield "add the other units of the device to `units`, each with a number of its own"
-    if device.connection_time:
-        yield f"there is no pause of {device.connection_time:g} s after connecting here"
-
-
-def _unit_rows(units: list[_Unit]) -> list[Value]:
-    """Units that keep their numbers in one row, and each other one in a row of its own."""
-    same = [one.now for one in units if one.now == one.there]
-    rows: list[Value] = [{"as": _units(same), "unit": _units(same)}] if same else []
-    return rows + [{"as": one.now, "unit": one.there} for one in units if one.now != one.there]
-
-
-def _units(units: list[int]) -> Value:
-    runs: list[Value] = [int(run) if run.isdecimal() else run for run in show_units(units).split(", ")]
-    return runs[0] if len(runs) == 1 else runs
-
-
-def _line(device: _Device, taken: Taken, ports: set[str], binds: list[Address]) -> Iterator[TableText]:
-    """A device that is reached by RTU: clients speak RTU over TCP with it too."""
-    bind = _bind(device, "rtu+tcp")
-    keys = _serial(device) if device.is_serial else _device_server(device)
-    if keys is None:
-        yield left_out(device.where, [f"{device.url.scheme}:// is not known here"])
-        return
-    port = str(keys["port"])
-    why = f"another device has {port} already" if port in ports else ""
-    if not device.is_serial:
-        why = why or _why_not(bind, _to(device, "rtu+tcp"), taken, binds)
-    elif not why and not taken.address(bind):
-        why = f"another device has {bind} already"
-    if why:
-        yield left_out(device.where, [why])
-        return
-    ports.add(port)
-    name = taken.name(port.rsplit("/", 1)[-1])
-    remapped = ["unit_id_remapping is not possible on a listener for one line"] if device.remapped else []
-    yield TableText("[[listen]]", {"name": name, "bind": str(bind), "line": name}, (device.where, *remapped))
-    yield TableText("[[line]]", {"name": name, **keys, "timeout": _duration(device.timeout)})
-
-
-def _serial(device: _Device) -> dict[str, Value] | None:
-    """The keys of a line on a serial port."""
-    options = {key: values[-1] for key, values in parse_qs(device.url.query).items()}
+def _serial(url: SplitResult, where: str) -> dict[str, Value]:
+    options = {key: values[-1] for key, values in parse_qs(url.query).items()}
     baud, letters = options.get("baudrate", "9600"), options.get("parity", "N")[:1].upper()
     format_ = f"{options.get('bytesize', '8')}{letters}{options.get('stopbits', '1')}"
     try:
         is_usable = fits_mode(parse_format(format_), "rtu") and baud.isdecimal() and 0 < int(baud) <= 100_000_000
-        is_usable = is_usable and isinstance(parse_port(device.url.path), str)
+        is_usable = is_usable and isinstance(parse_port(url.path), str)
     except WrongValue as wrong:
-        raise ImportedFileError(f"{device.where}: url: {wrong}") from None
+        raise ImportedFileError(f"{where}: {wrong}") from None
     if not is_usable:
-        raise ImportedFileError(f"{device.where}: url: its settings are not those of an RTU line")
-    return {"port": device.url.path, "baud": int(baud), "format": format_}
+        raise ImportedFileError(f"{where}: its settings are not those of an RTU line")
+    return {"port": url.path, "baud": int(baud), "format": format_}
 
 
-def _device_server(device: _Device) -> dict[str, Value] | None:
-    """The keys of a line behind a device server; None for what is no RTU over TCP."""
-    if device.url.scheme != "tcp+rtu":
-        return None
-    return {"port": str(_to(device, "rtu+tcp"))}
-
-
-def _bind(device: _Device, scheme: str) -> Address:
-    host, port = device.bind.hostname or "", device.bind.port
-    return listen_address(scheme, host, 502 if port is None else port, f"{device.where}: bind")
-
-
-def _to(device: _Device, scheme: str) -> Address:
-    host = device.url.hostname or "0"
-    port = 502 if device.url.port is None else device.url.port
-    found = address(scheme, "127.0.0.1" if host == "0" else host, port, f"{device.where}: url")
-    if found.is_wildcard or not found.port:
-        raise ImportedFileError(f"{device.where}: url: {found} is not the address of a device")
-    return found
-
-
-def _duration(seconds: float) -> str:
-    return milliseconds(1000 * max(seconds, 0.001))
+def _port(url: SplitResult) -> int:
+    return 502 if url.port is None else url.port

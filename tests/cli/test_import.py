@@ -1,5 +1,7 @@
 """`import`: what it prints can be used as it is."""
 
+import json
+
 import pytest
 
 from gateway.cli.main import main
@@ -37,6 +39,35 @@ def test_a_file_that_cannot_be_used_is_said(content, said, tmp_path, capsys):
     assert printed.out == ""
     assert printed.err.startswith(f"modbus-gateway: error: {file}:")
     assert said in printed.err
+
+
+def test_files_that_are_left_out_are_named_and_the_others_are_printed(tmp_path, capsys):
+    texts = {
+        "a": "device = /dev/ttyS1\n",
+        "b": "device = /dev/ttyS1\nport = 503\n",
+        "d": "device = /dev/ttyS3\nport = 505\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / f"{name}.conf").write_text(text)
+    files = [str(tmp_path / f"{name}.conf") for name in "abcd"]
+    assert main(["import", "mbusd", *files]) == 1
+    printed = capsys.readouterr()
+    why = [f"{files[1]}: /dev/ttyS1 is the port of {files[0]} too", f"{files[2]}: No such file or directory"]
+    assert printed.err.splitlines() == [f"modbus-gateway: error: left out: {each}" for each in why]
+    assert all(f"\n# Left out: {each}\n" in printed.out for each in why)
+    config = parse(printed.out, port_trouble=lambda _: None).config
+    assert [line.port for line in config.line] == ["/dev/ttyS1", "/dev/ttyS3"]
+
+
+def test_a_device_of_modbus_proxy_that_is_left_out_is_named(tmp_path, capsys):
+    file = tmp_path / "p.json"
+    device = {"modbus": {"url": "10.0.0.1"}, "listen": {"bind": ":502"}}
+    file.write_text(json.dumps({"devices": [device, device]}))
+    assert main(["import", "modbus-proxy", str(file)]) == 1
+    printed = capsys.readouterr()
+    why = f"{file}: device 2: another listener has tcp://0.0.0.0:502 already"
+    assert printed.err == f"modbus-gateway: error: left out: {why}\n"
+    assert parse(printed.out).config is not None
 
 
 def test_modbus_proxy_has_one_file(capsys):

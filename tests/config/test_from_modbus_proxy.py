@@ -9,11 +9,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gateway.config.from_modbus_proxy import config_from_modbus_proxy
-from gateway.config.imported import ImportedFileError
+from gateway.config.imported import Imported, ImportedFileError
 from gateway.config.load import parse
 from gateway.config.plan import Plan
 from gateway.config.resolve import resolve
 
+#: As its documentation describes it.
 ONE = """
 devices:
 - modbus:
@@ -22,8 +23,20 @@ devices:
     connection_time: 0.1
   listen:
     bind: 0:9000
+logging:
+  version: 1
+"""
+REMAPPED = """
+devices:
+- modbus:
+    url: plc1.acme.org:502
+  listen:
+    bind: 0:9000
   unit_id_remapping:
     1: 0
+    250: 7
+- modbus: {url: "plc2.acme.org:502"}
+  listen: {bind: ":9001"}
 logging:
   version: 1
 """
@@ -33,17 +46,24 @@ devices:
   listen: {bind: ":9000"}
 - modbus: {url: "tcp://plc2.acme.org:502"}
   listen: {bind: "tcp://0:9001"}
-  unit_id_remapping: {1: 7, 5: 5}
 """
-SERIAL = """
+LINES = """
 devices:
 - modbus: {url: "serial:///dev/ttyUSB0?baudrate=19200&parity=E", timeout: 2}
   listen: {bind: "0:9000"}
-- modbus: {url: "tcp+rtu://10.0.0.7:4001"}
+- modbus: {url: /dev/ttyS1}
   listen: {bind: "0:9001"}
-- modbus: {url: "rfc2217://10.0.0.8:4001"}
+- modbus: {url: "tcp+rtu://10.0.0.7:4001"}
   listen: {bind: "0:9002"}
+- modbus: {url: "rtu+tcp://10.0.0.8:4001"}
+  listen: {bind: "0:9003"}
+- modbus: {url: "ascii+tcp://10.0.0.9:4001"}
+  listen: {bind: "0:9004"}
 """
+
+
+def imported(text: str) -> Imported:
+    return config_from_modbus_proxy("p.yml", text)
 
 
 def plan_of(text: str) -> Plan:
@@ -52,51 +72,116 @@ def plan_of(text: str) -> Plan:
     return resolve(loaded.config)
 
 
-def units(plan: Plan) -> list[dict[int, int]]:
-    return [{device.known_as: device.unit for device in one.devices} for one in plan.upstreams]
+def leads_to(plan: Plan) -> list[tuple[str, int, str, str]]:
+    """The listeners: what is spoken there, their ports, and their line or upstream."""
+    return [(one.scheme, one.port, one.line, one.upstream) for one in plan.listeners]
 
 
-def test_a_device_alone_keeps_all_its_units():
-    text = config_from_modbus_proxy("p.yml", ONE)
+def test_a_device_becomes_an_upstream_with_a_listener_for_it():
+    text, left_out = imported(ONE)
     plan = plan_of(text)
     (listener,), (upstream,) = plan.listeners, plan.upstreams
-    assert (listener.scheme, listener.host, listener.port) == ("tcp", "0.0.0.0", 9000)
+    assert (listener.scheme, listener.host, listener.port, listener.idle) == ("tcp", "0.0.0.0", 9000, 0.0)
     assert (upstream.port.host, upstream.port.number) == ("plc1.acme.org", 1502)
     assert (upstream.upstream.timeout, upstream.upstream.in_flight) == (5.0, 1)
-    assert units(plan) == [{1: 0, 255: 255} | {unit: unit for unit in range(2, 248)}]
     assert "# there is no pause of 0.1 s after connecting here\n" in text
+    assert left_out == ()
 
 
-def test_units_of_several_devices_get_numbers_of_their_own_and_that_is_said():
-    text = config_from_modbus_proxy("p.yml", TWO)
-    plan = plan_of(text)
-    assert [one.port for one in plan.listeners] == [9000, 9001]
-    assert units(plan) == [{1: 1}, {2: 7, 5: 5}]
-    assert "# clients of tcp://0.0.0.0:9001 ask for unit 2 now, which was 1\n" in text
+def test_clients_of_several_devices_keep_all_unit_identifiers():
+    plan = plan_of(imported(TWO).text)
+    assert leads_to(plan) == [("tcp", 9000, "", "plc1.acme.org-502"), ("tcp", 9001, "", "plc2.acme.org-502")]
+    assert [one.devices for one in plan.upstreams] == [(), ()]
+    assert [[unit.unit for unit in one.unnamed] for one in plan.upstreams] == [[*range(256)]] * 2
     assert {one.upstream.timeout for one in plan.upstreams} == {10.0}
 
 
-def test_serial_devices_become_lines_with_their_own_listeners():
-    text = config_from_modbus_proxy("p.yaml", SERIAL)
+def test_remapped_units_keep_their_numbers_for_clients_and_it_is_said_which_are_lost():
+    text, left_out = imported(REMAPPED)
     plan = plan_of(text)
-    assert [(one.scheme, one.port, one.line) for one in plan.listeners] == [
-        ("rtu+tcp", 9000, "ttyUSB0"),
-        ("rtu+tcp", 9001, "10.0.0.7:4001"),
+    assert leads_to(plan) == [("tcp", 9000, "", ""), ("tcp", 9001, "", "plc2.acme.org-502")]
+    remapped, other = plan.upstreams
+    units = {device.known_as: device.unit for device in remapped.devices}
+    assert units == {1: 0, 255: 255} | {unit: unit for unit in range(2, 248)}
+    assert "# clients cannot ask for units 0, 248-254 any more\n" in text
+    assert other.devices == ()
+    assert left_out == ()
+
+
+def test_a_second_device_with_remapped_units_is_left_out_and_that_is_said():
+    second = '- modbus: {url: 10.0.0.9}\n  listen: {bind: ":9009"}\n  unit_id_remapping: {1: 2}\nlogging:'
+    text, left_out = imported(REMAPPED.replace("logging:", second))
+    said = "p.yml: device 3: unit_id_remapping: a gateway can do that for one device only"
+    assert left_out == (said,)
+    assert f"\n# Left out: {said}\n" in text
+    assert len(plan_of(text).listeners) == 2
+
+
+def test_what_is_no_modbus_tcp_becomes_a_line_with_a_listener_for_it():
+    text, left_out = imported(LINES)
+    plan = plan_of(text)
+    assert leads_to(plan) == [
+        ("rtu+tcp", 9000, "ttyUSB0", ""),
+        ("rtu+tcp", 9001, "ttyS1", ""),
+        ("rtu+tcp", 9002, "10.0.0.7-4001", ""),
+        ("rtu+tcp", 9003, "10.0.0.8-4001", ""),
+        ("ascii+tcp", 9004, "10.0.0.9-4001", ""),
     ]
-    serial, server = plan.lines
-    assert (serial.port.baud, str(serial.port.format)) == (19200, "8E1")
-    assert server.port.port == "rtu+tcp://10.0.0.7:4001"
-    assert "# Left out: p.yaml: device 3\n#   rfc2217:// is not known here\n" in text
+    serial, plain, *servers = plan.lines
+    assert (serial.port.port, serial.port.baud, str(serial.port.format)) == ("/dev/ttyUSB0", 19200, "8E1")
+    assert (plain.port.port, plain.port.baud, str(plain.port.format)) == ("/dev/ttyS1", 9600, "8N1")
+    assert [line.port.port for line in servers] == [
+        "rtu+tcp://10.0.0.7:4001",
+        "rtu+tcp://10.0.0.8:4001",
+        "ascii+tcp://10.0.0.9:4001",
+    ]
+    assert plan.upstreams == ()
+    assert left_out == ()
+
+
+def test_units_of_a_line_are_remapped_too():
+    text, _ = imported(
+        'devices: [{modbus: {url: /dev/ttyS1}, listen: {bind: ":9000"}, unit_id_remapping: {1: 7, 200: 250}}]'
+    )
+    (line,) = plan_of(text).lines
+    units = {device.known_as: device.unit for device in line.devices}
+    assert units == {1: 7} | {unit: unit for unit in range(2, 248) if unit != 200}
+    assert "# clients cannot ask for units 0, 200, 248-255 any more\n" in text
+
+
+@pytest.mark.parametrize(
+    ("device", "why"),
+    [
+        ('modbus: {url: "rfc2217://10.0.0.8:4001"}', "url: rfc2217:// is not known here"),
+        ('modbus: {url: "tcp:///dev/ttyUSB0"}', "url: /dev/ttyUSB0 behind an address means nothing"),
+        ('modbus: {url: "serial://10.0.0.8:4001"}', "url: serial:// is not known here"),
+        ("modbus: {url: plc1.acme.org, timeout: x}", "timeout must be a number of seconds"),
+        ("modbus: {url: '0:9001'}", "tcp://127.0.0.1:9001 leads back to an address where clients connect"),
+    ],
+)
+def test_a_device_that_cannot_be_used_is_left_out_and_that_is_said(device, why):
+    text, left_out = imported(TWO + f"- {device}\n  listen: {{bind: ':9002'}}\n")
+    assert left_out == (f"p.yml: device 3: {why}",)
+    assert f"\n# Left out: p.yml: device 3: {why}\n" in text
+    assert len(plan_of(text).listeners) == 2
+
+
+def test_what_is_not_known_is_said_at_its_place():
+    device = 'modbus: {url: a, mode: x}\n  listen: {bind: ":1", tls: yes}\n  listeners: []\n'
+    text, _ = imported(f"extra: 1\ndevices:\n- {device}")
+    for key in ("extra", "mode", "tls", "listeners"):
+        assert f"\n# modbus-proxy had {key}, which is not known here\n" in text
 
 
 def test_toml_and_json_say_the_same():
     device = {"modbus": {"url": "10.0.0.1"}, "listen": {"bind": ":502"}}
     toml = '[[devices]]\nmodbus = { url = "10.0.0.1" }\nlisten = { bind = ":502" }\n'
     plans = [
-        plan_of(config_from_modbus_proxy("p.json", json.dumps({"devices": [device]}))),
-        plan_of(config_from_modbus_proxy("p.toml", toml)),
+        plan_of(config_from_modbus_proxy("p.json", json.dumps({"devices": [device]})).text),
+        plan_of(config_from_modbus_proxy("p.toml", toml).text),
     ]
-    assert units(plans[0]) == units(plans[1]) == [{unit: unit for unit in (*range(1, 248), 255)}]
+    assert plans[0].upstreams == plans[1].upstreams
+    assert leads_to(plans[0]) == leads_to(plans[1]) == [("tcp", 502, "", "10.0.0.1-502")]
 
 
 def test_without_the_library_it_is_said_what_is_needed(monkeypatch):
@@ -121,7 +206,7 @@ def test_without_the_library_it_is_said_what_is_needed(monkeypatch):
             "p.yml: device 1: unit_id_remapping: a unit is a number from 0 to 255",
         ),
         ("a: [", "p.yml: while parsing"),
-        ("devices: [{modbus: {url: 'x://a'}, listen: {bind: a}}]", "p.yml: there is no device that the gateway can"),
+        ("devices: [{modbus: {url: 'x://a'}, listen: {bind: a}}]", "p.yml: device 1: url: x:// is not known here"),
     ],
 )
 def test_what_cannot_be_understood_is_said(text, said):
@@ -135,7 +220,12 @@ PORTS = st.sampled_from(["", ":0", ":502", ":9000", ":9001", ":70000"])
 PLACES = st.builds("{}{}".format, HOSTS, PORTS)
 URLS = st.one_of(
     PLACES,
-    st.builds("{}://{}".format, st.sampled_from(["tcp", "tcp+rtu", "tcp+tcp", "udp", "serial", "rfc2217"]), PLACES),
+    st.builds(
+        "{}://{}".format,
+        st.sampled_from(["tcp", "tcp+rtu", "tcp+tcp", "rtu+tcp", "ascii+tcp", "udp", "serial", "rfc2217"]),
+        PLACES,
+    ),
+    st.sampled_from(["/dev/ttyS0", "/dev/ttyS1", "tcp:///dev/ttyS0", "rtu:///dev/a b"]),
     st.builds(
         "serial:///dev/{}?baudrate={}&parity={}".format,
         st.sampled_from(["ttyS0", "ttyUSB0", "control"]),
@@ -160,4 +250,4 @@ DEVICES = st.fixed_dictionaries(
 @given(st.lists(DEVICES, max_size=5))
 def test_whatever_it_prints_passes_check(devices):
     with suppress(ImportedFileError):
-        plan_of(config_from_modbus_proxy("p.json", json.dumps({"devices": devices})))
+        plan_of(config_from_modbus_proxy("p.json", json.dumps({"devices": devices})).text)

@@ -1,6 +1,7 @@
 """Units behind other Modbus TCP servers, with real sockets and processes: another gateway, pymodbus, a moody server."""
 
 import asyncio
+import json
 import random
 import socket
 import subprocess
@@ -11,6 +12,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Self
 
+from gateway.config.from_modbus_proxy import config_from_modbus_proxy
 from gateway.modbus.mbap import MbapFramer, encode
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port
@@ -52,8 +54,8 @@ def config(number: int, timeout: str = "1 s", in_flight: int = 16) -> str:
 class Client:
     """A Modbus TCP client that asks one register after the other."""
 
-    def __init__(self, gateway: GatewayProcess) -> None:
-        self._socket = socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE)
+    def __init__(self, gateway: GatewayProcess, port: int | None = None) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", port or gateway.port), timeout=PATIENCE)
         self._transaction = 0
 
     def ask(self, unit: int, pdu: str) -> str:
@@ -90,7 +92,7 @@ class Moody:
     """A server that answers each request after a delay of its own, often too late; values say what was asked."""
 
     def __init__(self, longest_delay: float) -> None:
-        self.late = 0
+        self.heard: list[tuple[int, bytes]] = []
         self._longest = longest_delay
 
     def __enter__(self) -> Self:
@@ -117,6 +119,7 @@ class Moody:
         with closing(writer), suppress(asyncio.CancelledError):
             while data := await reader.read(1000):
                 for adu in framer.cut(data):
+                    self.heard.append((adu.unit, adu.pdu))
                     answer = encode(adu.transaction, adu.unit, bytes((3, 2, adu.unit, adu.pdu[2])))
                     self._loop.call_later(chance.uniform(0, self._longest), writer.write, answer)
 
@@ -154,6 +157,25 @@ def test_a_gateway_behind_a_gateway(tmp_path: Path) -> None:
         assert client.read(37, 5) == "83 0A"
         assert gateway.stop() == 0
     assert gateway.rest == behind.rest == []
+
+
+def test_several_devices_of_modbus_proxy_keep_their_ports_and_unit_identifiers(tmp_path: Path) -> None:
+    """As `import` prints it: clients change nothing."""
+    with Moody(0.0) as one, Moody(0.0) as other:
+        devices = [
+            {"modbus": {"url": f"127.0.0.1:{server.number}"}, "listen": {"bind": f"127.0.0.1:{free_port()}"}}
+            for server in (one, other)
+        ]
+        config = config_from_modbus_proxy("p.json", json.dumps({"devices": devices})).text
+        with GatewayProcess(tmp_path, config) as gateway:
+            for device, server in zip(devices, (one, other), strict=True):
+                number = int(device["listen"]["bind"].rpartition(":")[2])
+                with closing(Client(gateway, number)) as client:
+                    for unit in (0, 1, 247, 248, 255):
+                        until_answered(client, unit, 5, f"03 02 {unit:02X} 05")
+                assert {unit for unit, _ in server.heard} == {0, 1, 247, 248, 255}
+            assert gateway.stop() == 0
+    assert gateway.rest == []
 
 
 def test_pymodbus_killed_and_started_again_under_traffic(tmp_path: Path) -> None:
