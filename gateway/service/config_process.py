@@ -28,10 +28,12 @@ READING_TIME: Final = 60.0
 #: How long it may take to end once it is killed, in seconds.
 _ENDING_TIME: Final = 1.0
 
-#: With the modules of this process, wherever it has them from. The arguments are those of config_reader.main. It ends
-#: without taking apart what was loaded, for which the gateway would wait at its start.
+#: With the modules of this process, wherever it has them from. The arguments are those of config_reader.main. It lives
+#: too short for a garbage collection to be worth its time, and ends without taking apart what was loaded: for both the
+#: gateway would wait.
 _PROGRAM: Final = """\
-import os, sys
+import gc, os, sys
+gc.disable()
 sys.path[:] = sys.argv.pop().split(":")
 from gateway.service.config_reader import main
 main()

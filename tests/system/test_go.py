@@ -159,6 +159,14 @@ def test_the_command_is_there_under_both_names(checkout: Checkout, name: str, tm
     assert subprocess.check_output(command, cwd=tmp_path, env=checkout.own, text=True) == "1 []\n"
 
 
+def test_who_writes_no_byte_code_need_not_compile_at_each_start(checkout: Checkout) -> None:
+    checkout.own["PYTHONDONTWRITEBYTECODE"] = "1"
+    assert checkout.go()[:2] == (0, "1 []\n")
+    (main,) = checkout.root.glob(".venv/lib/python3*/site-packages/gateway/cli/__pycache__/main.*.pyc")
+    source = main.parents[1] / "main.py"
+    assert int.from_bytes(main.read_bytes()[8:12], "little") == int(source.stat().st_mtime)
+
+
 def test_a_gateway_that_has_changed_is_installed_and_what_is_gone_is_gone(checkout: Checkout) -> None:
     checkout.write("gateway/old.py", "")
     checkout.go()
