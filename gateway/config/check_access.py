@@ -34,7 +34,7 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             yield from _check_listeners(row, config)
             yield from _check_networks(row, config)
             yield from _check_sites(row)
-        if not failed & {"line", "image", "upstream"}:
+        if not failed & {"listen", "line", "image", "upstream"}:
             yield from _check_units(row, config)
     yield from _check_order(config.access, _by_own_numbers(config))
 

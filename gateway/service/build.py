@@ -48,8 +48,7 @@ Driver = Union[LineDriver, TcpDriver, SerialListener, "Asker"]
 class Gateway:
     """All parts of a gateway, in the order of the config: `lines` are client lines, `servers` are server lines.
 
-    `routings` are the routes of each router, `devices` those of each line, `unnamed` the units of each upstream that
-    only the listeners for it lead to. They apply after `route` was called.
+    `routings` are the routes of each router, `devices` those of each line. They apply after `route` was called.
     `ring` keeps the last transactions; a reload keeps it.
     """
 
@@ -76,7 +75,6 @@ class Gateway:
     images: tuple[Image, ...] = ()
     mirrors: tuple[MirrorDriver, ...] = ()
     devices: tuple[dict[int, Device], ...] = ()
-    unnamed: tuple[dict[int, Device], ...] = ()
     routings: tuple[Routing, ...] = ()
 
     @property
@@ -100,8 +98,8 @@ class Gateway:
             line.adopt(line_plan, devices)
         for server, server_plan in zip(self.servers, self.plan.servers, strict=True):
             server.plan = server_plan
-        for upstream, upstream_plan, unnamed in zip(self.upstreams, self.plan.upstreams, self.unnamed, strict=True):
-            upstream.adopt(upstream_plan, unnamed)
+        for upstream, upstream_plan in zip(self.upstreams, self.plan.upstreams, strict=True):
+            upstream.adopt(upstream_plan)
         for listener, settings in zip(self.listeners, self.plan.listeners, strict=True):
             listener.settings = settings
         for image, image_settings in zip(self.images, self.plan.images, strict=True):
@@ -142,7 +140,6 @@ def build(
         images=tuple(map(parts.image, plan.images)),
         mirrors=tuple(parts.mirror(one, devices[one.of]) for one in plan.mirrors),
         devices=on_lines,
-        unnamed=tuple(upstream.unnamed_of(one) for upstream, one in zip(upstreams, plan.upstreams, strict=True)),
         plan=plan,
         contexts=contexts,
     )

@@ -187,7 +187,7 @@ class _Unit(NamedTuple):
 
 
 def _units(plan: Plan) -> Iterator[_Unit]:
-    """All units except those that only a listener for their line leads to."""
+    """All units except those that only a listener for their line or upstream leads to."""
     for line in plan.lines:
         yield from (_Unit(each.known_as, each.name, "device", each.profile) for each in line.shared)
     for upstream in plan.upstreams:

@@ -202,7 +202,7 @@ class GatewayUpstream:
         #: The units that the config does not name, by their numbers there: only the listeners for it lead to them.
         self.unnamed: dict[int, Device] = {}
         self.longest_wait: dict[str, float] = {}
-        self.adopt(plan, self.unnamed_of(plan))
+        self.adopt(plan)
 
     @property
     def all_devices(self) -> tuple[Device, ...]:
@@ -211,17 +211,20 @@ class GatewayUpstream:
 
     def unnamed_of(self, plan: UpstreamPlan) -> dict[int, Device]:
         """The units that `plan` does not name: existing ones and new ones."""
-        return {each.unit: self.unnamed.get(each.unit) or self._new_device(each) for each in plan.unnamed}
+        for each in plan.unnamed:
+            if each.unit not in self.unnamed:
+                self.unnamed[each.unit] = self._new_device(each)
+        return {each.unit: self.unnamed[each.unit] for each in plan.unnamed}
 
-    def adopt(self, plan: UpstreamPlan, unnamed: dict[int, Device]) -> None:
+    def adopt(self, plan: UpstreamPlan) -> None:
         """Take over `plan`, which differs only in its place in the file or in the listeners that lead to it."""
         self.plan = plan
-        self.unnamed = unnamed
+        self.unnamed = self.unnamed_of(plan)
         self.longest_wait = {each.name: longest_wait_behind(plan) for each in (*plan.devices, *plan.unnamed)}
         for each in plan.devices:
             self.devices[each.known_as].source = each.source
         for each in plan.unnamed:
-            unnamed[each.unit].source = each.source
+            self.unnamed[each.unit].source = each.source
 
 
 class GatewayServer:

@@ -48,8 +48,8 @@ def routings(gateway: "Gateway") -> Iterator[Routing]:
         one.line.name: _one_line(units.values(), recipient, targets)
         for one, units, recipient in zip(plans, gateway.devices, on_lines, strict=True)
     } | {
-        upstream.name: _one_upstream([*upstream.devices.values(), *unnamed.values()], targets)
-        for upstream, unnamed in zip(gateway.upstreams, gateway.unnamed, strict=True)
+        upstream.name: _one_upstream([*upstream.devices.values(), *upstream.unnamed_of(one).values()], targets)
+        for one, upstream in zip(gateway.plan.upstreams, gateway.upstreams, strict=True)
     }
     for router in (gateway.mqtt, gateway.sites, gateway.control, gateway.web):
         yield Routing(router, everyone.routes, everyone.known_as)

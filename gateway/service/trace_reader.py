@@ -203,8 +203,8 @@ def may_see_all(gateway: Gateway, host: str) -> bool:
 def what_is_seen(gateway: Gateway, host: str) -> MaySee:
     """Whether a reader at this address may see the values of a record: those that he may read over HTTP.
 
-    Written values, frames of unknown origin and units that only a listener for their line leads to are for clients with
-    the right to read everything.
+    Written values, frames of unknown origin and units that only a listener for their line or upstream leads to are for
+    clients with the right to read everything.
     """
     if may_see_all(gateway, host):
         return lambda _: True

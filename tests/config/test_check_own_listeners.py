@@ -295,6 +295,11 @@ def test_clients_of_other_listeners_have_no_such_units(units, unit):
     assert said(SHARED + ROOF + SERVER + UNITS + by_anyone) == [strange]
 
 
+def test_a_row_for_a_listener_that_could_not_be_read_is_not_blamed():
+    (problem,) = said(SHARED + ROOF + "clients = 0\n" + SERVER + UNITS + ROW.format("roof-port", "[0, 250]"))
+    assert problem.startswith("error: listen[1].clients")
+
+
 def test_a_row_may_name_listeners_for_lines_and_upstreams():
     row = '[[access]]\nlisten = ["port-a", "roof-port"]\nunits = 1\nallow = ["read"]\n'
     assert said(SHARED + A + ROOF + LINE_A + SERVER + row) == []

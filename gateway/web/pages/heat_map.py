@@ -68,7 +68,7 @@ class Axis:
 class ShownUnits:
     """Units in the order of the page with rows and states, the axis of these, and how many units are left out.
 
-    Those that only a listener for their line leads to are not `with_page`.
+    Those that only a listener for their line or upstream leads to are not `with_page`.
     """
 
     units: tuple[Any, ...]
