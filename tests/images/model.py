@@ -116,6 +116,7 @@ class Model:
             _require(len(pdu) >= 5, len(pdu) % 2 == 1)
             return pdu
         _require(len(pdu) == 5 or sub in {5, 6, 7, 8, 9, 0x13} or sub > 0x14)
+        _require(sub != 2 or _word(pdu, 3) == 0)  # its structure is known, so it is checked first
         if sub not in {10, 11, 12, 13, 14, 15, 16, 17, 18, 20}:
             raise Refused(1)
         _require(_word(pdu, 3) == 0)

@@ -1,7 +1,7 @@
 """An image and the plain model of a unit agree on every request, and on what it leaves behind."""
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gateway import __version__
@@ -101,6 +101,7 @@ _garbage = st.binary(min_size=1, max_size=MAX_PDU)
 
 @pytest.mark.search
 @given(st.lists(_almost_valid() | _no_items | _spoilt() | _garbage, min_size=1, max_size=12))
+@example([bytes.fromhex("08 0002 0001")])
 def test_an_image_and_the_model_of_a_unit_agree(pdus):
     image, model = _pair()
     for pdu in pdus:
