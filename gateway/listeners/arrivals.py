@@ -20,14 +20,14 @@ _BUFFER: Final = 2 * MAX_RTU_ADU
 
 
 class Arrived(NamedTuple):
-    """A request, and when its last byte arrived: not before `since`, which is `at` unless the gateway stood still."""
+    """A request, and when its last byte arrived: not before `since`, and not after `at`."""
 
     frame: Frame
     since: float
     at: float
 
 
-#: Whether a request was sent together with the one before, or later. It is unclear if the gateway stood still.
+#: Whether a request was sent together with the one before, or later. It is unclear if the gateway stood still between.
 Relation = Literal["together", "later", "unclear"]
 
 
@@ -37,8 +37,7 @@ class Arrivals:
     Bytes are stored as they arrive (`filled`) and cut into frames when the session asks for them (`cut`). While nothing
     is read (`stop`), the framer's clock stands still: it is unknown how long the bytes read next have been waiting.
 
-    Bytes count as arrived when they are read, unless nobody has looked for them (`looked`) for longer than TOGETHER.
-    Then the gateway stood still, and they may have arrived at any time since.
+    Bytes have arrived at any time between the last look that found no more of them (`looked`) and when they are cut.
     """
 
     __slots__ = (
@@ -55,7 +54,7 @@ class Arrivals:
         self._pieces: deque[tuple[bytes, float, float]] = deque()
         #: Bytes since the last request.
         self.noise = 0
-        #: When nothing was unread.
+        #: What had arrived then was cut.
         self._looked_at = now
         #: When the last bytes arrived, as in `Arrived`.
         self._heard_since = self._heard_at = now
@@ -64,6 +63,11 @@ class Arrivals:
         #: Since when nothing is read; how far the framer's clock is behind because of that.
         self._stopped_at: float | None = None
         self._behind = 0.0
+
+    @property
+    def has_uncut(self) -> bool:
+        """Whether bytes have been read that are not cut yet."""
+        return bool(self._uncut)
 
     @property
     def has_begun(self) -> bool:
@@ -79,7 +83,7 @@ class Arrivals:
         self._uncut += bytes(self._buffer[:count])
 
     def looked(self, now: float) -> None:
-        """All that had arrived at `now` has been read."""
+        """All that had arrived at `now` has been read and cut."""
         self._looked_at = now
 
     def ended(self, now: float) -> list[Arrived]:
@@ -96,7 +100,7 @@ class Arrivals:
             return []
         self._uncut = b""
         self._heard_at = now
-        self._heard_since = now if now - self._looked_at <= TOGETHER else self._looked_at
+        self._heard_since = self._looked_at
         self.noise += len(data)
         if isinstance(self._framer, RtuFramer):  # ASCII frames end with the piece in which they are found
             self._pieces.append((data, self._heard_since, now))

@@ -109,19 +109,17 @@ class OverTcpSession(Session):
 
     def received(self, count: int, now: float) -> None:
         """`count` bytes have arrived in `room()`."""
-        is_all = count < len(self._arrivals.room())
         self._arrivals.filled(count)
         self.proceed(now)
-        if is_all:
-            self._arrivals.looked(now)
 
     def look(self, now: float) -> None:
-        """Called every LOOK_STEP: read what has arrived until `now`, so that it is known when the next bytes arrive."""
+        """Called every LOOK_STEP: process what has arrived until `now`. What is read next has arrived since."""
         if self._back_pressure.is_paused:
             return
-        if self._has_unread():
-            self.proceed(now)
-        else:
+        is_all = self._read() < len(self._arrivals.room())
+        if self._arrivals.has_uncut:
+            self.proceed(self._connection.time())
+        if is_all:
             self._arrivals.looked(now)
 
     def wants(self, request: Request) -> bool:
@@ -146,7 +144,7 @@ class OverTcpSession(Session):
                 self._apply(RESPONSE)
                 if pdu is not None:
                     self._out.append(self._arrivals.encode(request.unit, pdu))
-                if self._has_unread():
+                if self._read():
                     self._connection.wake(_SOON)
                     return
                 self._deliver()
@@ -202,17 +200,18 @@ class OverTcpSession(Session):
         if self._state != ANSWERED:
             super()._flush()
 
-    def _has_unread(self) -> bool:
-        """Whether bytes are unread that must be processed before a response is sent; reads their beginning.
+    def _read(self) -> int:
+        """Read the beginning of what has arrived; the number of bytes.
 
-        The beginning is enough: it arrived together with the last request, or later.
+        They must be processed before a response is sent. The beginning is enough: it arrived together with the last
+        request, or later.
         """
         if self._back_pressure.is_paused:
-            return False
+            return 0
         count = self._connection.receive(self._arrivals.room())
         if count:
             self._arrivals.filled(count)
-        return count > 0
+        return count
 
     def _take(self, arrived: list[Arrived], now: float) -> None:
         """Take requests that were found at the same time. All are examined before one is handed out."""
@@ -258,6 +257,7 @@ class OverTcpSession(Session):
             if self._in_flight - len(self._waiting) > most:
                 return
             request = self._waiting.popleft()
+            self._flush()  # to hand one out takes a while, in which the client may give up
             if self._gets_response(request):
                 self._awaited = request
                 self._apply(HANDED_OUT)

@@ -7,7 +7,7 @@ from itertools import combinations
 import pytest
 
 from gateway.errors import IllegalDataValue, QueueFull, ResponseTimeout
-from gateway.listeners.arrivals import SILENCE, TOGETHER, Arrivals
+from gateway.listeners.arrivals import LOOK_STEP, SILENCE, TOGETHER, Arrivals
 from gateway.listeners.back_pressure import LONGEST_HOLD
 from gateway.listeners.over_tcp import MOST_BROADCASTS, MOST_NOISE, OverTcpSession
 from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
@@ -57,6 +57,10 @@ class Connection:
         self.held_for: list[float] = []
         self.is_paused = False
         self.unread = b""
+        self.now = 100.0
+
+    def time(self) -> float:
+        return self.now
 
     def receive(self, room: memoryview) -> int:
         part, self.unread = self.unread[: len(room)], self.unread[len(room) :]
@@ -92,7 +96,6 @@ class Client:
     def __init__(
         self, scheme: str, *, in_flight: int = 16, unit0: str | int = "refuse", on_failure: str = "exception"
     ) -> None:
-        self.now = 100.0
         self.unsent = b""
         self.encode: Callable[[int, bytes], bytes] = ENCODE[scheme]
         self.target = Target()
@@ -107,6 +110,14 @@ class Client:
             ),
             now=self.now,
         )
+
+    @property
+    def now(self) -> float:
+        return self.connection.now
+
+    @now.setter
+    def now(self, now: float) -> None:
+        self.connection.now = now
 
     def send(self, data: bytes) -> None:
         self.unsent += data
@@ -567,6 +578,7 @@ def test_a_response_is_late_when_what_was_read_late_may_be_the_next_request(clie
     client.send(whole[:4])
     client.respond(0)
     assert client.heard()
+    client.wait(0.001)
     client.send(whole[4:])
     client.respond(-1, OTHER_RESPONSE)
     assert client.heard(OTHER_RESPONSE)
@@ -581,6 +593,77 @@ def test_broadcasts_that_were_read_late_are_handed_on_and_give_nothing_up(client
     client.wait(0.001)
     client.respond(-1)
     assert client.heard(RESPONSE)
+
+
+def test_what_was_read_before_a_response_leaves_is_no_fresher_for_a_look(client: Client) -> None:
+    """It waits until the loop has time for it, and finds nothing more."""
+    client.ask(READ)
+    client.stand_still(TIME_OUT)
+    client.connection.unread = client.encode(7, OTHER_READ) + client.encode(7, WRITE)
+    client.target.requests[0].respond(RESPONSE)
+    client.session.look(client.now)
+    client.wait(0.0)
+    assert client.target.asked == [READ]
+    assert client.heard()
+    asks_anew(client)
+
+
+def test_what_arrives_while_the_gateway_stands_still_in_a_look_is_no_fresher_for_it(client: Client) -> None:
+    client.ask(READ)
+    client.wait(TIME_OUT)
+    receive = client.connection.receive
+
+    def stand_still_and_receive(room: memoryview) -> int:
+        client.connection.receive = receive
+        client.stand_still(TIME_OUT)
+        client.connection.unread = client.encode(7, OTHER_READ) + client.encode(7, WRITE)
+        return receive(room)
+
+    client.connection.receive = stand_still_and_receive
+    client.wait(LOOK_STEP)
+    assert client.target.asked == [READ]
+    asks_anew(client)
+
+
+def test_what_arrives_while_the_gateway_stands_still_behind_a_read_is_no_fresher_for_it(client: Client) -> None:
+    """The time is asked for when bytes have been read: others may have arrived before it."""
+    whole = client.encode(7, OTHER_READ)
+    client.session.room()[:3] = whole[:3]
+    client.stand_still(TIME_OUT)
+    client.session.received(3, client.now)
+    client.send(whole[3:] + client.encode(7, WRITE))
+    assert client.target.asked == []
+    asks_anew(client)
+
+
+def test_requests_that_were_sent_together_do_not_replace_each_other_because_the_gateway_is_a_little_late(
+    client: Client,
+) -> None:
+    """It reads the second one 53 ms after the first, and does not know that it came 20 ms after it."""
+    client.ask(READ)
+    client.wait(0.015)
+    client.stand_still(0.038)
+    client.ask(OTHER_READ)
+    client.respond(0)
+    assert client.target.asked == [READ]
+    assert client.heard()
+    asks_anew(client)
+
+
+def test_a_response_leaves_before_the_next_request_is_handed_out(client: Client) -> None:
+    """That takes a while, in which the client can give up."""
+    client.target.at_once = True
+    sent_before = []
+    submit = client.target.submit
+
+    def look_and_submit(request: Request, now: float) -> None:
+        sent_before.append(client.connection.sent)
+        submit(request, now)
+
+    client.target.submit = look_and_submit
+    client.ask(READ, OTHER_READ)
+    assert sent_before == [b"", client.encode(7, RESPONSE)]
+    assert client.heard(RESPONSE, OTHER_RESPONSE)
 
 
 def test_a_pause_of_fifty_milliseconds_is_no_stand_still(client: Client) -> None:

@@ -22,12 +22,13 @@ if __name__ == "__main__":
 
 from kit.virtual_time import VirtualTimeLoop
 from soak.tally import Tally
-from soak.worlds import lines
+from soak.worlds import lines, over_tcp
 
 #: Plays one run of so many transactions, this share of them with a fault, from a seed; in virtual time.
 World = Callable[[int, float, int], Awaitable[Tally]]
 WORLDS: Final[dict[str, World]] = {
     "lines": lines.play,
+    "over_tcp": over_tcp.play,
 }
 
 LEFT_OUT: Final = """\
@@ -37,6 +38,7 @@ Left out, because nobody can detect it on RTU and ASCII:
   - the answer to another client whose request was not heard whole
   - pieces of two messages whose check sum fits
   - a device server that stalls after something was heard since a request, or answers a new connection for the old one
+  - a gateway that stands still between its last look at a connection over TCP and the sending
 and damage that the check sum itself cannot show (random damage: 1 in 65536 on RTU, 1 in 256 on ASCII)"""
 
 

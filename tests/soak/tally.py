@@ -58,7 +58,8 @@ class Tally:
     def __str__(self) -> str:
         columns = ("right data", "device's exception", "0B", "06", "0A", "WRONG")
         rows = [_row("fault", "injected", columns)]
-        for fault in [*(each.value for each in Fault), "(not sent)"]:
+        of_lines = [*(each.value for each in Fault), "(not sent)"]
+        for fault in of_lines + sorted(set(self.injected) - set(of_lines)):
             cells = [self.outcomes[fault, column] for column in columns]
             if self.injected[fault] or any(cells):
                 rows.append(_row(fault, self.injected[fault] or "", cells))

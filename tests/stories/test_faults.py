@@ -13,8 +13,10 @@ from kit.faulty import Fault, FaultyDevice, FaultyLine, word
 from kit.gateway_bench import gateway_bench
 from soak.kinds_of_lines import CONFIG
 from soak.never_lies import WORLDS, run
+from soak.outside import Socket
 from soak.stalling_server import StallingServer
 from soak.worlds.lines import play
+from soak.worlds.over_tcp import POINTS
 
 LINES: Mapping[str, LineTiming] = {
     "rtu": LineTiming("rtu", 19200, CharacterFormat.parse("8E1")),
@@ -130,6 +132,21 @@ async def test_it_notices_a_gateway_that_keeps_connections_to_servers_that_stall
     tally = await play(transactions=20_000, share=0.2, seed=2)
     assert tally.wrong_count > 0
     assert tally.events["connection_renewed"] == 0
+
+
+@pytest.mark.search
+def test_twenty_thousand_requests_over_tcp_to_a_gateway_that_stands_still_and_no_wrong_answer() -> None:
+    tally = run("over_tcp", 20_000, 0.2, seed=1)
+    assert tally.wrong == []
+    assert tally.wrong_count == 0
+    assert min(tally.injected[f"stand-still {point}"] for point in POINTS) > 20
+    assert sum(count for (_, outcome), count in tally.outcomes.items() if outcome == "right data") > 8_000
+
+
+@pytest.mark.search
+def test_it_notices_a_gateway_that_does_not_look_before_it_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Socket, "receive", lambda socket, room: 0)
+    assert run("over_tcp", 5_000, 0.2, seed=1).wrong_count > 0
 
 
 @pytest.mark.parametrize("world", WORLDS)

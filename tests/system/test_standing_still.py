@@ -5,9 +5,12 @@ The clients here do not count. The value of each register is its address, so an 
 
 import signal
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from http.client import HTTPConnection
 from itertools import count
 from pathlib import Path
 
@@ -76,9 +79,9 @@ def answering(address: int) -> bytes:
 
 
 @contextmanager
-def running(folder: Path, scheme: str, port: str) -> Iterator[GatewayProcess]:
+def running(folder: Path, scheme: str, port: str, more: str = "") -> Iterator[GatewayProcess]:
     listen = listener() if scheme == "tls" else LISTENERS[scheme]
-    with GatewayProcess(folder, listen + UNITS.format(port=port, values=list(range(100)))) as gateway:
+    with GatewayProcess(folder, listen + UNITS.format(port=port, values=list(range(100))) + more) as gateway:
         yield gateway
 
 
@@ -142,6 +145,54 @@ def test_of_requests_that_one_stand_still_has_gathered_the_earlier_one_is_not_an
                 asked, answer = first_answer(client, lambda address: adu(scheme, IMAGE, asking(address)), 2)
                 heard.append(answer == adu(scheme, IMAGE, answering(asked)))
     assert heard == ROUNDS * [True]
+
+
+@pytest.mark.parametrize("scheme", ["rtu+tcp", "ascii+tcp"])
+def test_nor_is_it_when_an_answer_to_a_still_earlier_one_has_come_and_the_loop_has_much_to_do(
+    tmp_path: Path, scheme: str
+) -> None:
+    heard = []
+    with (
+        DeviceServer() as server,
+        running(tmp_path, scheme, server.port, '[web]\nbind = "http://127.0.0.1:0"\n') as gateway,
+        asking_the_page(gateway, 3),
+    ):
+        server.accept()
+        for _ in range(ROUNDS):
+            with connected(gateway, scheme) as client:
+                client.sendall(adu(scheme, REMOTE, asking(0)))
+                assert server.read(8) == rtu.encode(REMOTE, asking(0))
+                with stopped(gateway):
+                    server.write(rtu.encode(REMOTE, answering(0)))
+                    client.sendall(adu(scheme, IMAGE, asking(1)))
+                    time.sleep(0.3)  # its time-out
+                    client.sendall(adu(scheme, IMAGE, asking(2)))
+                asked, answer = first_answer(client, lambda address: adu(scheme, IMAGE, asking(address)), 2)
+                heard.append(answer == adu(scheme, IMAGE, answering(asked)))
+    assert heard == ROUNDS * [True]
+
+
+@contextmanager
+def asking_the_page(gateway: GatewayProcess, clients: int) -> Iterator[None]:
+    """So many clients of the page give the loop something to do beside Modbus."""
+    port = next(int(each["address"].rpartition(":")[2]) for each in gateway.log if each["event"] == "web_up")
+    is_over = threading.Event()
+
+    def ask() -> None:
+        page = HTTPConnection("127.0.0.1", port, timeout=PATIENCE)
+        while not is_over.is_set():
+            page.request("GET", "/healthz")
+            page.getresponse().read()
+        page.close()
+
+    with ThreadPoolExecutor(clients) as pool:
+        asked = [pool.submit(ask) for _ in range(clients)]
+        try:
+            yield
+        finally:
+            is_over.set()
+    for each in asked:
+        each.result()
 
 
 def test_a_client_on_a_server_line_that_has_given_up_gets_no_answer(tmp_path: Path) -> None:
