@@ -17,20 +17,17 @@ from typing import Final
 from gateway.listeners.tls_stream import TlsStream
 from gateway.listeners.turns import Turns
 
-#: How many there may be at a listener, and of them from one address.
+#: How many there may be at a listener.
 MOST: Final = 64
-MOST_OF_ONE: Final = 8
 #: How long a handshake may take, in seconds: small devices with RSA need some.
 DEADLINE: Final = 10.0
-#: If there are too many, the slowest client of the address with most makes room. If that address has only one more than
-#: the new client's, the slowest must have been awaited for this long, in seconds: otherwise clients that come at once
+#: If there are too many, the slowest client of the address with most makes room. Unless that address has at least two
+#: more than the new client's, it must have been awaited for this long, in seconds: otherwise clients that come at once
 #: would end one another's handshakes.
 SLOW: Final = 1.0
 
-TOO_MANY_OF_ONE: Final = f"{MOST_OF_ONE} handshakes with this address are not done"
-TOO_MANY: Final = f"{MOST} handshakes are not done, and others have fewer of them"
-ALL_GO_ON: Final = f"{MOST} handshakes are in progress, and no client is slow"
-MADE_ROOM: Final = "its handshake was not done, and made room for that of another address"
+TOO_MANY: Final = f"{MOST} handshakes are in progress, and no client that could make room is slow"
+MADE_ROOM: Final = "its handshake was not done, and made room for another one"
 TOO_SLOW: Final = f"its handshake was not done within {DEADLINE:g} s"
 
 
@@ -85,22 +82,18 @@ class Handshakes:
 
     def trouble(self, origin: str, now: float) -> str:
         """Why no handshake can begin with a client from there; empty if it can, perhaps after another was ended."""
-        share = Counter(handshake.connecting.origin for handshake in self._pending.values())
-        if share[origin] >= MOST_OF_ONE:
-            return TOO_MANY_OF_ONE
         if len(self._pending) < MOST:
             return ""
+        share = Counter(handshake.connecting.origin for handshake in self._pending.values())
         most = max(share.values())
-        if most <= share[origin]:
-            return TOO_MANY
         delays = {
             stream: handshake.delay(now)
             for stream, handshake in self._pending.items()
             if share[handshake.connecting.origin] == most
         }
         slowest = max(delays, key=delays.__getitem__)
-        if most == share[origin] + 1 and delays[slowest] < SLOW:
-            return ALL_GO_ON
+        if most <= share[origin] + 1 and delays[slowest] < SLOW:
+            return TOO_MANY
         slowest.refuse(MADE_ROOM)
         return ""
 

@@ -5,13 +5,10 @@ import time
 from typing import Any
 
 from gateway.listeners.handshakes import (
-    ALL_GO_ON,
     MADE_ROOM,
     MOST,
-    MOST_OF_ONE,
     SLOW,
     TOO_MANY,
-    TOO_MANY_OF_ONE,
     ConnectingClient,
     Handshakes,
 )
@@ -59,11 +56,14 @@ def handshakes() -> Handshakes:
     return Handshakes(lambda *_: None, lambda *_: None)
 
 
-async def test_one_address_has_few_of_them() -> None:
+async def test_clients_of_one_address_that_say_nothing_make_room_for_another_one_of_it() -> None:
     owner = handshakes()
-    begun(owner, *["10.0.0.1"] * MOST_OF_ONE)
-    assert owner.trouble("10.0.0.1", 0.0) == TOO_MANY_OF_ONE
-    assert owner.trouble("10.0.0.2", 0.0) == ""
+    begins = asyncio.get_running_loop().time()
+    first, *others = begun(owner, *["10.0.0.1"] * MOST)
+    assert owner.trouble("10.0.0.1", begins + SLOW - 0.01) == TOO_MANY
+    assert owner.trouble("10.0.0.1", begins + SLOW) == ""
+    assert first.refused == MADE_ROOM
+    assert not any(each.refused for each in others)
 
 
 async def test_the_address_with_most_of_them_makes_room() -> None:
@@ -75,17 +75,28 @@ async def test_the_address_with_most_of_them_makes_room() -> None:
     assert (once.refused, twice.refused) == ("", MADE_ROOM)
 
 
-async def test_if_each_address_has_one_the_slowest_client_makes_room_but_for_no_second_one() -> None:
+async def test_if_each_address_has_one_the_slowest_client_makes_room() -> None:
     owner = handshakes()
     begins = asyncio.get_running_loop().time()
     active, silent, *others = begun(owner, *(f"10.0.0.{number}" for number in range(MOST)))
     owner._is_working = True  # a step of another one is under way
     owner.step_due(active)
-    assert owner.trouble("10.0.2.1", begins + SLOW - 0.01) == ALL_GO_ON
-    assert owner.trouble("10.0.0.7", begins + SLOW) == TOO_MANY
+    assert owner.trouble("10.0.2.1", begins + SLOW - 0.01) == TOO_MANY
     assert owner.trouble("10.0.2.1", begins + SLOW) == ""
     assert (active.refused, silent.refused) == ("", MADE_ROOM)
     assert not any(each.refused for each in others)
+
+
+async def test_an_address_with_many_of_them_ends_its_own_only() -> None:
+    """However many it begins, and however slow others are."""
+    owner = handshakes()
+    slow = begun(owner, "10.0.0.1", "10.0.0.2")
+    await asyncio.sleep(SLOW)
+    many = begun(owner, *["10.0.1.1"] * (MOST - 2))
+    assert owner.trouble("10.0.1.1", asyncio.get_running_loop().time()) == TOO_MANY
+    await asyncio.sleep(SLOW)
+    many += begun(owner, *["10.0.1.1"] * (MOST - 2))
+    assert [each.refused for each in slow + many] == ["", "", *[MADE_ROOM] * (MOST - 2), *[""] * (MOST - 2)]
 
 
 async def test_a_client_that_sends_a_byte_now_and_then_is_slow() -> None:
@@ -111,7 +122,7 @@ async def test_a_client_that_goes_on_is_not_slow() -> None:
     await asyncio.sleep(0.001)
     begun(owner, *(f"10.0.1.{number}" for number in range(MOST - 1)))
     await asyncio.sleep(0.9 * SLOW)
-    assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == ALL_GO_ON
+    assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == TOO_MANY
     await asyncio.sleep(0.2 * SLOW)
     assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == ""
     owner.close()
