@@ -636,6 +636,18 @@ def test_what_arrives_while_the_gateway_stands_still_behind_a_read_is_no_fresher
     asks_anew(client)
 
 
+def test_what_a_look_leaves_unread_is_no_fresher_for_it(client: Client) -> None:
+    client.stand_still(TIME_OUT)
+    noise = bytes(len(client.session.room()))
+    client.connection.unread = noise + client.encode(7, READ) + client.encode(7, OTHER_READ)
+    client.session.look(client.now)
+    rest, client.connection.unread = client.connection.unread, b""
+    client.send(rest)
+    client.wait(SILENCE)
+    assert client.target.asked == []
+    asks_anew(client)
+
+
 def test_requests_that_were_sent_together_do_not_replace_each_other_because_the_gateway_is_a_little_late(
     client: Client,
 ) -> None:
