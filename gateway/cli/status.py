@@ -238,6 +238,11 @@ def _down_for(broker: Mapping[str, Any]) -> str:
     return _age(broker["down_ms"])
 
 
+def _broker_reason(broker: Mapping[str, Any]) -> str:
+    reason: str = broker["reason"] or broker["unsteady"]
+    return reason
+
+
 def _online(broker: Mapping[str, Any]) -> str:
     return f"{broker['available']} of {broker['devices']}"
 
@@ -348,7 +353,7 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
             "ADDRESS": "broker",
             "STATE": "state",
             "DOWN FOR": _down_for,
-            "REASON": "reason",
+            "REASON": _broker_reason,
             "DEVICES": _online,
             "MESSAGES": "messages",
             "REFUSED": "refused_messages",

@@ -1,7 +1,6 @@
 """Keeps a connection to the broker, and publishes there what the publisher has."""
 
 import asyncio
-import random
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,12 +13,10 @@ from gateway.plant.connection import BrokerConnection
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Message
 from gateway.plant.reasons import SubscriptionRefusedError, WrongVersionError
+from gateway.plant.steadiness import Steadiness
 from gateway.ports.threads import ThreadPerCall
 from gateway.timing.measured import NEVER
 
-#: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
-FIRST_PAUSE: Final = 1.0
-LONGEST_PAUSE: Final = 30.0
 #: How long the last messages may take at a stop, in seconds.
 ENDING_TIME: Final = 1.0
 #: After this many messages, lines and clients get a turn.
@@ -59,7 +56,7 @@ class Broker:
         self._driver = driver
         self._emit = emit
         self._unix = unix
-        self._pause = FIRST_PAUSE
+        self._steadiness = Steadiness()
         #: What is published before it is left for good; None until then.
         self._last: Sequence[Message] | None = None
         #: Whether everything was published at the stop, the last messages too.
@@ -68,6 +65,11 @@ class Broker:
         self._has_told_refusal = False
         #: The topic that tells whether the gateway is there, and why the broker does not take that.
         self._status = self._refusal = ""
+
+    @property
+    def unsteady(self) -> str:
+        """Why connections do not hold, while one stands; empty if it does."""
+        return "" if self.down_since is not None else self._steadiness.trouble(asyncio.get_running_loop().time())
 
     @property
     def _is_stopping(self) -> bool:
@@ -87,8 +89,7 @@ class Broker:
                 self._emit(PartFailed.of("broker", error))
                 self._lost("a defect in the gateway")
             if not self._is_stopping:
-                await asyncio.sleep(self._pause * random.uniform(0.8, 1.2))  # noqa: S311 - no secret
-                self._pause = min(2 * self._pause, LONGEST_PAUSE)
+                await asyncio.sleep(self._steadiness.next_pause())
 
     def stop(self, last: Sequence[Message] = ()) -> None:
         """Publish the `last` messages, log off, and end."""
@@ -202,7 +203,7 @@ class Broker:
         except TimeoutError:
             pass
         if not self._is_stopping:
-            self._pause = FIRST_PAUSE
+            self._steadiness.begin_anew()
             self.reason = "it is to be connected anew"
             self._note_down()
 
@@ -230,13 +231,14 @@ class Broker:
             return
         self.reason = self._told = ""
         self.down_since = None
-        self._pause = FIRST_PAUSE
+        self._steadiness.connected(asyncio.get_running_loop().time())
         self._emit(BrokerUp(self.name, self.version))
 
     def _lost(self, reason: str) -> None:
         """It is told once, and again when the reason is another one."""
         if not self.reason:
             self._has_told_refusal = False
+            reason = self._steadiness.lost(reason, asyncio.get_running_loop().time())
         self.reason = reason
         self._note_down()
         if reason != self._told and not self._is_stopping:

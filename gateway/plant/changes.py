@@ -49,7 +49,7 @@ class Watch:
         return True
 
     def expire(self, now: float) -> None:
-        """A point has no new reading: what was published of it, and is too old by now, is to be taken back."""
+        """Forget readings that are too old by now: what was published of them is to be taken back."""
         old = self._latest.keys() - self.readings(now).keys()
         for name in old:
             del self._latest[name]
@@ -73,13 +73,9 @@ class Watch:
         return DeviceState(self.device, self.is_available, self.readings(now) if self.is_available else {})
 
     def published(self, readings: Mapping[str, Reading]) -> None:
-        """These readings were published."""
+        """These readings were published, and points that have changed and are not among them as unknown."""
         self._published.update(readings)
-        self.changed.difference_update(readings)
-
-    def taken_back(self) -> None:
-        """The points that had changed but have no reading any more were published as unknown."""
-        for name in self.changed:
+        for name in self.changed - readings.keys():
             self._published.pop(name, None)
         self.changed.clear()
 

@@ -14,6 +14,7 @@ from gateway.errors import BrokerError
 from gateway.plant.client import LARGEST_PACKET, MOST_IN_FLIGHT, STEP_TIME, BrokerClient, BrokerSettings, Version
 from gateway.plant.messages import Delivery, Message
 from gateway.plant.reasons import (
+    UNTOLD,
     SubscriptionRefusedError,
     WrongVersionError,
     in_words,
@@ -249,7 +250,7 @@ class BrokerConnection:
         if not self._accepted.done():  # some brokers close the connection instead of an answer
             self._accepted.set_exception(WrongVersionError("it has closed the connection without an answer"))
         is_told = flags.is_disconnect_packet_from_server
-        self._fail(in_words(reason) if is_told else "the connection was lost")
+        self._fail(in_words(reason) if is_told else UNTOLD)
 
     def _on_subscribe(
         self, _client: Client, _data: Any, number: int, reasons: list[ReasonCode], _properties: Properties | None

@@ -5,7 +5,16 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from gateway.plant.messages import Command, Delivery, DeviceState, Message, Misdirected, Readings, Received
+from gateway.plant.messages import (
+    Command,
+    Delivery,
+    DeviceState,
+    Message,
+    Misdirected,
+    Readings,
+    Rebirth,
+    Received,
+)
 from gateway.plant.topics import Topics
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.profiles.reading import finite
@@ -21,7 +30,8 @@ LONGEST_TOPIC: Final = 1000
 class PlainForm:
     """The form of the messages of a site. `devices` are those that may be set.
 
-    `announcements` are published at each birth, before anything else.
+    `announcements` are published at each birth, before anything else; who needs them says `online` on one of the topics
+    `hosts` when it has started.
     """
 
     is_held = False
@@ -29,9 +39,16 @@ class PlainForm:
 
     takes_commands_first = False
 
-    def __init__(self, site: str, devices: Sequence[PublishedDevice], announcements: Sequence[Message] = ()) -> None:
+    def __init__(
+        self,
+        site: str,
+        devices: Sequence[PublishedDevice],
+        announcements: Sequence[Message] = (),
+        hosts: Sequence[str] = (),
+    ) -> None:
         self._topics = Topics(site)
         self._announcements = announcements
+        self._hosts = hosts
         self._devices = {device.name: device for device in devices}
         self._has_settable = any(point.point.write != "no" for device in devices for point in device.points)
 
@@ -45,7 +62,7 @@ class PlainForm:
 
     def command_subscriptions(self) -> Sequence[str]:
         """What sets points, if any could be written: also what can never work, so that it gets a result."""
-        return (self._topics.settings,) if self._has_settable else ()
+        return (*((self._topics.settings,) if self._has_settable else ()), *self._hosts)
 
     def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
         """What is announced, each device with what is known of it, and then that the gateway is there."""
@@ -73,7 +90,9 @@ class PlainForm:
         return (*values, Message(self._topics.availability(device.name), payload, retain=True, device=device.name))
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
-        """A value for a point. To delete a retained message an empty one is sent, which sets nothing."""
+        """A value for a point, or a host has started. To delete a retained message an empty one is sent."""
+        if delivery.topic in self._hosts:
+            return (Rebirth(),) if delivery.payload == ONLINE else ()
         names = self._topics.named(delivery.topic) if len(delivery.topic) <= LONGEST_TOPIC else None
         if names is None or (delivery.is_retained and not delivery.payload):
             return ()

@@ -232,6 +232,7 @@ class Publisher:
 
     def _availability(self, name: str, now: float) -> Sequence[Message]:
         watch = self._watches[name]
+        watch.expire(now)
         state = watch.state(now)
         self._changed.pop(name, None)
         watch.published(state.readings)
@@ -239,12 +240,12 @@ class Publisher:
 
     def _values(self, name: str, now: float) -> Sequence[Message]:
         watch = self._watches[name]
+        watch.expire(now)
         readings = watch.readings(now)
         changed = frozenset(watch.changed)
         if not changed:
             return ()
         watch.published({each: readings[each] for each in changed if each in readings})
-        watch.taken_back()
         return self.form.values(watch.device, self._readings(readings), changed, self._unix(now))
 
     def _told(self, state: DeviceState) -> DeviceState:

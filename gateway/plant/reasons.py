@@ -11,6 +11,9 @@ _WRONG_LOGIN: Final = 0x86
 _NO_RIGHT: Final = 0x87
 #: Brokers say the one or the other when a client logs in, whatever the cause.
 _LOGIN_REFUSED: Final = "user or password is wrong, or this user may not connect"
+SAME_NAME: Final = "another client uses the same name; two gateways must not have the same site"
+#: When the broker does not say why: not all say that another client has the name.
+UNTOLD: Final = "the connection was lost"
 #: Refusals that say nothing of the message: unspecified error, implementation specific error, quota exceeded.
 _PASSING: Final = (0x80, 0x83, 0x97)
 _REASONS: Final = {
@@ -18,7 +21,7 @@ _REASONS: Final = {
     0x85: "it refuses this client identifier",
     _NO_RIGHT: "it says that this user has no right",
     0x88: "it is not available",
-    0x8E: "another client has connected with the same identifier: is this site published twice?",
+    0x8E: f"session taken over: {SAME_NAME}",
 }
 
 

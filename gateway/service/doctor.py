@@ -98,6 +98,7 @@ def _about_publishing(gateway: Gateway) -> Iterator[Finding]:
                 available=told.available,
                 refused=told.refused_messages,
                 last_refused=Last((told.last_refused_ms or 0.0) / 1000),
+                unsteady=told.unsteady,
             )
         )
 

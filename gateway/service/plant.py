@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 class BrokerStatus:
     """The broker at which values are published. `reason` says why nothing is published; it is empty when all is well.
 
+    `unsteady` says why connections were lost, each soon after it was made; it is empty once one has held for a minute.
+
     `down_ms`: nothing has been published for so long; None when all is well, or the library is missing. `version` is
     that of MQTT. Of `devices`, so many `available` ones answer. `messages` were confirmed by the broker, and
     `refused_messages` were not, the last one `last_refused_ms` ago. `polls` is how often points were read, and
@@ -45,6 +47,7 @@ class BrokerStatus:
     polls: int
     failed_polls: int
     last_refused_ms: float | None = None
+    unsteady: str = ""
 
 
 class Publishing:

@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 from gateway import events
+from gateway.config.broker import HOME_ASSISTANT
 from gateway.config.plan import MqttPlan
 from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver
@@ -121,6 +122,7 @@ class Publication:
             polls=publisher.polls.counts.polls,
             failed_polls=publisher.polls.counts.failed,
             last_refused_ms=None if refused_at is None else 1000 * (now - refused_at),
+            unsteady="" if broker is None else broker.unsteady,
         )
 
     def _down_ms(self) -> float | None:
@@ -204,6 +206,11 @@ def _as_target(destination: Any) -> PolledTarget:
 
 def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
     if plan.sparkplug is None:
-        return PlainForm(plan.site, plan.devices, announcements)
+        return PlainForm(plan.site, plan.devices, announcements, _hosts(plan.home_assistant))
     names = plan.sparkplug
     return Sparkplug(names.group, names.node or plan.site, plan.devices, names.primary_host or None, announcements)
+
+
+def _hosts(prefix: str | None) -> Sequence[str]:
+    """Where Home Assistant says that it has started: with another discovery prefix too, unless its settings differ."""
+    return () if prefix is None else tuple({f"{each}/status": None for each in (prefix, HOME_ASSISTANT)})

@@ -19,6 +19,11 @@ def test_what_is_said_of_a_broker():
         "nothing is published: it refuses user and password",
         "see [mqtt] in gateway.toml:9",
     )
+    assert found(unsteady="the connection was lost 3 times") == (
+        "fix",
+        "the connection was lost 3 times",
+        "see [mqtt] in gateway.toml:9",
+    )
     assert found(refused=4) == (
         "fix",
         "has refused 4 messages",

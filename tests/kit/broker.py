@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from gateway.plant.commands import CarriedOut
@@ -20,12 +21,10 @@ class FakeBroker:
     retained: dict[str, bytes] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, bench: GatewayBench) -> "FakeBroker":
+    def of(cls, bench: GatewayBench, announcements: Sequence[Message] = ()) -> "FakeBroker":
         """The broker of a gateway; its devices are read from now on. Times of messages are those of the loop."""
-        gateway = bench.gateway
-        return cls(
-            reading(gateway.plan.mqtt, gateway, bench.events.append, CarriedOut(), asyncio.get_running_loop().time)
-        )
+        gateway, unix = bench.gateway, asyncio.get_running_loop().time
+        return cls(reading(gateway.plan.mqtt, gateway, bench.events.append, CarriedOut(), unix, announcements))
 
     def connect(self) -> list[str]:
         """Connect and take the birth; the topics of commands that are subscribed to."""

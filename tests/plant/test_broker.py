@@ -15,6 +15,7 @@ from gateway.plant.client import STEP_TIME
 from gateway.plant.commands import CarriedOut
 from gateway.plant.messages import Delivery
 from gateway.plant.reasons import SubscriptionRefusedError
+from gateway.plant.steadiness import HOLDS, LONGEST_PAUSE
 from gateway.service.publication import reading
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
@@ -221,3 +222,46 @@ async def test_nothing_is_born_when_the_primary_host_has_gone_before(connections
         assert connections[0].topics[:2] == [host, node]
         assert len(connections[0].topics) == 3
         assert connections[0].messages == []
+
+
+@asynccontextmanager
+async def taken_over(connections, reason):
+    """Each connection is lost a second after it was made, as by another gateway of this name."""
+
+    async def take_over() -> None:
+        seen = 0
+        while True:
+            await asyncio.sleep(1.0)
+            if len(connections) > seen:
+                seen = len(connections)
+                connections[-1].lost.set_result(reason)
+
+    taking = asyncio.create_task(take_over())
+    yield
+    taking.cancel()
+
+
+async def test_two_gateways_of_one_name_do_not_throw_each_other_out_each_second(connections):
+    reason = "session taken over: another client uses the same name"
+    async with publishing() as (bench, _, broker):
+        async with taken_over(connections, reason):
+            await asyncio.sleep(600.0)
+            assert 600 / (1.2 * LONGEST_PAUSE + 2) < len(connections) < 32
+            told = {event.reason for event in bench.events if isinstance(event, BrokerLost)}
+            assert told == {reason}
+        await asyncio.sleep(1.2 * LONGEST_PAUSE + 1.0)
+        assert broker.reason == ""
+        assert broker.unsteady.endswith(f"times in a row, each time soon after it was connected: {reason}")
+        await asyncio.sleep(HOLDS)
+        assert broker.unsteady == "", "it holds"
+        connections[-1].lost.set_result("the connection was lost")
+        await asyncio.sleep(1.5)
+        assert broker.reason == "", "after one that has held the next one comes at once"
+
+
+async def test_a_broker_that_cannot_say_that_another_client_has_the_name_is_helped(connections):
+    async with publishing() as (bench, _, _), taken_over(connections, "the connection was lost"):
+        await asyncio.sleep(60.0)
+        reasons = [event.reason for event in bench.events if isinstance(event, BrokerLost)]
+        assert reasons[0] == "the connection was lost"
+        assert "perhaps another client uses the same name" in reasons[1]

@@ -92,7 +92,7 @@ def test_a_published_reading_that_is_too_old_is_taken_back_once():
     assert seen.changed == set()
     seen.expire(1.6)
     assert (seen.changed, seen.readings(1.6)) == ({"a"}, {})
-    seen.taken_back()
+    seen.published({})
     seen.expire(2.6)
     assert seen.changed == set()
     seen.answered({"a": 1}, 3.0)

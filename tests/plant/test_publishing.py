@@ -11,8 +11,9 @@ from gateway.config.line_load import load_of, total_share
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.events import AccessDenied, BrokerLost, CommandRefused, PartFailed, PollRefused, WriteAudit
+from gateway.plant.births import REBIRTH_PAUSE
 from gateway.plant.commands import MOST_COMMANDS
-from gateway.plant.messages import Delivery
+from gateway.plant.messages import Delivery, Message
 from gateway.plant.polls import TOGETHER_AGAIN
 from gateway.plant.publisher import MOST_RESULTS
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, encode
@@ -208,6 +209,54 @@ async def test_a_value_that_is_too_old_is_not_published_as_new():
         silo.holding[2] = 0
         said = await settled(broker)
         assert said[SILO].keys() == {"weight", "state", "speed"}
+
+
+SLOW_VALVE = """
+[mqtt]
+broker  = "mqtt://broker"
+publish = [{ device = "silo-1", points = ["valve"], every = "10 s" }, { device = "silo-1", every = "500 ms" }]
+"""
+
+
+@pytest.mark.parametrize("has_refused_before", [False, True])
+async def test_a_point_that_missed_one_read_while_another_changed_is_published_again(has_refused_before):
+    """The retained values have lost it meanwhile, although its own has not changed.
+
+    Those behind a message that the broker has refused are published with the availability.
+    """
+    async with gateway_bench(CONFIG + SLOW_VALVE) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        silo.refuses[COILS] = 11
+        await asyncio.sleep(10.8)  # the second read has failed, and what the first one brought is too old by now
+        silo.holding[2] = 1
+        if has_refused_before:
+            broker.driver.publisher.refused(broker.messages[0])
+        assert (await settled(broker, 1.0))[SILO] == {"weight": 0.0, "state": "on", "speed": 0.0}
+        del silo.refuses[COILS]
+        assert await settled(broker, 5.0) == {SILO: {"weight": 0.0, "state": "on", "speed": 0.0, "valve": 0}}
+
+
+@pytest.mark.parametrize(("setting", "prefix"), [("true", "homeassistant"), ('"ha"', "ha")])
+async def test_when_home_assistant_has_started_it_is_told_everything_again(setting, prefix):
+    async with gateway_bench(CONFIG + MQTT.replace("publish", f"home_assistant = {setting}\npublish", 1)) as bench:
+        furnish(bench)
+        broker = FakeBroker.of(bench, announcements=[Message(f"{prefix}/device/plant/silo-1/config", b"{}")])
+        await asyncio.sleep(2.0)
+        hosts = [f"{prefix}/status", "homeassistant/status"]
+        assert broker.connect() == ["modbus/plant/+/+/set", *dict.fromkeys(hosts)]
+        born = [message.topic for message in broker.messages]
+        assert born[0] == f"{prefix}/device/plant/silo-1/config"
+        assert born[-1] == "modbus/plant/status"
+        for host in hosts:
+            await asyncio.sleep(REBIRTH_PAUSE)
+            assert list(broker.send(host, "online")) == born
+        assert broker.send(hosts[0], "offline") == {}
+        broker.send(hosts[0], "online")
+        assert broker.send(hosts[0], "online") == {}
+        assert list(await settled(broker, REBIRTH_PAUSE)) == born, "at most once a second"
 
 
 @pytest.mark.parametrize("code", [2, 11])

@@ -6,7 +6,7 @@ import signal
 import ssl
 import subprocess
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -72,6 +72,13 @@ def write(gateway: GatewayProcess, *words: str) -> None:
     """Write into a unit as an operator does."""
     done = command("write", *words, "--control", str(gateway.config.parent / "control.sock"))
     assert done.returncode == 0, done.stderr
+
+
+def until(is_so: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
 
 
 @contextmanager
@@ -388,3 +395,18 @@ def test_a_reload_publishes_other_points_and_ends_without_the_table(tmp_path):
             assert gateway.wait_for("config_applied")["removed"] == ["mqtt"]
             subscriber.wait_for(STATUS, "offline")
             assert gateway.stop() == 0
+
+
+def test_of_two_gateways_with_one_site_each_says_that_there_is_another(tmp_path):
+    folders = [tmp_path / name for name in ("one", "other")]
+    for folder in folders:
+        folder.mkdir()
+    with Mosquitto(tmp_path) as broker, running(folders[0], config(broker.port)) as one:
+        one.wait_for("broker_up")
+        with running(folders[1], config(broker.port)) as other:
+            for gateway in (one, other):
+                while "another client uses the same name" not in gateway.wait_for("broker_lost")["reason"]:
+                    pass  # not every broker says so the first time
+            control = ("--control", str(one.config.parent / "control.sock"))
+            until(lambda: "another client uses the same name" in command("doctor", "--passive", *control).stdout)
+            until(lambda: "another client uses the same name" in command("status", *control).stdout)

@@ -13,7 +13,8 @@ from gateway.plant.connection import BrokerConnection
 from gateway.plant.messages import Delivery, Message
 from kit.process import PATIENCE
 
-CONNECT, PUBLISH, PINGREQ = 0x10, 0x30, 0xC0
+CONNECT, PUBLISH, PINGREQ, DISCONNECT = 0x10, 0x30, 0xC0, 0xE0
+SESSION_TAKEN_OVER = 0x8E
 CONNACK = {"5": bytes((0x20, 3, 0, 0, 0)), "3.1.1": bytes((0x20, 2, 0, 0))}
 PINGRESP = bytes((0xD0, 0))
 MAXIMUM_PACKET_SIZE = 0x27
@@ -100,6 +101,14 @@ async def test_a_packet_that_is_too_large_ends_the_connection_before_it_is_read(
         peer.writer.write(bytes((PUBLISH, 0xFF, 0xFF, 0xFF, 0x7F)) + bytes(1000))
         async with asyncio.timeout(PATIENCE):
             assert await connection.lost == f"it has sent a message of more than {LARGEST_PACKET} bytes"
+
+
+async def test_a_broker_may_say_that_another_client_has_taken_over_the_session():
+    async with connected("5", []) as (connection, peer):
+        peer.writer.write(bytes((DISCONNECT, 2, SESSION_TAKEN_OVER, 0)))
+        async with asyncio.timeout(PATIENCE):
+            reason = await connection.lost
+        assert reason.startswith("session taken over: another client uses the same name")
 
 
 async def test_an_error_of_the_library_while_it_pings_ends_the_connection(monkeypatch):

@@ -75,6 +75,19 @@ def test_home_assistant_finds_a_device_and_sets_its_points(broker, tmp_path):
         home.wait_for(found["stat_t"], where=lambda payload: json.loads(payload)["valve"] == 1)
 
 
+def test_home_assistant_that_has_started_is_told_everything_again(broker, tmp_path):
+    values, statuses = "modbus/plant-2/silo-1", ["modbus/plant-2/silo-1/availability", "modbus/plant-2/status"]
+    with Listener(broker, "#") as home, GatewayProcess(tmp_path, config(broker, "home_assistant = true")) as gateway:
+        found = home.wait_for(SILO)
+        gateway.wait_for("broker_up")
+        home.wait_for_all(statuses, b"online")
+        home.heard.clear()
+        home.say("homeassistant/status", b"online", qos=0)
+        home.wait_for_all([SILO], found)
+        home.wait_for_all(statuses, b"online")
+        assert values in [each.topic for each in home.heard]
+
+
 def test_what_is_gone_is_taken_back_after_a_reload_and_after_a_restart(broker, tmp_path):
     everything = config(broker, "home_assistant = true")
     with GatewayProcess(tmp_path, everything) as gateway, Listener(broker, SILO) as home:
