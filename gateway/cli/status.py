@@ -286,6 +286,7 @@ _SITES: Final[Mapping[str, _Column]] = {
 
 #: The tables: heading, section of the status, and columns.
 _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
+    ("State folder", "state_files", {"FILE": "file", "STATE": "state", "REASON": "reason"}),
     (
         "Lines (busy and requests/s: of the last minute)",
         "lines",

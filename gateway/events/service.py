@@ -115,7 +115,7 @@ class StateKeptAgain(Event):
 
 
 class StateDamaged(Event):
-    """A file in the state directory is damaged or foreign. It was moved aside; what could be read of it is used."""
+    """A file in the state directory is damaged or foreign. It or a copy was kept; what could be read of it is used."""
 
     level = Level.ERROR
     file: str

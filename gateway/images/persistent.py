@@ -37,6 +37,10 @@ Done = Callable[[bool], None]
 class ValueStore(Protocol):
     """Saves the values of images by name of the image, area and address."""
 
+    @property
+    def is_open(self) -> bool:
+        """Whether it is known what was saved."""
+
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
         """The present values of `image`; what could not be saved is undone before `Done` is called."""
 
@@ -68,7 +72,7 @@ class PersistentImage(Image):
     """An image that hands each change to `store`, and acknowledges the write when it was saved.
 
     From `start` on it has the store's values instead of the initial ones; those at addresses that it does not have
-    are ignored.
+    are ignored. Until then all requests get 04.
     """
 
     def __init__(
@@ -81,8 +85,8 @@ class PersistentImage(Image):
         self._has_started = False
 
     def start(self) -> None:
-        """Load the present values; called when requests are first routed here."""
-        if not self._has_started:
+        """Load the present values, if the store has them; called when requests are first routed here, and again."""
+        if not self._has_started and self._store.is_open:
             self._has_started = True
             self._take_over()
             self._store.when_kept(self._confirmed)
@@ -95,6 +99,8 @@ class PersistentImage(Image):
     def _act(self, request: Request) -> None:
         try:
             asked = self._check(request.pdu)
+            if not self._has_started:
+                raise ServerDeviceFailure(f"{self.settings.name}: what was saved cannot be read")
             if asked.write is not None:
                 self._write(request, asked.write, partial(self._perform, asked))
                 return

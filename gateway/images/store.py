@@ -8,8 +8,7 @@ The store has the present value of every item, including changes that are not sa
 """
 
 import asyncio
-from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
@@ -17,10 +16,9 @@ from pathlib import Path
 from typing import Final
 
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
-from gateway.images.database import FILE_NAME, Item, open_database
 from gateway.images.persistent import Change, Done
+from gateway.images.saved import LOG, SavedValues, Values, add, open_saved
 from gateway.modbus.codes import Area
-from gateway.ports.database import Database
 from gateway.ports.threads import ThreadPerCall
 
 #: How often changes of `keep_soon` are written, in seconds: the most that a crash loses.
@@ -28,29 +26,26 @@ INTERVAL: Final = 1.0
 #: How long the disk may take for the last batch, in seconds.
 CLOSING_DEADLINE: Final = 2.0
 
-#: The place of an item: image, area, address.
-_Place = tuple[str, Area, int]
-
 
 @dataclass(slots=True)
 class _Batch:
     """Values that are written together. `soon` are those that are already acknowledged."""
 
-    values: dict[_Place, int] = field(default_factory=dict)
-    soon: dict[_Place, int] = field(default_factory=dict)
+    values: Values = field(default_factory=dict)
+    soon: Values = field(default_factory=dict)
     told: list[Done] = field(default_factory=list)
     is_due: bool = False
 
 
 class Store:
-    """All persistent images of a gateway, in one database in `folder`."""
+    """All persistent images of a gateway, in files in `folder`."""
 
     def __init__(self, folder: Path, emit: Emit) -> None:
         self._folder = folder
-        self._file = str(folder / FILE_NAME)
+        self._file = str(folder / LOG)
         self._emit = emit
-        self._database: Database | None = None
-        self._kept: defaultdict[tuple[str, Area], dict[int, int]] = defaultdict(dict)
+        self._saved: SavedValues | None = None
+        self._kept: Values = {}
         #: The batch being written, and the next one.
         self._batch: _Batch | None = None
         self._next = _Batch()
@@ -58,38 +53,61 @@ class Store:
         self._refuses = False
         self._fails = False
 
+    @property
+    def is_open(self) -> bool:
+        """Whether it is known what was saved."""
+        return self._saved is not None
+
     def open(self) -> None:
-        """Open the database, if it is not open yet. Nothing can be saved before that.
+        """Read the files, unless that has been done, and write them anew. Blocks. Nothing can be saved before.
+
+        That they cannot be read or written is told.
 
         Raises:
-            StateError: it cannot be used.
+            StateError: another gateway uses them, or a later version has written them.
         """
-        if self._database is not None:
+        if self._saved is not None:
             return
-        self._database, items, damage = open_database(self._folder)
-        self._mark_saved(((item.image, item.area, item.address), item.value) for item in items)
+        try:
+            saved, self._kept, damage = open_saved(self._folder)
+        except OSError as error:
+            self._tell(error)
+            return
         if damage:
-            self._emit(StateDamaged(self._file, damage))
+            count = sum(map(len, self._kept.values()))
+            self._emit(StateDamaged(self._file, f"{damage}; {count} values could be read"))
+        try:
+            saved.write({}, self._kept)
+        except OSError as error:
+            self._tell(error)
+        else:
+            self._tell(None)
+        self._saved = saved
 
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
         """The present values of `image` by area and address, saved or not."""
-        present = {area: dict(self._kept[image, area]) for area in Area}
-        for (name, area, address), value in self._list_unsaved():
-            if name == image:
-                present[area][address] = value
-        return present
+        layers = (self._kept, *self._unsaved())
+        return {
+            area: dict(chain.from_iterable(each.get((image, area), {}).items() for each in layers)) for area in Area
+        }
 
     def keep_at_once(self, change: Change, done: Done) -> None:
         """Write the change as soon as possible, then call `done`."""
         self._next.told.append(done)
         if not self._refuses:  # else it may depend on a failed change, and fails with it
-            self._next.values.update(_values(change))
+            add(self._next.values, _values(change))
             self._write_when_possible()
 
     def keep_soon(self, change: Change, done: Done) -> None:
-        """Write the change within INTERVAL; `done` is called at once. After a failure it is tried again."""
-        self._next.values.update(_values(change))
-        self._next.soon.update(_values(change))
+        """Write the change within INTERVAL; `done` is called at once. After a failure it is tried again.
+
+        As long as the disk fails, no more changes are acknowledged before they are saved.
+        """
+        if self._fails:
+            self.keep_at_once(change, done)
+            return
+        add(self._next.values, _values(change))
+        add(self._next.soon, _values(change))
         self._write_later()
         done(True)
 
@@ -102,23 +120,17 @@ class Store:
 
     def close(self) -> None:
         """Write what is not saved yet. Later changes are not saved."""
-        if self._database is None:
+        if self._saved is None:
             return
-        rest = [Item(*place, value) for place, value in dict(self._list_unsaved()).items()]
-        closing = ThreadPerCall("close images").submit(_close, self._database, rest)
+        closing = ThreadPerCall("close images").submit(_close, self._saved, add({}, *self._unsaved()), self._kept)
         try:
             closing.result(CLOSING_DEADLINE)
         except Exception as error:  # noqa: BLE001 - a disk that hangs or fails must not keep the service from stopping
-            self._emit(StateNotKept(self._file, str(error) or "the disk takes too long"))
+            self._emit(StateNotKept(self._file, _reason(error) or "the disk takes too long"))
 
-    def _list_unsaved(self) -> Iterator[tuple[_Place, int]]:
-        """Values that are being written or collected, in their order."""
-        being_written = self._batch.values if self._batch else {}
-        return chain(being_written.items(), self._next.values.items())
-
-    def _mark_saved(self, values: Iterable[tuple[_Place, int]]) -> None:
-        for (image, area, address), value in values:
-            self._kept[image, area][address] = value
+    def _unsaved(self) -> tuple[Values, Values]:
+        """Values that are being written, and those collected since."""
+        return self._batch.values if self._batch else {}, self._next.values
 
     def _write_later(self) -> None:
         if self._timer is None:
@@ -135,11 +147,12 @@ class Store:
 
     def _write(self) -> None:
         """Write the collected changes that are due, unless a batch is already being written."""
-        if self._database is None or self._batch is not None or not self._next.is_due:
+        if self._saved is None or self._batch is not None or not self._next.is_due:
             return
         self._batch, self._next = self._next, _Batch()
-        items = [Item(*place, value) for place, value in self._batch.values.items()]
-        writing = asyncio.get_running_loop().run_in_executor(ThreadPerCall("keep images"), self._database.write, items)
+        writing = asyncio.get_running_loop().run_in_executor(
+            ThreadPerCall("keep images"), self._saved.write, self._batch.values, self._kept
+        )
         writing.add_done_callback(partial(self._written, self._batch))
 
     def _written(self, batch: _Batch, writing: asyncio.Future[None]) -> None:
@@ -149,15 +162,15 @@ class Store:
         if error is not None:
             self._refuse(batch)
             return
-        self._mark_saved(batch.values.items())
+        add(self._kept, batch.values)
         self._write()
         for done in batch.told:
             done(True)
 
     def _refuse(self, batch: _Batch) -> None:
-        soon = batch.soon | self._next.soon
+        soon = add({}, batch.soon, self._next.soon)
         told = [*batch.told, *self._next.told]
-        self._next = _Batch(dict(soon), soon, told)
+        self._next = _Batch(add({}, soon), soon, told)
         if soon:
             self._write_later()
         self._refuses = True
@@ -171,19 +184,23 @@ class Store:
     def _tell(self, error: BaseException | None) -> None:
         """A failure is logged when it begins and when it ends."""
         if error is not None and not self._fails:
-            self._emit(StateNotKept(self._file, str(error)))
+            self._emit(StateNotKept(self._file, _reason(error)))
         if error is None and self._fails:
             self._emit(StateKeptAgain(self._file))
         self._fails = error is not None
 
 
-def _close(database: Database, rest: list[Item]) -> None:
+def _values(change: Change) -> Values:
+    return {(change.image, change.area): dict(enumerate(change.values, change.start))}
+
+
+def _close(saved: SavedValues, rest: Values, kept: Values) -> None:
     try:
-        database.write(rest)
+        if rest:
+            saved.write(rest, kept)
     finally:
-        database.close()
+        saved.close()
 
 
-def _values(change: Change) -> Iterator[tuple[_Place, int]]:
-    for address, value in enumerate(change.values, change.start):
-        yield (change.image, change.area, address), value
+def _reason(error: BaseException) -> str:
+    return getattr(error, "strerror", None) or str(error)

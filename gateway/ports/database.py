@@ -122,6 +122,9 @@ def open_table(file: Path, table: Table) -> Opened:
     Raises:
         StateError: it is in use or from a later version, or it cannot be read, made or moved.
     """
+    for part in _parts(file):
+        if part.is_symlink():  # SQLite would follow it, as root anywhere
+            raise StateError(f"{part} is a symbolic link, which is not followed; remove it")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         return _open(file, table)

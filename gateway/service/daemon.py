@@ -34,6 +34,7 @@ from gateway.service.remembered import in_force
 from gateway.service.running import Running
 from gateway.service.shared_file import SharedFile
 from gateway.service.state import Memory, StateFile, state_folder
+from gateway.service.state_troubles import StateTroubles
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, take_inherited_sockets
 from gateway.service.verbs import verbs
@@ -76,8 +77,10 @@ def tell_journal(rejected: events.ConfigRejected) -> None:
 
 
 def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
-    emit = fan_out.emit
     folder = state_folder()
+    troubles = StateTroubles(folder, fan_out.emit)
+    troubles.look()
+    emit = troubles.emit
     with (
         closing(StateFile(folder, emit)) as memory,
         closing(LeftBehind(SharedFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
@@ -86,7 +89,8 @@ def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
     ):
         for remembered in in_force(plan, memory):
             emit(remembered)
-        run_exactly(_run(plan, source, control, _State(memory, store, left_behind, announced, folder), fan_out))
+        state = _State(memory, store, left_behind, announced, troubles, folder)
+        run_exactly(_run(plan, source, control, state, fan_out))
 
 
 class _State(NamedTuple):
@@ -96,6 +100,7 @@ class _State(NamedTuple):
     store: Store
     left_behind: LeftBehind
     announced: AnnouncedDevices
+    troubles: StateTroubles
     folder: Path
 
 
@@ -107,7 +112,7 @@ def _load_certificates(plan: Plan, emit: events.Emit) -> TlsStore:
 
 
 async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_out: FanOut) -> None:
-    emit = fan_out.emit
+    emit = state.troubles.emit
     loop = asyncio.get_running_loop()
 
     contexts = _load_certificates(plan, emit)
@@ -122,7 +127,7 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
 
     systemd, stop = Notifier(), Stop()
     sockets = OpenSockets(take_inherited_sockets())
-    running = Running(rebuild(plan, None), emit, sockets, state.left_behind, state.announced)
+    running = Running(rebuild(plan, None), emit, sockets, state.left_behind, state.announced, state.troubles)
     running.control = str(control)
     reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text, contexts=contexts)
     for number in (signal.SIGTERM, signal.SIGINT):

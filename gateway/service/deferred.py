@@ -9,7 +9,7 @@ from threading import RLock
 from types import ModuleType
 from typing import Any, Final
 
-#: TLS, asyncio's part of it, digests of certificates; images that persist, the history of the web page.
+#: TLS, asyncio's part of it, digests of certificates; the history of the web page.
 LIBRARIES: Final = ("ssl", "asyncio.sslproto", "hashlib", "sqlite3")
 
 

@@ -16,6 +16,7 @@ from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.fleet import FleetEvidence, about_fleet
 from gateway.diagnosis.last import RECENT, Last
 from gateway.diagnosis.lines import about_line
+from gateway.diagnosis.state import about_state_file
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings, SiteSettings
@@ -76,7 +77,7 @@ async def examined(
         nats = gateway.fleet.status()
         has_nats = nats is None or not nats.reason
         groups += [(each.name, _about_upstream(each, has_nats=has_nats)) for each in gateway.upstreams]
-        outwards = (*_about_publishing(gateway), *_about_fleet(gateway))
+        outwards = (*_about_publishing(gateway), *_about_fleet(gateway), *_about_state(running))
         groups.append(("", [*about_certificates(gateway.contexts, time.time()), *outwards]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.only in ("", wanted)]
     now = asyncio.get_running_loop().time()
@@ -108,6 +109,11 @@ def _about_fleet(gateway: Gateway) -> Iterator[Finding]:
     if told is not None:
         last = Last((told.last_dropped_ms or 0.0) / 1000)
         yield from about_fleet(FleetEvidence(told.server, told.source, told.reason, told.unseen, told.dropped, last))
+
+
+def _about_state(running: Running) -> Iterator[Finding]:
+    for each in () if running.troubles is None else running.troubles.status():
+        yield about_state_file(each.file, each.reason, was_damaged=each.state == "damaged")
 
 
 async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks: bool) -> list[Finding]:

@@ -19,6 +19,7 @@ from gateway.service.overdue import LeftBehind, place_of
 from gateway.service.parts import GatewayLine
 from gateway.service.recent import Recent
 from gateway.service.self_state import show_itself
+from gateway.service.state_troubles import StateTroubles
 
 #: How long requests in progress and their clients may take when their part stops, in seconds; and how long ports may
 #: take to close then. In total the process ends in less than 5 s. Only a disk that hangs adds to it: 1 s for the files
@@ -37,7 +38,7 @@ class Running:
     """A running gateway. `sockets` are those that were bound before the process started.
 
     `left_behind` are late responses that may still arrive on ports of earlier lines, `announced` is what Home Assistant
-    knows from an earlier run.
+    knows from an earlier run, `troubles` those with the state folder.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Running:
         sockets: OpenSockets | None = None,
         left_behind: LeftBehind | None = None,
         announced: AnnouncedDevices | None = None,
+        troubles: StateTroubles | None = None,
     ) -> None:
         gateway.route()
         self.gateway = gateway
@@ -58,6 +60,7 @@ class Running:
         self.ready = asyncio.Event()
         #: Whether the config was accepted when it was last read.
         self.reload_succeeded = True
+        self.troubles = troubles
         self.recent = Recent(gateway, asyncio.get_running_loop().time())
         if announced is not None:
             gateway.publishing.announced = announced

@@ -1,23 +1,20 @@
 """A JSON file in the state folder that several gateways may share: each changes only its own entries.
 
 A change that cannot be written is tried again until it succeeds. A damaged file is moved aside, and what can be read of
-it is used. Symbolic links are never followed for writing: the owner of the folder may have planted them.
+it is used.
 """
 
 import json
-import os
-import stat
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
 from threading import Condition, Thread
-from typing import Any, Final, NamedTuple, TextIO
+from typing import Any, Final, NamedTuple
 
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
-from gateway.ports.ownership import give_to_owner_of_folder
+from gateway.ports import state_files
 
 #: How long another gateway may take to write, in seconds.
 LOCK_DEADLINE: Final = 2.0
@@ -157,7 +154,7 @@ class SharedFile:
             self._move_aside(content)
             entries = self._entries | entries
         self._entries = {key: entry for key, entry in (entries | changes).items() if entry is not None}
-        _replace_content(self.file, self._entries)
+        state_files.replace(self.file, f"{json.dumps(self._entries, indent=2)}\n".encode())
 
     def _move_aside(self, content: Content) -> None:
         aside = self.file.with_name(f"{self.file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S-%f}")
@@ -183,7 +180,7 @@ def read_content(file: Path, is_entry: IsEntry) -> Content:
         OSError: it cannot be read.
     """
     try:
-        entries = json.loads(_text(file))
+        entries = json.loads(state_files.read(file, _LARGEST))
     except FileNotFoundError:
         return Content({})
     except (ValueError, RecursionError) as error:
@@ -196,18 +193,6 @@ def read_content(file: Path, is_entry: IsEntry) -> Content:
     return Content(sound)
 
 
-def _text(file: Path) -> bytes:
-    """Read a regular file of limited size.
-
-    Raises:
-        OSError: it cannot be read, or is not a regular file.
-    """
-    with open(os.open(file, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:  # noqa: PTH123 - Path.open takes no descriptor
-        if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-            raise OSError(None, "it is not a regular file")
-        return stream.read(_LARGEST)
-
-
 @contextmanager
 def _lock(file: Path) -> Iterator[None]:
     """Lock the file against other gateways inside the context.
@@ -215,50 +200,16 @@ def _lock(file: Path) -> Iterator[None]:
     Raises:
         OSError: another program holds the lock.
     """
-    file.parent.mkdir(parents=True, exist_ok=True)
     deadline = time.monotonic() + LOCK_DEADLINE
-    with _open(file.with_suffix(".lock"), 0) as lock:
-        while not _try_lock(lock):
+    place = file.with_suffix(".lock")
+    while True:
+        try:
+            held = state_files.lock(place)
+        except BlockingIOError:
             if time.monotonic() > deadline:
-                raise TimeoutError(None, f"another program holds {lock.name}")
+                raise TimeoutError(None, f"another program holds {place}") from None
             time.sleep(_LOCK_STEP)
+        else:
+            break
+    with held:
         yield
-
-
-def _open(file: Path, flags: int) -> TextIO:
-    """Open a file for writing without following links; its owner becomes that of the folder.
-
-    Raises:
-        OSError: it cannot be written, or is a link.
-    """
-
-    def open_here(path: str, mode: int) -> int:
-        return os.open(path, mode & ~os.O_TRUNC | os.O_NOFOLLOW | os.O_NONBLOCK | flags, 0o644)
-
-    stream = open(file, "w", encoding="utf-8", opener=open_here)  # noqa: SIM115 - Path.open has no opener
-    give_to_owner_of_folder(file)
-    return stream
-
-
-def _try_lock(lock: TextIO) -> bool:
-    try:
-        flock(lock, LOCK_EX | LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
-
-
-def _replace_content(file: Path, entries: Entries) -> None:
-    """Replace the content of the file atomically; it is on the disk when this returns."""
-    fresh = file.with_suffix(".new")
-    fresh.unlink(missing_ok=True)
-    with _open(fresh, os.O_EXCL) as stream:
-        stream.write(json.dumps(entries, indent=2) + "\n")
-        stream.flush()
-        os.fsync(stream.fileno())
-    fresh.replace(file)
-    folder = os.open(file.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)

@@ -7,7 +7,7 @@ import asyncio
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import astuple, dataclass, replace
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from gateway.devices.device import Device
 from gateway.images.image import Image
@@ -24,8 +24,12 @@ from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.plant import BrokerStatus
 from gateway.service.recent import LineUser, Recent
 from gateway.service.slices import in_slices
+from gateway.service.state_troubles import StateFileStatus
 from gateway.timing.histogram import SECONDS, SHARES, merged
 from gateway.timing.measured import NEVER, Phases, Times
+
+if TYPE_CHECKING:
+    from gateway.service.running import Running
 
 #: How many users of a line are told.
 MOST_USERS: Final = 20
@@ -273,6 +277,7 @@ class Status:
     brokers: tuple[BrokerStatus, ...] = ()
     fleets: tuple[FleetStatus, ...] = ()
     leases: tuple[LeaseStatus, ...] = ()
+    state_files: tuple[StateFileStatus, ...] = ()
     #: The name of the plant, and the address of the web page; empty if there is none.
     site: str = ""
     page: str = ""
@@ -281,25 +286,25 @@ class Status:
 def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
     """The status of `gateway` at `now`, with rates from `recent` if given."""
     units = [_unit(owner, device, now) for owner, device in _devices(gateway)]
-    return _status(gateway, now, [_line(each, recent, now) for each in gateway.lines], units, "")
+    return _status(gateway, now, [_line(each, recent, now) for each in gateway.lines], units)
 
 
-async def status_in_slices(gateway: Gateway, recent: Recent | None = None, page: str = "") -> Status:
-    """The status of `gateway`, with pauses for its lines: each unit is shown as it was when it was its turn."""
+async def status_in_slices(running: "Running") -> Status:
+    """Make the status, with pauses for the lines: each unit is shown as it was when it was its turn."""
+    gateway, recent = running.gateway, running.recent
     now = asyncio.get_running_loop().time
     units = await in_slices(_unit(owner, device, now()) for owner, device in _devices(gateway))
     lines = await in_slices(_line(each, recent, now()) for each in gateway.lines)
-    return _status(gateway, now(), lines, units, page)
+    whole = _status(gateway, now(), lines, units)
+    troubles = () if running.troubles is None else running.troubles.status()
+    return replace(whole, page=running.page, state_files=troubles)
 
 
-def _status(
-    gateway: Gateway, now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus], page: str
-) -> Status:
+def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:
     broker, fleet = gateway.publishing.status(), gateway.fleet.status()
     return Status(
         at=now,
         site=gateway.plan.site,
-        page=page,
         listeners=tuple(_listener(each) for each in gateway.listeners),
         clients=tuple(each for listener in gateway.listeners for each in _clients(listener, now)),
         rejections=tuple(each for listener in gateway.listeners for each in _rejections(listener, now)),

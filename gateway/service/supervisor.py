@@ -98,12 +98,13 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
     expiring = asyncio.create_task(
         expiry.keep_looking(lambda: running.gateway.contexts, running.emit), name="certificates"
     )
+    tasks = [watching, sampling, looking, expiring]
+    if running.troubles is not None:
+        tasks.append(asyncio.create_task(running.troubles.keep_looking(), name="state folder"))
     await stop.wait()
     running.ready.clear()
-    watching.cancel()
-    sampling.cancel()
-    looking.cancel()
-    expiring.cancel()
+    for task in tasks:
+        task.cancel()
 
 
 async def _complete_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:

@@ -49,7 +49,7 @@ class _Verbs:
 
     async def status(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         running = self._running
-        return {"status": await status_in_slices(running.gateway, running.recent, running.page)}
+        return {"status": await status_in_slices(running)}
 
     async def fleet(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         try:

@@ -219,9 +219,7 @@ class _Answers:
         async with self._one_status_at_a_time:
             now = asyncio.get_running_loop().time()
             if self._status is None or now - self._status.at >= _STATUS_KEPT:
-                self._status = await told.status_in_slices(
-                    self._running.gateway, self._running.recent, self._running.page
-                )
+                self._status = await told.status_in_slices(self._running)
             return self._status
 
     def past(self, slots: int) -> Past:

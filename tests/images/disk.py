@@ -1,9 +1,10 @@
-"""Stands for the disk behind persistent images: what keeps their changes, and the database below that."""
+"""Stands for the disk behind persistent images: what keeps their changes, and the files below that."""
 
-import sqlite3
+import errno
+from copy import deepcopy
 
-from gateway.images.database import Item, Opened
 from gateway.images.persistent import Change
+from gateway.images.saved import Opened, Values, add
 from gateway.modbus.codes import Area
 
 
@@ -13,6 +14,8 @@ class Disk:
     def __init__(self, **kept) -> None:
         self.changes = []
         self._kept = {Area(name): values for name, values in kept.items()}
+
+    is_open = True
 
     def values(self, image):
         assert image == "shift-data"
@@ -46,22 +49,23 @@ class Disk:
             done(False)
 
 
-class MemoryDatabase:
-    """Keeps `items` as long as the test lets it. It stands in for the file of a `Store`."""
+class MemoryFiles:
+    """Keeps `kept` as long as the test lets it. It stands in for the files of a `Store`; `batches` are its writes."""
 
     def __init__(self) -> None:
-        self.items: dict[tuple[str, Area, int], Item] = {}
-        self.batches: list[list[Item]] = []
+        self.kept: Values = {}
+        self.batches: list[Values] = []
         self.is_full = False
 
     def open(self, folder) -> Opened:
-        return Opened(self, tuple(self.items.values()))
+        return Opened(self, deepcopy(self.kept))
 
-    def write(self, items) -> None:
-        self.batches.append(list(items))
+    def write(self, values: Values, kept: Values) -> None:
+        if values:
+            self.batches.append(values)
         if self.is_full:
-            raise sqlite3.OperationalError("database or disk is full")
-        self.items |= {item[:3]: item for item in items}
+            raise OSError(errno.ENOSPC, "No space left on device")
+        add(self.kept, values)
 
     def close(self) -> None:
         pass

@@ -89,6 +89,7 @@ def test_an_image_that_keeps_its_values_counts_like_any_other():
     """Its write is answered later, and the log says so."""
     disk = Disk()
     kept = PersistentImage(replace(image(holding=((0, 3),)).settings, persist="always"), disk)
+    kept.start()
     answers = Answers()
     for pdu in ("06 0000 0001", "0B"):
         kept.submit(Request(10, bytes.fromhex(pdu), answers, received_at=0.0), 0.0)

@@ -8,14 +8,14 @@ from gateway.events import StateKeptAgain, StateNotKept
 from gateway.images.persistent import Change
 from gateway.images.store import INTERVAL, Store
 from gateway.modbus.codes import Area
-from images.disk import MemoryDatabase
+from images.disk import MemoryFiles
 
 
 class Bench:
     """A store above a disk in memory. A batch is on that disk at the next turn of the loop."""
 
-    def __init__(self, folder, database: MemoryDatabase) -> None:
-        self.database = database
+    def __init__(self, folder, files: MemoryFiles) -> None:
+        self.files = files
         self.events = []
         self.store = Store(folder, self.events.append)
         self.store.open()
@@ -32,22 +32,22 @@ class Bench:
         return dict(self.store.values(image)[Area.HOLDING])
 
     def on_disk(self, image: str = "shift") -> dict[int, int]:
-        return {item.address: item.value for item in self.database.items.values() if item.image == image}
+        return self.files.kept.get((image, Area.HOLDING), {})
 
     def _done(self, value: int):
         return lambda is_kept: self.told.append((value, is_kept))
 
 
 @pytest.fixture
-def database(monkeypatch):
-    database = MemoryDatabase()
-    monkeypatch.setattr("gateway.images.store.open_database", database.open)
-    return database
+def files(monkeypatch):
+    files = MemoryFiles()
+    monkeypatch.setattr("gateway.images.store.open_saved", files.open)
+    return files
 
 
 @pytest.fixture
-def bench(tmp_path, database):
-    return Bench(tmp_path, database)
+def bench(tmp_path, files):
+    return Bench(tmp_path, files)
 
 
 async def written() -> None:
@@ -60,7 +60,7 @@ async def test_what_comes_while_a_batch_is_written_is_one_batch(bench):
         bench.at_once(value, value)
     assert bench.told == []
     await written()
-    assert [len(batch) for batch in bench.database.batches] == [1, 3]
+    assert bench.files.batches == [{("shift", Area.HOLDING): each} for each in ({1: 1}, {2: 2, 3: 3, 4: 4})]
     assert bench.told == [(1, True), (2, True), (3, True), (4, True)]
 
 
@@ -68,11 +68,11 @@ async def test_an_interval_is_one_batch(bench):
     for value in range(100):
         bench.soon(value % 10, value)
     await asyncio.sleep(0.9 * INTERVAL)
-    assert bench.database.batches == []
+    assert bench.files.batches == []
     await asyncio.sleep(0.2 * INTERVAL)
     assert bench.on_disk() == {address: 90 + address for address in range(10)}
     await asyncio.sleep(5 * INTERVAL)
-    assert len(bench.database.batches) == 1
+    assert len(bench.files.batches) == 1
 
 
 async def test_a_later_write_stays_the_later_one(bench):
@@ -95,23 +95,23 @@ async def test_a_later_write_of_an_interval_does_too(bench):
 async def test_a_batch_that_fails_takes_all_that_came_since_with_it(bench):
     bench.at_once(0, 1)
     await written()
-    bench.database.is_full = True
+    bench.files.is_full = True
     bench.at_once(0, 2)
     bench.at_once(0, 3)
     assert bench.present() == {0: 3}
     await written()
     assert bench.told == [(1, True), (2, False), (3, False)]
-    assert (bench.present(), bench.on_disk(), len(bench.database.batches)) == ({0: 1}, {0: 1}, 2)
+    assert (bench.present(), bench.on_disk(), len(bench.files.batches)) == ({0: 1}, {0: 1}, 2)
 
 
 async def test_what_comes_while_a_failure_is_told_fails_too(bench):
-    bench.database.is_full = True
+    bench.files.is_full = True
     bench.store.keep_at_once(Change("shift", Area.HOLDING, 0, (1,)), lambda is_kept: bench.at_once(1, 2))
     bench.at_once(2, 3)
     await written()
     assert bench.told == [(3, False), (2, False)]
-    assert (bench.present(), len(bench.database.batches)) == ({}, 1)
-    bench.database.is_full = False
+    assert (bench.present(), len(bench.files.batches)) == ({}, 1)
+    bench.files.is_full = False
     bench.at_once(2, 4)
     await written()
     assert (bench.told[2:], bench.on_disk()) == ([(4, True)], {2: 4})
@@ -123,45 +123,60 @@ async def test_a_defect_in_one_image_does_not_end_the_keeping_of_others(bench):
 
     defects = []
     asyncio.get_running_loop().set_exception_handler(lambda loop, context: defects.append(context["exception"]))
-    bench.database.is_full = True
+    bench.files.is_full = True
     bench.store.keep_at_once(Change("shift", Area.HOLDING, 0, (1,)), defect)
     await written()
-    bench.database.is_full = False
+    bench.files.is_full = False
     bench.at_once(0, 2)
     await written()
     assert ([type(each) for each in defects], bench.told) == ([ZeroDivisionError], [(2, True)])
 
 
 async def test_what_was_acknowledged_is_tried_until_the_disk_takes_it(bench):
-    bench.database.is_full = True
+    bench.files.is_full = True
+    bench.soon(0, 1)
+    await asyncio.sleep(4.5 * INTERVAL)
+    assert (bench.present(), bench.on_disk()) == ({0: 1}, {})
+    bench.files.is_full = False
+    await asyncio.sleep(INTERVAL)
+    assert bench.on_disk() == {0: 1}
+    assert [type(event) for event in bench.events] == [StateNotKept, StateKeptAgain]
+
+
+async def test_while_the_disk_fails_nothing_more_is_acknowledged_before_it_is_kept(bench):
+    told = []
+    bench.files.is_full = True
     bench.soon(0, 1)
     await asyncio.sleep(1.5 * INTERVAL)
-    bench.soon(1, 2)
-    await asyncio.sleep(3 * INTERVAL)
-    assert (bench.present(), bench.on_disk()) == ({0: 1, 1: 2}, {})
-    bench.database.is_full = False
-    await asyncio.sleep(INTERVAL)
-    assert bench.on_disk() == {0: 1, 1: 2}
-    assert [type(event) for event in bench.events] == [StateNotKept, StateKeptAgain]
+    bench.store.keep_soon(Change("shift", Area.HOLDING, 1, (2,)), told.append)
+    assert told == []
+    await written()
+    assert (told, bench.present()) == ([False], {0: 1})
+    bench.files.is_full = False
+    bench.store.keep_soon(Change("shift", Area.HOLDING, 1, (3,)), told.append)
+    await written()
+    assert (told, bench.on_disk()) == ([False, True], {0: 1, 1: 3})
+    bench.store.keep_soon(Change("shift", Area.HOLDING, 1, (4,)), told.append)
+    assert told == [False, True, True], "as before"
 
 
 async def test_a_write_that_fails_does_not_take_an_acknowledged_one_with_it(bench):
     bench.soon(0, 1)
-    bench.database.is_full = True
+    bench.files.is_full = True
     bench.at_once(0, 2)
     bench.at_once(0, 3)
     await written()
     assert (bench.told, bench.present()) == ([(2, False), (3, False)], {0: 1})
-    bench.database.is_full = False
+    bench.files.is_full = False
     await asyncio.sleep(2 * INTERVAL)
     assert bench.on_disk() == {0: 1}
 
 
-async def test_values_are_those_of_the_disk_and_those_on_their_way(bench, tmp_path, database):
+async def test_values_are_those_of_the_disk_and_those_on_their_way(bench, tmp_path, files):
     bench.at_once(0, 1)
     bench.at_once(2, 1, image="other")
     await written()
-    bench = Bench(tmp_path, database)
+    bench = Bench(tmp_path, files)
     assert bench.present() == {0: 1}
     bench.at_once(0, 2)
     bench.at_once(1, 3)
@@ -177,7 +192,7 @@ async def test_whoever_goes_on_with_values_is_told_whether_they_could_be_kept(be
     told = []
     bench.store.when_kept(told.append)
     assert told == [True]
-    bench.database.is_full = is_full
+    bench.files.is_full = is_full
     bench.at_once(0, 1)
     bench.store.when_kept(told.append)
     assert told == [True]

@@ -12,6 +12,7 @@ from gateway.config.resolve import resolve
 from gateway.errors import ListenError
 from gateway.events import ConfigApplied, ConfigRejected, ConfigWarning, LineLost, LineUp, PartFailed
 from gateway.images.store import Store
+from gateway.modbus.codes import Area
 from gateway.modbus.rtu import encode
 from gateway.routing.access import READING
 from gateway.service.build import build
@@ -21,7 +22,7 @@ from gateway.service.running import Running
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
 from gateway.service.verbs import verbs
-from images.disk import MemoryDatabase
+from images.disk import MemoryFiles
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench
 
@@ -337,14 +338,14 @@ INTERVAL, ALWAYS = IMAGE + 'persist = "interval"\n', IMAGE + 'persist = "always"
 
 
 @pytest.fixture
-def database(monkeypatch):
-    database = MemoryDatabase()
-    monkeypatch.setattr("gateway.images.store.open_database", database.open)
-    return database
+def files(monkeypatch):
+    files = MemoryFiles()
+    monkeypatch.setattr("gateway.images.store.open_saved", files.open)
+    return files
 
 
 @pytest.fixture
-def keeping(serving, database, tmp_path):
+def keeping(serving, files, tmp_path):
     @asynccontextmanager
     async def serve_and_keep(image: str) -> AsyncIterator[Service]:
         async with serving(LISTEN + HALL_A) as service:
@@ -366,7 +367,7 @@ async def test_a_write_that_was_answered_while_a_new_listener_takes_its_address_
         assert await service.client().asks(200, READ) == "03 02 00 07"
 
 
-async def test_what_images_keep_is_read_beside_the_loop(keeping, database, monkeypatch):
+async def test_what_images_keep_is_read_beside_the_loop(keeping, files, monkeypatch):
     """65536 registers take most of a second."""
     loop = asyncio.get_running_loop()
     run, jobs = loop.run_in_executor, []
@@ -378,24 +379,24 @@ async def test_what_images_keep_is_read_beside_the_loop(keeping, database, monke
         finally:
             jobs.pop()
 
-    def open_database(folder):
+    def open_saved(folder):
         opened_in.extend(jobs)
-        return database.open(folder)
+        return files.open(folder)
 
     opened_in: list[str] = []
     monkeypatch.setattr(loop, "run_in_executor", run_in_executor)
-    monkeypatch.setattr("gateway.images.store.open_database", open_database)
+    monkeypatch.setattr("gateway.images.store.open_saved", open_saved)
     async with keeping(ALWAYS):
         assert opened_in == ["read state"]
 
 
-async def test_a_write_that_the_disk_refuses_during_a_reload_is_undone_in_the_new_image(keeping, database, monkeypatch):
+async def test_a_write_that_the_disk_refuses_during_a_reload_is_undone_in_the_new_image(keeping, files, monkeypatch):
     async def find(doors):
         client.ask(200, WRITE)
 
     async with keeping(ALWAYS) as service:
         client = service.client()
-        database.is_full = True
+        files.is_full = True
         monkeypatch.setattr(Doors, "find", find)
         await service.reload(LISTEN + "clients = 3\n" + INTERVAL)
         assert await client.answer() == "86 04"
@@ -411,22 +412,22 @@ async def test_an_image_that_shrinks_and_grows_again_has_its_values(keeping):
         assert await service.client().asks(200, "03 00 08 00 01") == "03 02 00 63"
 
 
-async def test_an_image_that_goes_and_comes_again_at_once_has_its_values(keeping, database):
+async def test_an_image_that_goes_and_comes_again_at_once_has_its_values(keeping, files):
     async with keeping(INTERVAL) as service:
         assert await service.client().asks(200, WRITE) == WRITE
         assert await service.reload(LISTEN + HALL_A) == Outcome(added=("line hall-a",), removed=("image shift",))
         await service.reload(LISTEN + INTERVAL)
-        assert database.batches == []
+        assert files.batches == []
         assert await service.client().asks(200, READ) == "03 02 00 07"
 
 
-async def test_an_acknowledged_write_is_not_overwritten_by_an_older_one(keeping, database):
+async def test_an_acknowledged_write_is_not_overwritten_by_an_older_one(keeping, files):
     async with keeping(INTERVAL) as service:
         assert await service.client().asks(200, "06 00 00 00 01") == "06 00 00 00 01"
         await service.reload(LISTEN + ALWAYS)
         assert await service.client().asks(200, WRITE) == WRITE
         await asyncio.sleep(5.0)
-        assert [item.value for item in database.items.values()] == [7]
+        assert files.kept == {("shift", Area.HOLDING): {0: 7}}
 
 
 async def test_what_needs_a_restart_is_said(serving):

@@ -3,22 +3,21 @@
 import os
 import signal
 import socket
-import sqlite3
 import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pytest
 
-from gateway.errors import StateError
-from gateway.events import StateDamaged
-from gateway.images.database import FILE_NAME, Item, open_database
+from gateway.images import old_database
+from gateway.images.saved import LOG, open_saved
 from gateway.images.store import INTERVAL
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
+from gateway.ports.database import open_table
+from gateway.ports.page_log import SIZE
 from kit.process import PATIENCE, GatewayProcess, command
 
 CONFIG = """
@@ -33,8 +32,6 @@ coils   = 16
 persist = "{persist}"
 initial.holding = [{{ at = 0, values = [1, 2, 3] }}]
 """
-SOMEBODY = 61_184
-ITEMS = [Item("shift-data", Area.HOLDING, address, 1000 + address) for address in range(500)]
 
 
 class Client:
@@ -75,6 +72,22 @@ def test_what_was_acknowledged_outlives_kill_9(tmp_path: Path) -> None:
     assert asked(tmp_path, "always", "01 0000 0004") == ["01 01 08"]
 
 
+def test_a_write_costs_the_disk_one_block(tmp_path: Path) -> None:
+    """And a snapshot for each 256 of them."""
+    with GatewayProcess(tmp_path, CONFIG.format(persist="always")) as gateway, closing(Client(gateway)) as client:
+        client.ask("06 0000 0001")
+        before = _written(gateway)
+        for value in range(300):
+            client.ask(f"06 0000 {value:04X}")
+        assert _written(gateway) - before <= 310 * 4096
+
+
+def _written(gateway: GatewayProcess) -> int:
+    """The bytes that it has caused to be written to disks."""
+    fields = dict(line.split(": ") for line in Path(f"/proc/{gateway.pid}/io").read_text().splitlines())
+    return int(fields["write_bytes"])
+
+
 def test_an_interval_loses_nothing_at_a_stop(tmp_path: Path) -> None:
     asked(tmp_path, "interval", "06 0000 BEEF")
     assert asked(tmp_path, "interval", "03 0000 0002") == ["03 04 BE EF 00 02"]
@@ -106,195 +119,69 @@ def test_nobody_else_can_use_the_file(tmp_path: Path, state: Path) -> None:
     with GatewayProcess(tmp_path, CONFIG.format(persist="always")):
         second = command("run", str(tmp_path / "gateway.toml"))
     assert second.returncode == 1
-    assert f"{state / FILE_NAME}: database is locked; is another modbus-gateway running?" in second.stderr
+    assert f"{state / LOG} is in use; is another modbus-gateway running?" in second.stderr
     assert "Traceback" not in second.stderr
 
 
 def test_an_image_that_is_not_kept_needs_no_file(tmp_path: Path, state: Path) -> None:
     assert asked(tmp_path, "never", "06 0000 0007") == ["06 00 00 00 07"]
-    assert not (state / FILE_NAME).exists()
+    assert not (state / LOG).exists()
+
+
+def test_values_of_an_earlier_version_are_taken_over(tmp_path: Path, state: Path) -> None:
+    state.mkdir()
+    old = open_table(state / "images.sqlite", old_database._TABLE).database
+    old.write([("shift-data", Area.HOLDING, 0, 7), ("shift-data", Area.HOLDING, 50, 8), ("other", Area.COILS, 3, 1)])
+    old.close()
+    asked(tmp_path, "always", "06 0001 0009", end=signal.SIGKILL)
+    assert {"images.sqlite.old", LOG, "images.snapshot"} <= {file.name for file in state.iterdir()}
+    assert asked(tmp_path, "always", "03 0000 0002", "03 0032 0001") == ["03 04 00 07 00 09", "03 02 00 08"]
+    values = {("shift-data", Area.HOLDING): {0: 7, 1: 9, 50: 8}, ("other", Area.COILS): {3: 1}}
+    opened = open_saved(state)
+    opened.saved.close()
+    assert opened.values == values
 
 
 # --- damage ----------------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A folder with a database of 500 items."""
-    folder = tmp_path / "folder"
-    database = open_database(folder).database
-    database.write(ITEMS)
-    database.close()
-    return folder
+def left_behind(tmp_path: Path, state: Path) -> dict[int, int]:
+    """What a gateway has acknowledged that was killed; its files are in the state folder."""
+    asked(tmp_path, "always", "06 0032 0001", "06 0033 0002")
+    writes = [f"06 {address:04X} {1000 + address:04X}" for address in range(20)]
+    asked(tmp_path, "always", *writes, "06 0000 0007", end=signal.SIGKILL)
+    return {address: 1000 + address for address in range(20)} | {0: 7, 50: 1, 51: 2}
 
 
-def test_a_good_file_is_read_as_it_was_written(folder: Path) -> None:
-    database, items, damage = open_database(folder)
-    database.close()
-    assert (sorted(items), damage) == (ITEMS, "")
+@pytest.mark.parametrize("name", [LOG, "images.snapshot"])
+def test_no_byte_of_a_file_can_change_without_a_word(state: Path, left_behind: dict[int, int], name: str) -> None:
+    """All of those that were written; some of all."""
+    with (state / name).open("r+b", buffering=0) as stream:
+        good = (state / name).read_bytes()
+        assert name != LOG or len(good) == SIZE
+        for at in (*range(0, min(len(good), 22 * 4096), 229), *range(0, len(good), 50_021)):
+            os.pwrite(stream.fileno(), bytes((good[at] ^ 1 << at % 8,)), at)
+            opened = open_saved(state)
+            opened.saved.close()
+            assert opened.values == {("shift-data", Area.HOLDING): left_behind}
+            assert opened.damage
+            os.pwrite(stream.fileno(), good[at : at + 1], at)
 
 
-def spoilt(folder: Path) -> tuple[list[Item], str]:
-    """Open a spoilt file: what could be read, and what was said. A second opening finds all of that, and no damage."""
-    database, items, damage = open_database(folder)
-    database.close()
-    database, again, damage_again = open_database(folder)
-    database.close()
-    assert (sorted(again), damage_again) == (sorted(items), "")
-    return sorted(items), damage
-
-
-def test_a_value_that_has_changed_by_itself_is_not_believed(folder: Path) -> None:
-    with closing(sqlite3.connect(folder / FILE_NAME)) as connection, connection:
-        connection.execute("UPDATE items SET value = 7 WHERE address = 3")
-    items, damage = spoilt(folder)
-    assert items == [item for item in ITEMS if item.address != 3]
-    assert damage.startswith(f"1 values have a wrong checksum; it is now {folder / FILE_NAME}.")
-    assert damage.endswith("; 499 values of it could be read")
-
-
-def test_any_bit_that_turns_is_noticed_or_harmless(folder: Path) -> None:
-    good = (folder / FILE_NAME).read_bytes()
-    for at in range(0, len(good), 97):
-        spoil = bytearray(good)
-        spoil[at] ^= 1 << at % 8
-        _only(folder, bytes(spoil))
-        database, items, damage = open_database(folder)
-        database.close()
-        assert set(items) <= set(ITEMS)
-        assert damage or len(items) == len(ITEMS)
-
-
-@pytest.mark.parametrize("step", [13, pytest.param(1, marks=pytest.mark.search)])
-def test_any_bit_that_turns_in_the_names_of_the_columns_is_noticed_or_harmless(folder: Path, step: int) -> None:
-    """SQLite then says that there is no such column, or tells a name that is no text."""
-    good = (folder / FILE_NAME).read_bytes()
-    begin = good.index(b"CREATE TABLE")
-    for bit in range(8 * begin, 8 * good.index(b"WITHOUT ROWID", begin), step):
-        spoil = bytearray(good)
-        spoil[bit // 8] ^= 1 << bit % 8
-        _only(folder, bytes(spoil))
-        database, items, damage = open_database(folder)
-        database.close()
-        assert set(items) <= set(ITEMS)
-        assert damage or len(items) == len(ITEMS)
-        assert not damage or bytes(spoil) in [path.read_bytes() for path in folder.iterdir()]
-
-
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.7, 0.99])
-def test_a_torn_file_is_set_aside(folder: Path, share: float) -> None:
-    good = (folder / FILE_NAME).read_bytes()
-    torn = good[: int(share * len(good))]
-    _only(folder, torn)
-    items, damage = spoilt(folder)
-    assert set(items) <= set(ITEMS)
-    assert damage
-    assert torn in [path.read_bytes() for path in folder.iterdir()]
-
-
-@pytest.mark.parametrize("content", [b"not a database\n" * 1000, b"\0" * 8192])
-def test_a_foreign_file_is_set_aside(folder: Path, content: bytes) -> None:
-    _only(folder, content)
-    items, damage = spoilt(folder)
-    assert (items, bool(damage)) == ([], True)
-    assert content in [path.read_bytes() for path in folder.iterdir()]
-
-
-def test_a_database_of_another_program_is_set_aside(folder: Path) -> None:
-    (folder / FILE_NAME).unlink()
-    with closing(sqlite3.connect(folder / FILE_NAME)) as connection, connection:
-        connection.execute("CREATE TABLE items (name TEXT)")
-    before = (folder / FILE_NAME).read_bytes()
-    assert spoilt(folder)[1].startswith("it is a database of another program")
-    assert before in [path.read_bytes() for path in folder.iterdir()]
-
-
-def test_a_database_of_another_program_is_set_aside_with_its_log_as_they_are(folder: Path, tmp_path: Path) -> None:
-    """As that program has left them when it was killed: its last transactions are in the log only."""
-    theirs = tmp_path / "theirs.sqlite"
-    with closing(sqlite3.connect(theirs, isolation_level=None)) as connection:
-        connection.executescript("PRAGMA journal_mode = WAL; CREATE TABLE items (name TEXT)")
-        before = [Path(f"{theirs}{part}").read_bytes() for part in ("", "-wal")]
-    _only(folder, before[0])
-    (folder / f"{FILE_NAME}-wal").write_bytes(before[1])
-    assert spoilt(folder)[1].startswith("it is a database of another program")
-    (aside,) = (path for path in folder.iterdir() if path.suffix.removeprefix(".").replace("-", "").isdecimal())
-    assert [Path(f"{aside}{part}").read_bytes() for part in ("", "-wal")] == before
-    with closing(sqlite3.connect(aside)) as connection:
-        assert connection.execute("SELECT count(*) FROM items").fetchone() == (0,)
-
-
-def test_a_file_from_a_later_version_is_left_alone(folder: Path) -> None:
-    with closing(sqlite3.connect(folder / FILE_NAME)) as connection, connection:
-        connection.execute("PRAGMA user_version = 2")
-    with pytest.raises(StateError, match="written by a later version"):
-        open_database(folder)
-    assert [path.name for path in folder.iterdir()] == [FILE_NAME]
-
-
-def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(StateError, match="images that persist need a folder to write in"):
-        open_database(tmp_path / "file" / "state")
-
-
-@pytest.mark.parametrize("code", ["SQLITE_CANTOPEN", "SQLITE_READONLY_DIRECTORY"])
-def test_a_folder_in_which_nothing_can_be_written_is_not_another_gateway(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
-) -> None:
-    """A file system that is mounted for reading only refuses root too."""
-
-    def refuse(*_: object, **__: object) -> None:
-        error = sqlite3.OperationalError("unable to open database file")
-        error.sqlite_errorcode = getattr(sqlite3, code)
-        raise error
-
-    monkeypatch.setattr(sqlite3, "connect", refuse)
-    with pytest.raises(StateError, match="unable to open database file; images that persist need a folder to write in"):
-        open_database(tmp_path)
-
-
-only_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be somebody else")
-
-
-@only_root
-def test_what_root_has_made_in_somebody_elses_folder_can_be_used_by_them(folder: Path) -> None:
-    os.chown(folder, SOMEBODY, SOMEBODY)
-    with closing(open_database(folder).database) as database:
-        database.write(ITEMS)
-        assert {file.stat().st_uid for file in folder.iterdir()} == {SOMEBODY}
-
-
-@only_root
-def test_a_file_of_somebody_else_is_said_to_lack_the_permission() -> None:
-    with TemporaryDirectory() as name:  # that of pytest lets nobody else in
-        folder, file = Path(name), Path(name, FILE_NAME)
-        open_database(folder).database.close()
-        os.chown(folder, SOMEBODY, SOMEBODY)
-        os.seteuid(SOMEBODY)
-        try:
-            with pytest.raises(StateError) as refusal:
-                open_database(folder)
-        finally:
-            os.seteuid(0)
-        advice = f"as root: chown --reference={folder} {file}"
-        assert str(refusal.value) == f"{file}: no permission to read and write it; {advice}"
-
-
-def test_damage_is_told_and_the_rest_serves(tmp_path: Path, state: Path) -> None:
-    asked(tmp_path, "always", "06 0000 0007", "06 0001 0008")
-    with closing(sqlite3.connect(state / FILE_NAME)) as connection, connection:
-        connection.execute("UPDATE items SET value = 9 WHERE address = 0")
+def test_damage_is_told_and_the_rest_serves(tmp_path: Path, state: Path, left_behind: dict[int, int]) -> None:
+    for name in (LOG, "images.snapshot"):
+        content = bytearray((state / name).read_bytes())
+        content[100] ^= 1
+        (state / name).write_bytes(content)
     with GatewayProcess(tmp_path, CONFIG.format(persist="always")) as gateway, closing(Client(gateway)) as client:
-        assert client.ask("03 0000 0002") == "03 04 00 01 00 08"
-        assert StateDamaged.name in [event["event"] for event in gateway.log]
-
-
-def _only(folder: Path, content: bytes) -> None:
-    """Make the database the only file, with this content."""
-    for path in folder.iterdir():
-        path.unlink()
-    (folder / FILE_NAME).write_bytes(content)
+        (damaged,) = (event for event in gateway.log if event["event"] == "state_damaged")
+        assert damaged["file"] == str(state / LOG)
+        assert damaged["damage"].startswith("pages with one damaged copy, of which the other one was used: 2; ")
+        assert damaged["damage"].endswith(f"; {len(left_behind)} values could be read")
+        assert client.ask("03 0000 0002") == "03 04 00 07 03 E9"
+    with GatewayProcess(tmp_path, CONFIG.format(persist="always")) as gateway:
+        assert "state_damaged" not in [event["event"] for event in gateway.log]
 
 
 # --- a full disk -----------------------------------------------------------------------------------
@@ -302,11 +189,11 @@ def _only(folder: Path, content: bytes) -> None:
 
 @pytest.fixture
 def small_disk(state: Path) -> Iterator[Path]:
-    """The state folder on a disk of 256 KiB."""
+    """The state folder on a disk of 1.5 MiB."""
     state.mkdir()
     if (
         os.geteuid()
-        or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", state], check=False).returncode
+        or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1536k", "tmpfs", state], check=False).returncode
     ):
         pytest.skip("only root may mount a small disk")
     yield state
@@ -314,14 +201,15 @@ def small_disk(state: Path) -> Iterator[Path]:
 
 
 def test_a_full_disk_refuses_writes_and_loses_none_that_was_acknowledged(tmp_path: Path, small_disk: Path) -> None:
+    """The log has its place already; when it is full, a snapshot needs more."""
     with GatewayProcess(tmp_path, CONFIG.format(persist="always")) as gateway, closing(Client(gateway)) as client:
         assert client.ask("06 0000 0007") == "06 00 00 00 07"
         ballast = small_disk / "ballast"
         _fill_up(ballast)
-        refused = [client.ask(f"06 0000 {value:04X}") for value in range(8, 108)]
-        acknowledged = [value for value, answer in enumerate(refused, 8) if answer != "86 04"]
-        assert refused[-1] == "86 04"
-        assert client.ask("03 0000 0001") == f"03 02 00 {max([7, *acknowledged]):02X}"
+        answers = [client.ask(f"06 0000 {value:04X}") for value in range(8, 308)]
+        acknowledged = [value for value, answer in enumerate(answers, 8) if answer != "86 04"]
+        assert acknowledged == list(range(8, 8 + 255))
+        assert client.ask("03 0000 0001") == f"03 02 {acknowledged[-1] >> 8:02X} {acknowledged[-1] & 255:02X}"
         ballast.unlink()
         assert client.ask("06 0000 0009") == "06 00 00 00 09"
         gateway.wait_for("state_kept_again")

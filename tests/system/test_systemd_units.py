@@ -26,3 +26,12 @@ def test_systemd_finds_nothing_wrong_with_them(tmp_path: Path) -> None:
 
 def test_the_service_has_hardly_any_rights() -> None:
     assert analyze("security", "--offline=true", "--threshold=18", UNITS / SERVICE).returncode == 0
+
+
+def test_the_service_may_use_more_than_is_promised_but_not_the_whole_machine() -> None:
+    """1000 clients take at most 128 MiB; each line and upstream may need a thread."""
+    rows = (row.partition("=") for row in (UNITS / SERVICE).read_text().splitlines())
+    limits = {key: value for key, _, value in rows}
+    assert limits["MemoryMax"].endswith("M")
+    assert 2 * 128 <= int(limits["MemoryMax"].removesuffix("M")) <= 512
+    assert 256 <= int(limits["TasksMax"]) <= 1024

@@ -1,0 +1,101 @@
+"""The values of persistent images on the disk. All calls block."""
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from gateway.images import old_database
+from gateway.modbus.codes import Area
+from gateway.ports.page_log import PageLog
+
+_NAME: Final = "images"
+#: The file that changes with each write.
+LOG: Final = f"{_NAME}.log"
+#: Neighbours in a record: with the longest name of an image it fits into a page.
+_MOST_IN_A_RECORD: Final = 128
+
+#: Values by image and area, then by address.
+Values = dict[tuple[str, Area], dict[int, int]]
+
+
+def add(to: Values, *more: Values) -> Values:
+    """Add values in place; later ones replace earlier ones."""
+    for each in more:
+        for table, values in each.items():
+            to.setdefault(table, {}).update(values)
+    return to
+
+
+class SavedValues:
+    """The open files. No second process can write them meanwhile."""
+
+    def __init__(self, log: PageLog, old: Path | None) -> None:
+        """`old` is the file of an earlier version with these values."""
+        self._log = log
+        self._old = old
+
+    def write(self, values: Values, kept: Values) -> None:
+        """Write all of the values or none; they are on the disk on return. All earlier ones are `kept`.
+
+        Raises:
+            OSError: they cannot be written.
+            StateError: another process has the files open.
+        """
+        self._log.write(_records(values, {}), lambda: _records(kept, values))
+        if self._old is not None:
+            self._old.rename(f"{self._old}.old")
+            self._old = None
+
+    def close(self) -> None:
+        """Close the files."""
+        self._log.close()
+
+
+class Opened(NamedTuple):
+    """Open files and what they hold. `damage` says what was wrong with them, in words; empty if nothing was."""
+
+    saved: SavedValues
+    values: Values
+    damage: str = ""
+
+
+def open_saved(folder: Path) -> Opened:
+    """Read the values in `folder`; where there are none, those of an earlier version. Nothing is written yet.
+
+    Raises:
+        StateError: another process has them open, or a later version has written them.
+        OSError: they cannot be read.
+    """
+    log = PageLog(folder / _NAME)
+    records, damage = log.open()
+    old = None if records or damage else old_database.find(folder)
+    values: Values = {}
+    if old is None:
+        for record in records:
+            image, area, start, content = json.loads(record)
+            add(values, {(image, Area(area)): dict(enumerate(content, start))})
+        return Opened(SavedValues(log, None), values, damage)
+    for image, area, address, value in old.rows:
+        add(values, {(image, area): {address: value}})
+    return Opened(SavedValues(log, old.file), values, old.damage)
+
+
+def _records(kept: Values, changed: Values) -> Iterator[bytes]:
+    """A record for each run of neighbours: `["shift-data","holding",5,[7,8,9]]` for the values from address 5 on."""
+    for image, area in sorted(kept.keys() | changed.keys()):
+        values = kept.get((image, area), {}) | changed.get((image, area), {})
+        for run in _runs(sorted(values)):
+            content = [image, area, run[0], [values[address] for address in run]]
+            yield json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+def _runs(addresses: Iterable[int]) -> Iterator[list[int]]:
+    run: list[int] = []
+    for address in addresses:
+        if run and (address != run[-1] + 1 or len(run) == _MOST_IN_A_RECORD):
+            yield run
+            run = []
+        run.append(address)
+    if run:
+        yield run

@@ -1,0 +1,75 @@
+"""What is wrong with the files of the state folder: the events tell of each file, and the folder is looked at."""
+
+import asyncio
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from gateway.events import Emit, Event, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.ports.threads import ThreadPerCall
+
+#: How often the folder is looked at, in seconds: when the system finds errors on a disk, it may stop all writing there.
+LOOK_EVERY: Final = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class StateFileStatus:
+    """A file of the state folder, or the folder, that cannot be written; or a file that was damaged at the start."""
+
+    file: str
+    state: Literal["not written", "damaged"]
+    reason: str
+
+
+class StateTroubles:
+    """Notes the troubles that events tell of, and hands all events on to `emit`."""
+
+    def __init__(self, folder: Path, emit: Emit) -> None:
+        self._folder = folder
+        self._emit = emit
+        self._not_written: dict[str, str] = {}
+        self._damaged: dict[str, str] = {}
+
+    def emit(self, event: Event) -> None:
+        """Hand on an event, from any thread."""
+        match event:
+            case StateNotKept():
+                self._not_written[event.file] = event.reason
+            case StateKeptAgain():
+                self._not_written.pop(event.file, None)
+            case StateDamaged():
+                self._damaged[event.file] = event.damage
+        self._emit(event)
+
+    def status(self) -> tuple[StateFileStatus, ...]:
+        """All troubles; none if all is well."""
+        return (
+            *(StateFileStatus(file, "not written", reason) for file, reason in sorted(self._not_written.items())),
+            *(StateFileStatus(file, "damaged", reason) for file, reason in sorted(self._damaged.items())),
+        )
+
+    def look(self) -> None:
+        """Tell if the folder cannot be written, or can be again. Blocks."""
+        folder, reason = str(self._folder), why_not_writable(self._folder)
+        if reason and folder not in self._not_written:
+            self.emit(StateNotKept(folder, reason))
+        elif not reason and folder in self._not_written:
+            self.emit(StateKeptAgain(folder))
+
+    async def keep_looking(self) -> None:
+        """Look again and again, until cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(LOOK_EVERY)
+            await loop.run_in_executor(ThreadPerCall("look at state folder"), self.look)
+
+
+def why_not_writable(folder: Path) -> str:
+    """Say why no file can be made in `folder`, which need not exist yet; empty if one can."""
+    there = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+    if not there.is_dir():
+        return f"{there} is no folder"
+    if os.statvfs(there).f_flag & os.ST_RDONLY:
+        return "Read-only file system"
+    return "" if os.access(there, os.W_OK | os.X_OK, effective_ids=True) else f"no permission to write in {there}"
