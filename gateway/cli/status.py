@@ -239,7 +239,7 @@ def _down_for(broker: Mapping[str, Any]) -> str:
 
 
 def _broker_reason(broker: Mapping[str, Any]) -> str:
-    reason: str = broker["reason"] or broker["unsteady"]
+    reason: str = broker["reason"] or broker.get("unsteady", "")
     return reason
 
 
@@ -286,7 +286,7 @@ _SITES: Final[Mapping[str, _Column]] = {
 
 #: The tables: heading, section of the status, and columns.
 _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
-    ("State folder", "state_files", {"FILE": "file", "STATE": "state", "REASON": "reason"}),
+    ("State directory", "state_files", {"FILE": "file", "STATE": "state", "REASON": "reason"}),
     (
         "Lines (busy and requests/s: of the last minute)",
         "lines",

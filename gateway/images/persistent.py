@@ -39,7 +39,7 @@ class ValueStore(Protocol):
 
     @property
     def is_open(self) -> bool:
-        """Whether it is known what was saved."""
+        """True once it is known what was saved."""
 
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
         """The present values of `image`; what could not be saved is undone before `Done` is called."""
@@ -85,7 +85,7 @@ class PersistentImage(Image):
         self._has_started = False
 
     def start(self) -> None:
-        """Load the present values, if the store has them; called when requests are first routed here, and again."""
+        """Load the present values, unless that was done or they cannot be read; called whenever routes have changed."""
         if not self._has_started and self._store.is_open:
             self._has_started = True
             self._take_over()

@@ -55,7 +55,7 @@ class Store:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is known what was saved."""
+        """True once it is known what was saved."""
         return self._saved is not None
 
     def open(self) -> None:

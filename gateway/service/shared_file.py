@@ -1,7 +1,7 @@
 """A JSON file in the state folder that several gateways may share: each changes only its own entries.
 
 A change that cannot be written is tried again until it succeeds. A damaged file is moved aside, and what can be read of
-it is used.
+it is used. Each entry has a checksum, beside them all: an address with a flipped bit would be that of another device.
 """
 
 import json
@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from threading import Condition, Thread
 from typing import Any, Final, NamedTuple
+from zlib import crc32
 
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.ports import state_files
@@ -25,6 +26,8 @@ CLOSING_DEADLINE: Final = 1.0
 FIRST_PAUSE: Final = 1.0
 LONGEST_PAUSE: Final = 60.0
 _LOCK_STEP: Final = 0.02
+#: The key of the checksums by the keys of the entries. Earlier versions wrote none.
+_SUMS: Final = "check sums"
 #: A larger file counts as damaged, in bytes.
 _LARGEST: Final = 1 << 20
 
@@ -154,7 +157,8 @@ class SharedFile:
             self._move_aside(content)
             entries = self._entries | entries
         self._entries = {key: entry for key, entry in (entries | changes).items() if entry is not None}
-        state_files.replace(self.file, f"{json.dumps(self._entries, indent=2)}\n".encode())
+        sums = {_SUMS: {key: _check_sum(key, entry) for key, entry in self._entries.items()}} if self._entries else {}
+        state_files.replace(self.file, f"{json.dumps(self._entries | sums, indent=2)}\n".encode())
 
     def _move_aside(self, content: Content) -> None:
         aside = self.file.with_name(f"{self.file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S-%f}")
@@ -180,17 +184,33 @@ def read_content(file: Path, is_entry: IsEntry) -> Content:
         OSError: it cannot be read.
     """
     try:
-        entries = json.loads(state_files.read(file, _LARGEST))
+        entries = json.loads(state_files.read(file, _LARGEST), object_pairs_hook=_without_doubles)
     except FileNotFoundError:
         return Content({})
     except (ValueError, RecursionError) as error:
         return Content({}, f"it is not valid JSON ({error})")
     if not isinstance(entries, dict):
         return Content({}, "it is not a file of this gateway")
-    sound = {key: entry for key, entry in entries.items() if is_entry(entry)}
+    sums = entries.pop(_SUMS, None)
+    sound = {
+        key: entry
+        for key, entry in entries.items()
+        if is_entry(entry) and (sums is None or (isinstance(sums, dict) and sums.get(key) == _check_sum(key, entry)))
+    }
     if len(sound) < len(entries):
         return Content(sound, f"{len(entries) - len(sound)} of {len(entries)} entries are not valid")
     return Content(sound)
+
+
+def _check_sum(key: str, entry: object) -> int:
+    return crc32(json.dumps([key, entry], sort_keys=True).encode())
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> Entries:
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
+        raise ValueError("a key occurs twice")
+    return entries
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """Files in the state folder that several gateways may share: who changes what, and who waits for how long."""
 
 import fcntl
+import json
 import os
 import threading
 import time
@@ -187,3 +188,40 @@ def test_a_pipe_in_place_of_a_file_holds_nothing_up(shared, told, name) -> None:
     shared.change("a", 1)
     shared.close()
     assert told
+
+
+def test_any_bit_that_turns_is_told_or_harmless(tmp_path) -> None:
+    """Keys that differ in one bit only, too."""
+    file = tmp_path / "entries.json"
+    entries = {f"/dev/ttyS1 silo-{number}": {"configured": number, "now": 5.25} for number in (1, 3, 5)}
+
+    def is_entry(entry: object) -> bool:
+        return isinstance(entry, dict) and entry.keys() == {"configured", "now"}
+
+    shared = SharedFile(file, is_entry, lambda event: None)
+    for key, entry in entries.items():
+        shared.change(key, entry)
+    shared.close()
+    good = file.read_bytes()
+    for at in range(8 * len(good)):
+        file.write_bytes(good[: at // 8] + bytes((good[at // 8] ^ 1 << at % 8,)) + good[at // 8 + 1 :])
+        content = shared_file.read_content(file, is_entry)
+        assert content.damage or content.entries == entries
+        assert content.entries.items() <= entries.items()
+
+
+def test_a_file_of_an_earlier_version_has_no_checksums(tmp_path) -> None:
+    file = tmp_path / "entries.json"
+    file.write_text('{"a": 1}')
+    assert shared_file.read_content(file, lambda entry: entry == 1) == shared_file.Content({"a": 1})
+
+
+def test_an_entry_may_be_taken_out_by_hand(shared, told) -> None:
+    shared.change("a", 1)
+    shared.change("b", 2)
+    shared.close()
+    content = json.loads(shared.file.read_text())
+    del content["a"]
+    shared.file.write_text(json.dumps(content))
+    assert shared.read() == {"b": 2}
+    assert told == []
