@@ -3,6 +3,7 @@
 import asyncio
 import json
 from dataclasses import asdict, astuple, replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -312,7 +313,8 @@ async def test_lines_work_while_the_status_of_many_units_is_made(monkeypatch):
     monkeypatch.setattr("gateway.service.slices._SLICE", 0.0)
     units = ", ".join(f"{{ unit = {unit} }}" for unit in range(1, 101))
     async with gateway_bench(f'[[line]]\nname = "hall"\nport = "/dev/hall"\ndevices = [{units}]') as bench:
-        making, turns = asyncio.create_task(status_in_slices(bench.running)), 0
+        running = SimpleNamespace(gateway=bench.gateway, recent=bench.recent, page="", troubles=None)
+        making, turns = asyncio.create_task(status_in_slices(running)), 0
         while not making.done():
             await asyncio.sleep(0)
             turns += 1
