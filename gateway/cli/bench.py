@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from gateway.cli.columns import align
-from gateway.cli.daemon import Conversation, add_control_argument
+from gateway.cli.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.usage import parsed_by
 from gateway.config.duration import parse_duration, show_duration
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         DaemonError: no gateway answers, or it cannot read there.
     """
     unit = int(args.unit) if args.unit is not None and args.unit.isdecimal() else args.unit
-    with Conversation(args.control) as daemon:
+    with Conversation(which_gateway(args)) as daemon:
         daemon.wait_for(args.seconds + _SLACK)
         question = {"line": args.line, "seconds": args.seconds, "unit": unit, "items": args.items, "address": args.at}
         result = daemon.ask("bench", **question).get("bench")

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from gateway.cli.active_calibration import ask_actively, parse_registers
 from gateway.cli.columns import align
-from gateway.cli.daemon import Conversation, add_control_argument
+from gateway.cli.daemon import Conversation, add_control_argument, tell_way, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.measured_profile import profile_text
 from gateway.cli.terminal import unescaped
@@ -80,11 +80,13 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     if args.write and not args.active:
         raise WrongUsageError("--write is for --active", "add --active, or leave out --write")
-    with Conversation(args.control) as daemon:
+    with Conversation(which_gateway(args)) as daemon:
         unit = DaemonUnit(daemon, args.device)
         source = Source(daemon, unit.number)
         if args.active or args.seconds is not None:
             source.forget()
+        if args.write:
+            tell_way(unit.way)
         if args.active:
             for trouble in ask_actively(unit, args.write, args.seconds):
                 source.look()

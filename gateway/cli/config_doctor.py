@@ -1,11 +1,10 @@
-"""What `doctor` finds without asking a gateway: in the config file, and of the ports that it names."""
+"""What `doctor` finds without a gateway: in the config file, and of the ports that it names."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from gateway.cli.daemon import Conversation
 from gateway.config.load import load
 from gateway.config.plan import Plan
 from gateway.config.problem import Problem, did_you_mean
@@ -14,7 +13,6 @@ from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding, Level
 from gateway.errors import DaemonError
 from gateway.ports.port import SerialSettings
-from gateway.service.control_path import control_path
 from gateway.service.outside import findings_about
 
 _LEVELS: Final[Mapping[str, Level]] = {"error": "fix", "warning": "note"}
@@ -34,26 +32,12 @@ def look_at_config(file: Path, line: str | None) -> list[Finding]:
         return findings
     if not findings:
         findings = [Finding("ok", str(file), "the config is valid")]
-    plan = resolve(loaded.config)
-    pid = _gateway_with(plan, file)
-    if pid is not None:
-        what = f"a gateway is running (process {pid}): without --config, doctor uses what it has measured"
-        findings.append(Finding("note", "gateway", what))
-    return [*findings, *findings_about(_ports(plan, line), pid)]
+    return [*findings, *findings_about(_ports(resolve(loaded.config), line), None)]
 
 
 def _told(problem: Problem) -> str:
     """The problem without the file, which the row names."""
     return str(replace(problem, remedy="")).removeprefix(problem.file).removeprefix(":").lstrip()
-
-
-def _gateway_with(plan: Plan, file: Path) -> int | None:
-    """The process of the gateway that runs with the socket of this config, if any."""
-    try:
-        with Conversation(plan.control or str(control_path(file))) as daemon:
-            return daemon.pid
-    except DaemonError:
-        return None
 
 
 def _ports(plan: Plan, line: str | None) -> list[PortInUse]:

@@ -2,10 +2,12 @@
 
 import argparse
 import json
+import os
 import socket
 import struct
 import sys
 import tomllib
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -13,8 +15,12 @@ from typing import Any, Final, Self
 
 from gateway import __version__
 from gateway.cli.main import DEFAULT_CONFIG
+from gateway.config.file_text import UnreadableFile, read_file_text
 from gateway.errors import DaemonError
 from gateway.service.control_path import SYSTEM_SOCKET, control_path
+
+#: The environment variable that names the control socket.
+CONTROL_VARIABLE: Final = "MODBUS_GATEWAY_CONTROL"
 
 #: How long the gateway may take to answer, in seconds. A reload may need 60 to read the file, 15 to look up names, 3
 #: for requests in progress, and 1.5 to close ports.
@@ -28,20 +34,71 @@ NOT_UNDERSTOOD: Final = (LookupError, TypeError, ValueError, AttributeError, Ari
 
 
 def add_control_argument(parser: argparse.ArgumentParser) -> None:
-    """Add `--control`."""
-    parser.add_argument(
-        "--control", metavar="PATH", help=f"the gateway's control socket (default: as {DEFAULT_CONFIG} says)"
-    )
+    """Add `--control` and `--config`, by which the user says which gateway is meant."""
+    usual = f"${CONTROL_VARIABLE}, else {SYSTEM_SOCKET}; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock"
+    add = parser.add_argument
+    add("--control", metavar="PATH", help=f"control socket of the gateway that is meant (default: {usual})")
+    add("--config", metavar="FILE", help="config of the gateway that is meant, which says where its control socket is")
 
 
-def ask(verb: str, control: str | None) -> dict[str, Any]:
+def which_gateway(args: argparse.Namespace, environment: Mapping[str, str] = os.environ) -> Path:
+    """The control socket of the gateway that is meant. No other one is asked, whether this one answers or not.
+
+    Raises:
+        DaemonError: the config that should name it cannot be read.
+    """
+    if args.control:
+        return Path(args.control)
+    if args.config:
+        return _socket_in(Path(args.config), environment)
+    return usual_socket(environment)
+
+
+def usual_socket(environment: Mapping[str, str] = os.environ) -> Path:
+    """The control socket of the gateway that is meant where nobody has named one."""
+    return Path(environment.get(CONTROL_VARIABLE) or control_path(Path(DEFAULT_CONFIG), environment))
+
+
+def _socket_in(file: Path, environment: Mapping[str, str]) -> Path:
+    """Where the gateway with this config has its socket. A file that is no TOML may be one that `reload` rejects."""
+    try:
+        text = read_file_text(file)
+        config = _tables(text)
+    except (UnreadableFile, ValueError, RecursionError) as wrong:
+        raise DaemonError(f"{file}: {wrong}; --control PATH says where the gateway's socket is") from None
+    match config:
+        case {"control": {"socket": str(path)}}:
+            return file.absolute().parent / path
+    return control_path(file, environment)
+
+
+def _tables(text: str) -> Mapping[str, Any]:
+    """The tables of a config; none if it is no TOML, but names no socket for sure.
+
+    Raises:
+        ValueError, RecursionError: it is no TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError):
+        if "control" in text:
+            raise
+        return {}
+
+
+def ask(verb: str, gateway: Path) -> dict[str, Any]:
     """The gateway's answer to one request. A gateway of another version is reported on standard error.
 
     Raises:
         DaemonError: it does not answer, or refuses the request.
     """
-    with Conversation(control) as daemon:
+    with Conversation(gateway) as daemon:
         return daemon.ask(verb)
+
+
+def tell_way(way: Path | str) -> None:
+    """Say through which control socket, port or server something is changed, beside the output for programs."""
+    print(f"through {way}", file=sys.stderr)
 
 
 class Conversation:
@@ -54,8 +111,9 @@ class Conversation:
         DaemonError: no gateway can be reached, or it does not answer, or refuses a request.
     """
 
-    def __init__(self, control: str | None) -> None:
-        self._sock = _connect(control)
+    def __init__(self, gateway: Path) -> None:
+        self.gateway = gateway
+        self._sock = _connect(gateway)
         self._stream = self._sock.makefile("rb")
         self._patience = _PATIENCE
         self._is_first = True
@@ -135,38 +193,28 @@ def _compare_versions(daemon: object) -> None:
         print(f"versions differ: the gateway has {daemon}, this command {__version__}: {remedy}", file=sys.stderr)
 
 
-def _connect(control: str | None) -> socket.socket:
-    """A connection to the first gateway that answers."""
-    reasons: list[str] = []
-    forbidden: list[Path] = []
-    paths = [Path(control)] if control else [*_read_config(reasons), control_path(Path("gateway.toml")), SYSTEM_SOCKET]
-    for path in dict.fromkeys(paths):
-        sock = socket.socket(socket.AF_UNIX)
-        sock.settimeout(_PATIENCE)
-        try:
-            sock.connect(str(path))
-        except OSError as error:
-            sock.close()
-            if isinstance(error, PermissionError):
-                forbidden.append(path)
-            reasons.append(f"{path}: {error.strerror or error}")
-        else:
-            return sock
-    if forbidden:
-        raise DaemonError(f"only root, the gateway's user and its group may use {forbidden[0]}: use sudo")
-    raise DaemonError(f"no running gateway found ({'; '.join(reasons)}); --control PATH says where its socket is")
+def _connect(path: Path) -> socket.socket:
+    """A connection to the gateway at this socket.
 
-
-def _read_config(reasons: list[str]) -> list[Path]:
-    """The socket in the service's config, if set. Why the config cannot be read is added to `reasons`."""
+    Raises:
+        DaemonError: it does not answer there.
+    """
+    sock = socket.socket(socket.AF_UNIX)
+    sock.settimeout(_PATIENCE)
     try:
-        config = tomllib.loads(Path(DEFAULT_CONFIG).read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        return []
-    except (OSError, ValueError, RecursionError) as error:
-        reasons.append(f"{DEFAULT_CONFIG}: cannot be read: {error}")
-        return []
-    match config:
-        case {"control": {"socket": str(path)}}:
-            return [Path(path)]
-    return []
+        sock.connect(str(path))
+    except OSError as error:
+        sock.close()
+        raise DaemonError(_why_not(path, error)) from error
+    return sock
+
+
+def _why_not(path: Path, error: OSError) -> str:
+    """Why no gateway answers at a socket, and how another one is named."""
+    if isinstance(error, PermissionError):
+        remedy = "use sudo" if path == SYSTEM_SOCKET else f"use sudo, with --control {path}"
+        return f"only root, the gateway's user and its group may use {path}: {remedy}"
+    others = "--control PATH or --config FILE names another one"
+    if path != SYSTEM_SOCKET and SYSTEM_SOCKET.exists():
+        others = f"that of the service is named by --control {SYSTEM_SOCKET}"
+    return f"no running gateway found ({path}: {error.strerror or error}); {others}"

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
+from gateway.cli.daemon import usual_socket
 from gateway.cli.demo_script import CHAPTERS, FIRST_QUESTION, IMAGE, LINES, LIVE_LINE, PANEL, PANEL_LINE, DemoLine
 from gateway.cli.demo_stage import Stage
 from gateway.cli.demo_tls import PORT as TLS_PORT
@@ -30,7 +31,6 @@ from gateway.ports.kinds import opener
 from gateway.service.build import Gateway, build
 from gateway.service.config_reader import read_here
 from gateway.service.control import Verbs, control_open
-from gateway.service.control_path import control_path
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
 from gateway.service.state import Memory
@@ -192,7 +192,7 @@ def _can_serve_pages() -> bool:
 
 def _control(folder: Path) -> Path:
     """The control socket: the default path, unless another gateway uses it."""
-    usual = control_path(Path("gateway.toml"))
+    usual = usual_socket()
     with socket.socket(socket.AF_UNIX) as probe:
         try:
             probe.connect(str(usual))

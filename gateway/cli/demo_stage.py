@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
+from gateway.cli.daemon import usual_socket
 from gateway.cli.demo_script import DemoRequest, reading
 from gateway.config.plan import Plan
 from gateway.lines.line import Line
@@ -17,7 +18,6 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.frame import Frame
 from gateway.service.build import Gateway
-from gateway.service.control_path import control_path
 from gateway.simulator.panel import Panel
 
 #: How long a response may take, in seconds: longer than any limit of the demo.
@@ -153,7 +153,7 @@ class Stage:
         port = self.address.rsplit(":", 1)[1]
         mbpoll = f"mbpoll -p {port}"
         self._is_over = True
-        usual = control == control_path(Path("gateway.toml"))
+        usual = control == usual_socket()
         command = "./deploy/go" if (Path.cwd() / "deploy" / "go").exists() else "modbus-gateway"
         at = "" if usual else f" --control {control}"
         if self._page:

@@ -3,6 +3,7 @@
 import socket
 import time
 from contextlib import suppress
+from pathlib import Path
 from select import select
 from typing import Final
 
@@ -12,22 +13,26 @@ from gateway.config.plan import NETWORK_LATENCY
 from gateway.config.port import parse_port
 from gateway.errors import DaemonError, PortError
 from gateway.ports.tcp import CLOSED_AT_ONCE, READ_SIZE
+from gateway.service.control_path import SYSTEM_SOCKET
 
-_TAKEN: Final = "{port} is the port of line {line} of the running gateway\n  help: leave out --port to go through it"
+_TAKEN: Final = (
+    "{port} is the port of line {line} of the running gateway ({gateway})\n  help: leave out --port to go through it"
+)
 
 
-def refuse_port_of_gateway(port: Address, control: str | None) -> None:
-    """Refuse a device server that the running gateway asks, if there is one: two clients get each other's responses.
+def refuse_port_of_gateway(port: Address, gateway: Path) -> None:
+    """Refuse a device server that this gateway or that of the system asks: two clients get each other's responses.
 
     Raises:
         PortError: it is the port of a line.
     """
-    with suppress(DaemonError), Conversation(control) as daemon:  # no gateway that answers, no line of it
-        status = daemon.ask("status")["status"]
-        for line in (*status["lines"], *status["servers"]):
-            taken = parse_port(line["port"])
-            if isinstance(taken, Address) and taken.collides_with(port):
-                raise PortError(_TAKEN.format(port=port, line=line["name"]))
+    for each in {gateway, SYSTEM_SOCKET}:
+        with suppress(DaemonError), Conversation(each) as daemon:  # no gateway that answers, no line of it
+            status = daemon.ask("status")["status"]
+            for line in (*status["lines"], *status["servers"]):
+                taken = parse_port(line["port"])
+                if isinstance(taken, Address) and taken.collides_with(port):
+                    raise PortError(_TAKEN.format(port=port, line=line["name"], gateway=each))
 
 
 def settle(connection: socket.socket, port: str) -> None:

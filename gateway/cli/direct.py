@@ -14,6 +14,7 @@ from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.pdu import DecodePDU
 
+from gateway.cli.daemon import which_gateway
 from gateway.cli.device_server import refuse_port_of_gateway, settle
 from gateway.cli.unit import Answer, NoResponseError
 from gateway.cli.usage import WrongUsageError
@@ -51,6 +52,7 @@ class DirectUnit:
     def __init__(self, client: _Client, number: int, points: tuple[Point, ...], place: "_Place") -> None:
         self.number = number
         self.points = points
+        self.way = place.way
         self.functions = place.functions
         self.limits = place.limits
         self._client = client
@@ -87,6 +89,7 @@ class _Place:
     """Where the unit is, and its profile. `frames` are the last ones sent (True) and received (False)."""
 
     def __init__(self, args: argparse.Namespace) -> None:
+        self.way: str = args.tcp or args.port
         self.frames: dict[bool, bytes] = {}
         self.functions: frozenset[int] | None = None
         self.limits: Mapping[int, int] = {}
@@ -176,7 +179,7 @@ def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack)
     except WrongValue as wrong:
         raise WrongUsageError(str(wrong), wrong.remedy) from wrong
     if isinstance(port, Address):
-        refuse_port_of_gateway(port, args.control)
+        refuse_port_of_gateway(port, which_gateway(args))
         return _socket_client(port, _FRAMERS[DEVICE_SERVER_MODES[port.scheme]], place, open_parts)
     if not fits_mode(format_, place.mode):
         raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
+from gateway.cli.daemon import which_gateway
 from gateway.cli.device_server import refuse_port_of_gateway
 from gateway.cli.usage import WrongUsageError
 from gateway.config.address import Address
@@ -88,7 +89,7 @@ def _plan(args: argparse.Namespace) -> LinePlan:
     if isinstance(port, Address):
         if args.all_speeds:
             raise WrongUsageError("the rate of a port behind a device server is set there", "leave out --all-speeds")
-        refuse_port_of_gateway(port, args.control)
+        refuse_port_of_gateway(port, which_gateway(args))
         settings = TcpSettings(str(port), port.host, port.port, NETWORK_LATENCY)
     else:
         settings = SerialSettings(port, args.baud, format_)

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import shutil
 import sys
 import textwrap
@@ -10,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.cli.daemon import Conversation, add_control_argument
+from gateway.cli.daemon import CONTROL_VARIABLE, Conversation, add_control_argument, which_gateway
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.report_arguments import add_report_arguments
 from gateway.diagnosis.evidence import PortInUse
@@ -28,7 +29,8 @@ examples:
   modbus-gateway doctor hall-a           look at one line
   modbus-gateway doctor --passive        send nothing on any line
   modbus-gateway doctor --config gateway.toml
-                                         no gateway is running: what can be seen without one
+                                         the gateway with this config; if it does not run,
+                                         what can be seen without it
   modbus-gateway doctor --hardware-report /dev/ttyUSB0 --unit 1 --baud 9600
                                          what an adapter does, for a report
 
@@ -48,9 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("line", nargs="?", metavar="LINE", help="the name of a line (default: all)")
     parser.add_argument("--passive", action="store_true", help="send nothing: use what the gateway has measured")
-    parser.add_argument(
-        "--config", metavar="FILE", help=f"the config to check if no gateway runs (default {DEFAULT_CONFIG})"
-    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     add_control_argument(parser)
     add_report_arguments(parser)
@@ -88,15 +87,11 @@ def _row(finding: Finding, width: int) -> list[str]:
 
 def _findings(args: argparse.Namespace) -> list[Finding]:
     try:
-        daemon = None if args.config and not args.control else Conversation(args.control)
+        daemon = Conversation(which_gateway(args))
     except DaemonError as error:
-        if args.control:
+        if args.control or (CONTROL_VARIABLE in os.environ and not args.config):
             raise
-        is_installed = Path(DEFAULT_CONFIG).exists()
-        found = _in_config(DEFAULT_CONFIG, args.line) if is_installed else []
-        return [_without_daemon(str(error), is_installed=is_installed), *found]
-    if daemon is None:
-        return _in_config(args.config, args.line)
+        return [_without_daemon(str(error), args.config), *_in_config(args)]
     with daemon:
         if not args.passive and not args.json and sys.stderr.isatty():
             print("The gateway may ask units now, which can take a minute; --passive sends nothing.", file=sys.stderr)
@@ -107,10 +102,13 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
         return with_ports(findings_about(ports, daemon.pid), measured)
 
 
-def _in_config(file: str, line: str | None) -> list[Finding]:
+def _in_config(args: argparse.Namespace) -> list[Finding]:
+    """What the config says whose gateway does not answer: the one that is named, or that of the service, if any."""
+    if not args.config and not Path(DEFAULT_CONFIG).exists():
+        return []
     from gateway.cli.config_doctor import look_at_config  # noqa: PLC0415 - only here a config is read
 
-    return look_at_config(Path(file), line)
+    return look_at_config(Path(args.config or DEFAULT_CONFIG), args.line)
 
 
 def _port(row: Mapping[str, Any]) -> PortInUse:
@@ -130,9 +128,11 @@ def _finding(row: Mapping[str, Any]) -> Finding:
     )
 
 
-def _without_daemon(why: str, *, is_installed: bool) -> Finding:
-    if is_installed:
-        what = f"{why}; only what can be seen without one was looked at"
+def _without_daemon(why: str, config: str | None) -> Finding:
+    what = f"{why}; only what can be seen without one was looked at"
+    if config:
+        return Finding("note", "gateway", what, f"modbus-gateway run {config}")
+    if Path(DEFAULT_CONFIG).exists():
         return Finding("note", "gateway", what, "systemctl start modbus-gateway")
     remedy = "start it: modbus-gateway run FILE; or look at its config: modbus-gateway doctor --config FILE"
     return Finding("fix", "gateway", why, remedy)

@@ -67,7 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace) -> int:
     try:
         code: int = module_of(args.verb).run(args)
-        print(end="", flush=True)
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except GatewayError as error:
         print("\n  note: ".join([f"modbus-gateway: error: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
         return PROBLEM_FOUND

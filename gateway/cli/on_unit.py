@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Literal
 
-from gateway.cli.daemon import Conversation
+from gateway.cli.daemon import Conversation, which_gateway
 from gateway.cli.mbpoll import refuse_habits
 from gateway.cli.unit import DaemonUnit, Unit
 from gateway.cli.usage import WrongUsageError, tell_wrong_usage
@@ -48,6 +48,8 @@ def _open_unit(wanted: str, args: argparse.Namespace) -> Iterator[Unit]:
     """
     if args.port and args.tcp:
         raise WrongUsageError("--port and --tcp are two ways to the unit", "leave one of them out")
+    if args.tcp and (args.control or args.config):
+        raise WrongUsageError("--tcp asks a server, not a gateway's control socket", "leave out --control and --config")
     if args.port or args.tcp:
         from gateway.cli.direct import open_directly  # noqa: PLC0415 - pymodbus takes a quarter of a second
 
@@ -56,5 +58,5 @@ def _open_unit(wanted: str, args: argparse.Namespace) -> Iterator[Unit]:
         return
     if args.profile:
         raise WrongUsageError("--profile is for --port and --tcp; the gateway knows what its units are", "leave it out")
-    with Conversation(args.control) as daemon:
+    with Conversation(which_gateway(args)) as daemon:
         yield DaemonUnit(daemon, wanted)

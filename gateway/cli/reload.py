@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import Any
 
-from gateway.cli.daemon import UNKNOWN, add_control_argument, ask
+from gateway.cli.daemon import UNKNOWN, Conversation, add_control_argument, tell_way, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
 
 _CHANGES = {
@@ -27,7 +27,9 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         DaemonError: no gateway answers.
     """
-    answer = ask("reload", args.control)
+    with Conversation(which_gateway(args)) as daemon:
+        tell_way(daemon.gateway)
+        answer = {**daemon.ask("reload"), "through": str(daemon.gateway)}
     if args.json:
         print(json.dumps(answer, indent=2, ensure_ascii=False))
     else:

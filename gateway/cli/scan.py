@@ -9,7 +9,7 @@ from time import monotonic
 from typing import Any, Final
 
 from gateway.cli.columns import align
-from gateway.cli.daemon import Conversation, add_control_argument
+from gateway.cli.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.terminal import unescaped
 from gateway.cli.usage import (
@@ -103,7 +103,7 @@ def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: "_Progress") -
     if not args.words or len(args.words) > 2:
         raise WrongUsageError("which line?", "modbus-gateway scan LINE [UNITS], or --port for a port without a gateway")
     line, *units = args.words
-    daemon = parts.enter_context(Conversation(args.control))
+    daemon = parts.enter_context(Conversation(which_gateway(args)))
     wanted = _units(units)
     daemon.wait_for(_LONGEST_SILENCE)
     answer = daemon.ask("scan", line=line, units=wanted, limit_s=args.timeout, all_speeds=args.all_speeds)

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from gateway.cli.advice import ADVICE, count_failed, count_ok
 from gateway.cli.columns import align, narrow
-from gateway.cli.daemon import NOT_UNDERSTOOD, UNKNOWN, add_control_argument, ask
+from gateway.cli.daemon import NOT_UNDERSTOOD, UNKNOWN, add_control_argument, ask, which_gateway
 from gateway.cli.main import FINE
 from gateway.cli.terminal import unescaped
 from gateway.config.duration import show_age, show_duration
@@ -69,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _ask(args: argparse.Namespace) -> Mapping[str, Any]:
     """The status, or that of all sites."""
-    status = ask("fleet", args.control) if args.fleet else ask("status", args.control).get("status")
+    gateway = which_gateway(args)
+    status = ask("fleet", gateway) if args.fleet else ask("status", gateway).get("status")
     if not isinstance(status, dict):
         raise DaemonError("the gateway's answer has no status in it")
     return {"sites": status.get("sites")} if args.fleet else status

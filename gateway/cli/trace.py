@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from gateway import __version__
-from gateway.cli.daemon import Conversation, add_control_argument
+from gateway.cli.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.trace_rows import rows
 from gateway.cli.usage import WrongUsageError, count, let_options_stand_anywhere, parsed_by, tell_wrong_usage
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         _refuse_what_does_not_fit(args)
     except WrongUsageError as wrong:
         return tell_wrong_usage(wrong)
-    with Conversation(args.control) as daemon:
+    with Conversation(which_gateway(args)) as daemon:
         if args.why is not None:
             return _tell_why(daemon, args)
         if args.pcapng is not None:

@@ -67,11 +67,13 @@ class Answer:
 class Unit(Protocol):
     """A unit that can be read and written. `number` is its unit ID for clients; `name` is empty if it is not known.
 
-    `functions` is None for all or unknown; `limits` is the most items for a function.
+    `way` is the control socket, port or server through which it is asked. `functions` is None for all or unknown;
+    `limits` is the most items for a function.
     """
 
     number: int
     name: str
+    way: str
     points: tuple[Point, ...]
     functions: frozenset[int] | None
     limits: Mapping[int, int]
@@ -111,6 +113,7 @@ class DaemonUnit:
         functions = unit.get("functions")
         self.number: int = unit["unit"]
         self.name: str = unit.get("name", "")
+        self.way = str(daemon.gateway)
         self.functions = None if functions is None else frozenset(functions)
         self.areas = {Area(area): ranges for area, ranges in unit.get("areas", {}).items()}
         self.limits: Mapping[int, int] = {int(function): most for function, most in unit.get("limits", {}).items()}

@@ -11,6 +11,7 @@ from typing import Final
 from gateway.cli.columns import align
 from gateway.cli.main import DEFAULT_CONFIG, FINE
 from gateway.cli.usage import WrongUsageError, tell_wrong_usage
+from gateway.config.file_text import UnreadableFile, read_file_text
 from gateway.config.problem import did_you_mean
 from gateway.errors import UsersError
 from gateway.web.users import ROLES, User, changing_users, hashed, is_user_name, password_trouble, read_users
@@ -127,11 +128,12 @@ def _new_password(name: str) -> str:
 
 def _file_of_config() -> str:
     """The file that the service's config names; empty if it names none."""
+    file = Path(DEFAULT_CONFIG)
     try:
-        config = tomllib.loads(Path(DEFAULT_CONFIG).read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError):
+        config = tomllib.loads(read_file_text(file))
+    except (UnreadableFile, ValueError):
         return ""
     match config:
         case {"web": {"users": str(path)}}:
-            return path
+            return str(file.parent / path)
     return ""

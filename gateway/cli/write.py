@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from gateway.cli.daemon import NOT_UNDERSTOOD
+from gateway.cli.daemon import NOT_UNDERSTOOD, tell_way
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.mbpoll import add_habits
 from gateway.cli.on_unit import run_on_unit
@@ -64,7 +64,9 @@ def run(args: argparse.Namespace) -> int:
     """
 
     def act(unit: Unit, command: Command, words: Sequence[str]) -> int:
-        outcome = _write(unit, _readings(find_assignments(command, words)), args)
+        wanted = _readings(find_assignments(command, words))
+        tell_way(unit.way)
+        outcome = _write(unit, wanted, args)
         _print(unit, outcome, args)
         return PROBLEM_FOUND if outcome.failures else FINE
 
@@ -150,7 +152,7 @@ def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace) -> None:
         first = next((each.point for each in outcome.readings), None)
         area = outcome.failures[0].span.area if first is None else None if first.name else first.area
         frames = {"frames": frames_as_json(outcome.answers)} if args.raw else {}
-        print(as_json({**picture(unit, area, outcome), **frames}, one_line=False))
+        print(as_json({**picture(unit, area, outcome), "through": unit.way, **frames}, one_line=False))
         return
     if args.raw:
         print(frames_as_text(outcome.answers))

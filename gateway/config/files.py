@@ -1,6 +1,13 @@
-"""Paths of files, and the names of credentials."""
+"""Paths of files, and the names of credentials.
+
+A path counts from the folder of the config that names it. That folder is what values are validated with, as `context`.
+"""
 
 import re
+from dataclasses import replace
+from pathlib import Path
+
+from pydantic import ValidationInfo
 
 from gateway.config.problem import WrongValue
 from gateway.tls.secret_file import SecretFile
@@ -18,6 +25,16 @@ def check_path(value: str) -> str:
     if not value.isprintable():
         raise WrongValue("has characters that cannot be seen")
     return value
+
+
+def in_folder(path: str, info: ValidationInfo) -> str:
+    """The path, from the folder of the config."""
+    return str((info.context or Path()) / path)
+
+
+def secret_in_folder(file: SecretFile, info: ValidationInfo) -> SecretFile:
+    """The same for a file that may be a credential instead."""
+    return file if file.is_credential else replace(file, name=in_folder(file.name, info))
 
 
 def parse_token_file(value: object) -> str:

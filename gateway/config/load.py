@@ -12,6 +12,8 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from gateway.config.check import AddressTrouble, PortTrouble, check
+from gateway.config.check_paths import check_paths
+from gateway.config.file_text import UnreadableFile, read_file_text
 from gateway.config.port_trouble import port_trouble
 from gateway.config.positions import Positions
 from gateway.config.problem import Path, Problem, error, errors_in, warning
@@ -20,8 +22,9 @@ from gateway.config.schema_fleet import Fleet
 from gateway.config.schema_mqtt import Mqtt
 from gateway.config.schema_profile import ProfileTable
 from gateway.config.schema_web import Web
+from gateway.config.syntax import syntax_problem
 from gateway.config.table import Table
-from gateway.config.wording import keys_of, not_text, syntax_problem, unknown_key, value_problems
+from gateway.config.wording import keys_of, not_text, unknown_key, value_problems
 from gateway.profiles.builtin import BUILTIN_PROFILES, builtin_text
 
 #: Sections that are written [[name]], [name], and [name.name].
@@ -43,8 +46,7 @@ _SINGLES: Final[Mapping[str, type[Table]]] = {
 }
 _PROFILE: Final = "profile"
 
-#: The largest file, in bytes: a unit of a line is written in 100. And how many problems are listed: nobody reads more.
-_MOST_BYTES: Final = 1024 * 1024
+#: How many problems are listed: nobody reads more.
 _MOST_PROBLEMS: Final = 1000
 
 #: Keys that no other table refers to. A table with errors only in these is still checked against the others.
@@ -81,19 +83,9 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
     """
     file = str(path)
     try:
-        with FilePath(path).open("rb") as stream:
-            content = stream.read(_MOST_BYTES + 1)
-        if len(content) > _MOST_BYTES:
-            return _fail(error((), f"has more than {_MOST_BYTES} bytes", "is it the right file?"), file, 0, 0)
-        text = content.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as wrong:
-        line = wrong.object.count(b"\n", 0, wrong.start) + 1
-        return _fail(error((), "this line is not UTF-8 text", "save the file as UTF-8"), file, line)
-    except FileNotFoundError:
-        return _fail(error((), "there is no such file", "create it, or name another file"), file, 0, 0)
-    except OSError as wrong:
-        remedy = f"sudo chmod 644 {file}" if isinstance(wrong, PermissionError) else ""
-        return _fail(error((), f"cannot be read: {wrong.strerror}", remedy), file, 0, 0)
+        text = read_file_text(FilePath(path))
+    except UnreadableFile as wrong:
+        return _fail(error((), str(wrong), wrong.remedy), file, wrong.line, min(wrong.line, 1))
     return replace(parse(text, file, address_trouble=address_trouble), text=text)
 
 
@@ -103,8 +95,9 @@ def parse(
     port_trouble: PortTrouble = port_trouble,
     real_path: Callable[[str], str] = os.path.realpath,
     address_trouble: AddressTrouble = lambda _: None,
+    exists: Callable[[str], bool] = os.path.exists,
 ) -> Loaded:
-    """Parse `text`, the content of `file`."""
+    """Parse `text`, the content of `file`. `exists` looks for the files that it names."""
     try:
         document = tomllib.loads(text)
         positions = Positions(text)
@@ -113,9 +106,10 @@ def parse(
         return _fail(problem, file, problem.line, problem.column)
     except RecursionError:
         return _fail(error((), "is nested too deeply"), file)
-    reader = _Reader(document, positions, FilePath(file).name)
+    reader = _Reader(document, positions, FilePath(file))
     config = reader.config()
-    found = [*reader.problems, *check(config, frozenset(reader.failed), port_trouble, real_path, address_trouble)]
+    found = [*reader.problems, *check_paths(document, reader.folder, exists)]
+    found += check(config, frozenset(reader.failed), port_trouble, real_path, address_trouble)
     problems = [_locate(one, positions, file, document) for one in dict.fromkeys(found)]
     has_error = any(one.severity == "error" for one in problems)
     return Loaded(None if has_error else config, tuple(_most_important(problems, file)))
@@ -143,15 +137,17 @@ def builtin_profiles() -> Mapping[str, ProfileTable]:
 class _Reader:
     """Turns a TOML document into tables, each on its own, so that one broken table hides no other's problems.
 
-    `failed` are the sections of which a table is missing from the config because something is wrong with it.
+    `failed` are the sections of which a table is missing from the config because something is wrong with it. `folder`
+    is where the file stands.
     """
 
-    def __init__(self, document: dict[str, Any], positions: Positions, file: str) -> None:
+    def __init__(self, document: dict[str, Any], positions: Positions, file: FilePath) -> None:
         self.problems: list[Problem] = []
         self.failed: set[str] = set()
         self._document = document
         self._positions = positions
-        self._file = file
+        self._file = file.name
+        self.folder = file.absolute().parent
 
     def config(self) -> Config:
         """The config made of every table that is good."""
@@ -205,14 +201,14 @@ class _Reader:
 
     def _table(self, path: Path, raw: object, model: type[Table]) -> Table | None:
         try:
-            table = model.model_validate(raw)
+            table = model.model_validate(raw, context=self.folder)
         except ValidationError as wrong:
             self.failed.add(str(path[0]))
             self.problems += value_problems(wrong, model, path, self._positions.written)
-            rest = _without(wrong, raw, model)
+            rest = _without(wrong, raw)
             if rest is None:
                 return None
-            table = rest
+            table = model.model_validate(rest, context=self.folder)
         self._place(table, path)
         return table
 
@@ -235,7 +231,7 @@ class _Reader:
         self.problems.append(error(path, what, remedy))
 
 
-def _without(wrong: ValidationError, raw: object, model: type[Table]) -> Table | None:
+def _without(wrong: ValidationError, raw: object) -> dict[str, Any] | None:
     """The table without its wrong values, if no other table refers to these."""
     found = wrong.errors(include_url=False)
     if not isinstance(raw, dict) or any(one["loc"][-1:] and one["loc"][-1] not in _NOT_REFERRED_TO for one in found):
@@ -247,7 +243,7 @@ def _without(wrong: ValidationError, raw: object, model: type[Table]) -> Table |
         for part in parents:
             table = table[part]
         table.pop(last, None)
-    return model.model_validate(rest)
+    return rest
 
 
 def _locate(problem: Problem, positions: Positions, file: str, document: dict[str, Any]) -> Problem:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from gateway.config.problem import Path
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
-_STRING = re.compile(
+STRING = re.compile(
     r'"""(?:[^\\]|\\.)*?"""(?:"{0,2})'
     r"|'''.*?'''(?:'{0,2})"
     r'|"(?:[^"\\]|\\.)*"'
@@ -111,7 +111,7 @@ class _Scanner:
         parts = []
         while True:
             start = self.skip_blank()
-            match = _BARE_KEY.match(self.text, start) or _STRING.match(self.text, start)
+            match = _BARE_KEY.match(self.text, start) or STRING.match(self.text, start)
             assert match is not None  # noqa: S101 - tomllib has accepted the text
             self.at = match.end()
             parts.append((_unquoted(match[0]), start))
@@ -128,7 +128,7 @@ class _Scanner:
         elif opening == "{":
             self.inline_table(path)
         else:
-            match = _STRING.match(self.text, self.at) or _SCALAR.match(self.text, self.at)
+            match = STRING.match(self.text, self.at) or _SCALAR.match(self.text, self.at)
             assert match is not None  # noqa: S101 - tomllib has accepted the text
             self.at = match.start() + len(match[0].rstrip())
             self.scalars.append((path, match.start(), self.at))

@@ -508,8 +508,8 @@ class Control(Table):
         None,
         description="Its path. Default: `/run/modbus-gateway/control.sock`; without root "
         "`$XDG_RUNTIME_DIR/modbus-gateway/control.sock`, or `control.sock` beside the config if that is not set. "
-        "Commands take it from `/etc/modbus-gateway/gateway.toml`; for another file they need "
-        "`--control`.",
+        "[Commands](tools.md#which-gateway-a-command-speaks-to) find another path by `--config FILE` or "
+        "`--control PATH`.",
     )
 
 

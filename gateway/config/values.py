@@ -27,7 +27,7 @@ from gateway.config.duration import (
     parse_duration_or_zero_or_auto,
     show_duration,
 )
-from gateway.config.files import check_path, parse_file, parse_token_file
+from gateway.config.files import check_path, in_folder, parse_file, parse_token_file, secret_in_folder
 from gateway.config.fleet import Site, parse_lease_name, parse_other_server, parse_servers
 from gateway.config.limits import parse_item, parse_limits
 from gateway.config.names import parse_name, parse_role
@@ -92,7 +92,7 @@ DurationOrOffOrAuto = Annotated[
 DurationOrZeroOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_zero_or_auto), _DURATION_OR_AUTO]
 Format = Annotated[CharacterFormat, PlainValidator(parse_format), Kind('text such as `"8E1"`')]
 SerialPort = Annotated[str | Address, PlainValidator(parse_port), Kind("path or address")]
-SocketPath = Annotated[str, Field(min_length=1), AfterValidator(check_path), Kind("path")]
+SocketPath = Annotated[str, Field(min_length=1), AfterValidator(check_path), AfterValidator(in_folder), Kind("path")]
 Unit0 = Annotated[
     Literal["refuse", "broadcast"] | int,
     PlainValidator(parse_unit0),
@@ -134,10 +134,22 @@ OtherServer = Annotated[Address | Site, PlainValidator(parse_other_server), Kind
 NatsServers = Annotated[
     tuple[Address, ...], PlainValidator(parse_servers), Kind('list such as `["nats://127.0.0.1:4222"]`')
 ]
-CredentialFile = Annotated[SecretFile, PlainValidator(parse_file), Kind("path or `{ credential = ... }`")]
-TokenFile = Annotated[str, PlainValidator(parse_token_file), Kind('table such as `{ file = "metrics.token" }`')]
+CredentialFile = Annotated[
+    SecretFile, PlainValidator(parse_file), AfterValidator(secret_in_folder), Kind("path or `{ credential = ... }`")
+]
+TokenFile = Annotated[
+    str,
+    PlainValidator(parse_token_file),
+    AfterValidator(in_folder),
+    Kind('table such as `{ file = "metrics.token" }`'),
+]
 BrokerAddress = Annotated[Broker, PlainValidator(parse_broker), Kind("address")]
-PasswordFile = Annotated[SecretFile, PlainValidator(parse_password), Kind("`{ file = ... }` or `{ credential = ... }`")]
+PasswordFile = Annotated[
+    SecretFile,
+    PlainValidator(parse_password),
+    AfterValidator(secret_in_folder),
+    Kind("`{ file = ... }` or `{ credential = ... }`"),
+]
 HomeAssistant = Annotated[
     str | None,
     PlainValidator(parse_home_assistant),

@@ -112,7 +112,7 @@ class ConfigProcess:
         try:
             answer, said = process.communicate(timeout=self._limit)
         except subprocess.TimeoutExpired:
-            raise ConfigError(f"{self._file}: cannot be read within {self._limit:g} s; is it a file?") from None
+            raise ConfigError(f"{self._file}: cannot be read within {self._limit:g} s; is its disk there?") from None
         finally:
             self._end()
         if process.returncode != 0:

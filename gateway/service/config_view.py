@@ -84,7 +84,7 @@ class ConfigViewer:
                 read = partial(self._reloader.read, self._reloader.file, look_around=True)
                 return _Seen(sign, now + KEPT, await loop.run_in_executor(ThreadPerCall("web config"), read))
         except TimeoutError:
-            why = f"cannot be read within {READING_TIME:g} s; is it a file?"
+            why = f"cannot be read within {READING_TIME:g} s; is its disk there?"
         except ConfigError as error:
             why = str(error)
         return _Seen(sign, loop.time() + UNREAD_KEPT, ConfigRead(None, (Problem("error", (), why),)))

@@ -130,7 +130,7 @@ class Reloader:
             async with asyncio.timeout(READING_TIME):
                 loaded = await loop.run_in_executor(ThreadPerCall("read config"), self.read, self.file)
         except TimeoutError:
-            return self._rejected((f"{self.file}: cannot be read within {READING_TIME:g} s; is it a file?",))
+            return self._rejected((f"{self.file}: cannot be read within {READING_TIME:g} s; is its disk there?",))
         except ConfigError as error:
             return self._rejected((str(error),))
         if loaded.plan is None:

@@ -12,48 +12,37 @@ from gateway.cli import daemon
 from gateway.cli.daemon import ask
 from gateway.errors import DaemonError
 
-SERVICE = "/run/modbus-gateway/control.sock"
+SERVICE = Path("/run/modbus-gateway/control.sock")
 
 
-@pytest.fixture
-def own(tmp_path, monkeypatch):
-    """Where this user's own gateway is, asked before that of the service, which refuses the user."""
-    connect = socket.socket.connect
-
+@pytest.mark.parametrize(
+    ("gateway", "remedy"), [(SERVICE, "use sudo"), (Path("/run/gw.sock"), "use sudo, with --control /run/gw.sock")]
+)
+def test_a_user_without_the_right_is_told_who_has_it(gateway, remedy, monkeypatch):
     def refused(sock, path):
-        if path == SERVICE:
-            raise OSError(errno.EACCES, "Permission denied")
-        connect(sock, path)
+        raise OSError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr(socket.socket, "connect", refused)
-    monkeypatch.setattr(daemon, "_read_config", lambda reasons: [Path(SERVICE)])
-    monkeypatch.setattr(daemon, "control_path", lambda config: tmp_path / "control.sock")
-    return str(tmp_path / "control.sock")
+    told = f"^only root, the gateway's user and its group may use {gateway}: {remedy}$"
+    with pytest.raises(DaemonError, match=told):
+        ask("status", gateway)
 
 
-def test_a_user_without_the_right_is_told_who_has_it(own):
-    with pytest.raises(
-        DaemonError, match=rf"^only root, the gateway's user and its group may use {SERVICE}: use sudo$"
-    ):
-        ask("status", None)
+def test_a_gateway_that_does_not_run_is_asked_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(daemon, "SYSTEM_SOCKET", tmp_path / "none")
+    with pytest.raises(DaemonError, match=r"control\.sock: No such file or directory\); --control PATH"):
+        ask("status", tmp_path / "control.sock")
 
 
-def test_a_user_is_answered_by_a_gateway_of_the_same_user(own):
-    with socket.socket(socket.AF_UNIX) as server:
-        server.bind(own)
-        server.listen()
-        with daemon._connect(None) as connection:
-            assert connection.getpeername() == own
-
-
-def test_a_gateway_that_does_not_run_is_asked_for(tmp_path):
-    with pytest.raises(DaemonError, match=r"control\.sock: No such file or directory\); --control PATH says"):
-        ask("status", str(tmp_path / "control.sock"))
+def test_where_the_gateway_of_the_service_runs_its_socket_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(daemon, "SYSTEM_SOCKET", tmp_path)
+    with pytest.raises(DaemonError, match=rf"\); that of the service is named by --control {tmp_path}$"):
+        ask("status", tmp_path / "control.sock")
 
 
 def test_a_path_that_is_too_long_for_a_socket_is_said_to_be(tmp_path):
-    with pytest.raises(DaemonError, match=r"/x{200}: AF_UNIX path too long\); --control PATH says"):
-        ask("status", str(tmp_path / ("x" * 200)))
+    with pytest.raises(DaemonError, match=r"/x{200}: AF_UNIX path too long\); "):
+        ask("status", tmp_path / ("x" * 200))
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,9 @@ import json
 
 import pytest
 
-from gateway.cli import config_doctor, doctor
+from gateway.cli import doctor
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
-from gateway.diagnosis.evidence import PortEvidence
 from gateway.errors import DaemonError
-from gateway.service import outside
 
 FIX = {"level": "fix", "about": "hall", "what": "nobody answers", "remedy": "gateway.toml:3: baud = 9600", "unit": ""}
 OK = {"level": "ok", "about": "hall", "what": "2 units answer", "remedy": "", "unit": ""}
@@ -26,8 +24,8 @@ def daemon(monkeypatch):
             self.ports = []
             self.asked = None
 
-        def __call__(self, control):
-            self.control = control
+        def __call__(self, gateway):
+            self.gateway = gateway
             return self
 
         def __enter__(self):
@@ -45,7 +43,6 @@ def daemon(monkeypatch):
 
     daemon = Daemon()
     monkeypatch.setattr(doctor, "Conversation", daemon)
-    monkeypatch.setattr(config_doctor, "Conversation", daemon)
     return daemon
 
 
@@ -126,14 +123,19 @@ def test_a_problem_of_the_config_names_the_file_once(tmp_path, capsys):
     assert wrong["what"].startswith("3:1: error: line[0].baudrate: unknown key")
 
 
-def test_a_gateway_that_runs_with_this_config_is_not_another_program(daemon, monkeypatch, tmp_path, capsys):
-    file = config(tmp_path, '[[line]]\nname = "hall"\nport = "/dev/nothing"\n[control]\nsocket = "/run/gw.sock"\n')
-    seen = []
-    monkeypatch.setattr(outside, "look_at", lambda port, pid: seen.append(pid) or PortEvidence("hall", "", port.port))
-    daemon.pid = 4711
+def test_the_gateway_with_this_config_is_asked_if_it_runs(daemon, tmp_path):
+    file = config(tmp_path, '[[line]]\nname = "hall"\nport = "/dev/nothing"\n[control]\nsocket = "gw.sock"\n')
     assert main(["doctor", "--config", file]) == FINE
-    assert (seen, daemon.control) == ([4711], "/run/gw.sock")
-    assert "note  gateway: a gateway is running (process 4711)" in capsys.readouterr().out
+    assert daemon.gateway == tmp_path / "gw.sock"
+    assert daemon.asked == ("doctor", {"line": None, "ask": True})
+
+
+def test_for_a_gateway_that_is_named_no_config_of_another_one_is_looked_at(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(doctor, "DEFAULT_CONFIG", config(tmp_path, '[[line]]\nname = "hall"\nport = "/dev/nothing"\n'))
+    monkeypatch.setenv("MODBUS_GATEWAY_CONTROL", str(tmp_path / "none.sock"))
+    assert main(["doctor"]) == PROBLEM_FOUND
+    said = capsys.readouterr()
+    assert (said.out, "no running gateway found" in said.err) == ("", True)
 
 
 def test_a_line_that_the_config_does_not_have(tmp_path, capsys):
@@ -147,7 +149,6 @@ def test_when_no_gateway_runs_that_is_a_note(monkeypatch, tmp_path, capsys):
         raise DaemonError("no running gateway found")
 
     monkeypatch.setattr(doctor, "Conversation", nobody)
-    monkeypatch.setattr(config_doctor, "Conversation", nobody)
     monkeypatch.setattr(doctor, "DEFAULT_CONFIG", config(tmp_path, '[[line]]\nname = "hall"\nport = "/dev/nothing"\n'))
     assert main(["doctor"]) == PROBLEM_FOUND
     said = capsys.readouterr().out

@@ -1,10 +1,34 @@
 """`reload`: what it prints of the daemon's answer."""
 
+import json
+from pathlib import Path
+
 import pytest
 
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
 
 NOTHING = {"problems": [], "added": [], "removed": [], "changed": [], "restart": [], "warnings": [], "defect": ""}
+
+
+class FakeGateway:
+    """Stands in for `Conversation`: it gives this answer."""
+
+    gateway = Path("/run/gw.sock")
+
+    def __init__(self, answer):
+        self._answer = answer
+
+    def __call__(self, gateway):
+        return self
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def ask(self, verb):
+        return self._answer
 
 
 @pytest.mark.parametrize(
@@ -30,7 +54,7 @@ NOTHING = {"problems": [], "added": [], "removed": [], "changed": [], "restart":
     ],
 )
 def test_what_is_printed(monkeypatch, capsys, answer, status, text) -> None:
-    monkeypatch.setattr("gateway.cli.reload.ask", lambda verb, control: NOTHING | answer)
+    monkeypatch.setattr("gateway.cli.reload.Conversation", FakeGateway(NOTHING | answer))
     assert main(["reload"]) == status
     assert capsys.readouterr().out.splitlines() == text
 
@@ -48,6 +72,14 @@ def test_what_is_printed(monkeypatch, capsys, answer, status, text) -> None:
     ],
 )
 def test_what_a_daemon_of_another_version_does_not_tell_is_unknown(monkeypatch, capsys, answer, status, text) -> None:
-    monkeypatch.setattr("gateway.cli.reload.ask", lambda verb, control: answer)
+    monkeypatch.setattr("gateway.cli.reload.Conversation", FakeGateway(answer))
     assert main(["reload"]) == status
     assert capsys.readouterr().out.splitlines() == text
+
+
+def test_it_says_which_gateway_it_has_reloaded(monkeypatch, capsys) -> None:
+    monkeypatch.setattr("gateway.cli.reload.Conversation", FakeGateway({"ok": True, **NOTHING}))
+    main(["reload"])
+    assert capsys.readouterr().err == "through /run/gw.sock\n"
+    main(["reload", "--json"])
+    assert json.loads(capsys.readouterr().out)["through"] == "/run/gw.sock"

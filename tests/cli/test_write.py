@@ -129,7 +129,8 @@ def test_more_than_one_request_can_carry_is_refused(daemon, capsys):
 
 def test_an_exception_is_told_and_what_else_to_try(daemon, capsys):
     assert main(["write", "41", "holding", "30", "1"]) == 1
-    assert capsys.readouterr().err == "silo-1 (unit 41), holding 30: exception 02, illegal data address\n"
+    said = "silo-1 (unit 41), holding 30: exception 02, illegal data address\n"
+    assert capsys.readouterr().err == "through /run/gw.sock\n" + said
 
 
 def test_a_device_that_may_not_know_06_is_worth_another_try(daemon, capsys, monkeypatch):
@@ -146,7 +147,9 @@ def test_a_write_that_the_gateway_refuses_for_the_unit_is_nothing_that_rights_al
     refusal = {"unit": 41, "pdu": "86 01", "elapsed_ms": 1.0, "result": "refused", "reason": "it is read-only"}
     monkeypatch.setattr(daemon, "_request", lambda unit, pdu: refusal)
     assert main(["write", "41", "holding", "3", "1"]) == 1
-    assert capsys.readouterr().err == "silo-1 (unit 41), holding 3: exception 01, illegal function: it is read-only\n"
+    assert capsys.readouterr().err.endswith(
+        "\nsilo-1 (unit 41), holding 3: exception 01, illegal function: it is read-only\n"
+    )
 
 
 def test_a_write_that_the_rights_forbid_is_not_to_be_sent_in_another_way(daemon, capsys, monkeypatch):

@@ -1,6 +1,7 @@
 """From a file to a config, or to everything that is wrong with it."""
 
 import errno
+import os
 from pathlib import Path
 from textwrap import dedent
 
@@ -73,6 +74,8 @@ NOT_ON_ONE_LINE = (
     "  help: a table in { } must be on one line; a long one of devices may be [[line.devices]], a key on each line"
 )
 NO_SIGN = "error: a key and its value have = between them\n  help: write"
+NO_END = "error: the list that begins here has no ] at its end"
+BRACKETS = "error: brackets are missing in this header, or too many\n  help"
 NO_COMMA = "error: unclosed array\n  help: a comma is missing before this"
 
 
@@ -136,7 +139,7 @@ NO_COMMA = "error: unclosed array\n  help: a comma is missing before this"
             "[[line]]\nserial number = 5\n",
             "gateway.toml:2:8: error: expected '=' after a key in a key/value pair",
         ),
-        ("site = [1,\n", "gateway.toml:2:1: error: invalid value"),
+        ("site = [1,\n", f"gateway.toml:1:8: {NO_END}"),
         ("[[line]]\necho = True\n", "gateway.toml:2:8: error: invalid value\n  help: write echo = true"),
         ("[[line]]\necho = no\n", "gateway.toml:2:8: error: invalid value\n  help: write echo = false"),
         ("[[line]]\necho = maybe\n", "gateway.toml:2:8: error: invalid value\n  help: write echo = true, or false"),
@@ -159,8 +162,26 @@ NO_COMMA = "error: unclosed array\n  help: a comma is missing before this"
         ),
         (
             "[[line]]\ndevices = [\n  { unit = 1 }\n\n[[listen]]\n",
-            "gateway.toml:5:1: error: unclosed array\n  help: the list before this has no ] at its end",
+            f"gateway.toml:2:11: {NO_END}",
         ),
+        ("[[line]]\ndevices = [\n  { unit = 1 },\n\n[[image]]\nunit = 3\n", f"gateway.toml:2:11: {NO_END}"),
+        ("[[access]]\nallow = ['read', # the [ is\nunits = 'all'\n", f"gateway.toml:2:9: {NO_END}"),
+        ("[[line]]\ndevices = [{ unit = 1 }\n", f"gateway.toml:2:11: {NO_END}"),
+        (
+            "[[line]]\ndevices = [\n  { unit = 1, points = [{ name = 'a', holding = 1 } },\n]\n",
+            "gateway.toml:3:53: error: unclosed array\n  help: the list before this has no ] at its end",
+        ),
+        (
+            "site = 'a'\n[line]\nport = '/dev/x'\n\n[[line]]\nport = '/dev/y'\n",
+            (
+                "gateway.toml:2:1: error: [line] is one table, but line 5 has [[line]], one of several\n"
+                "  help: write [[line]] here too"
+            ),
+        ),
+        ("[[line\nport = '/dev/x'\n", f"gateway.toml:1:1: {BRACKETS}: write [[line]]"),
+        ("[[line]\nport = '/dev/x'\n", f"gateway.toml:1:1: {BRACKETS}: write [[line]]"),
+        ("[web # page\nbind = 'x'\n", f"gateway.toml:1:1: {BRACKETS}: write [web]"),
+        ("[web]]\nbind = 'x'\n", f"gateway.toml:1:1: {BRACKETS}: write [web]"),
     ],
 )
 def test_what_is_no_toml_is_shown_with_its_place(text, said):
@@ -397,8 +418,15 @@ def test_a_file_that_does_not_exist_is_one_problem(tmp_path):
     assert load(str(file)).config is None
 
 
-def test_a_folder_is_one_problem(tmp_path):
-    assert [str(one) for one in load(tmp_path).problems] == [f"{tmp_path}: error: cannot be read: Is a directory"]
+@pytest.mark.parametrize(
+    ("make", "what"),
+    [(Path.mkdir, "a directory"), (os.mkfifo, "a FIFO"), (lambda file: file.symlink_to("/dev/zero"), "a device")],
+)
+def test_what_is_no_file_is_one_problem_and_not_waited_for(tmp_path, make, what):
+    file = tmp_path / "gateway.toml"
+    make(file)
+    (problem,) = load(file).problems
+    assert str(problem) == f"{file}: error: is {what}, not a file\n  help: name a file"
 
 
 def test_a_file_that_this_user_may_not_read_can_be_given_to_everybody(tmp_path, monkeypatch):
@@ -407,6 +435,7 @@ def test_a_file_that_this_user_may_not_read_can_be_given_to_everybody(tmp_path, 
 
     monkeypatch.setattr(Path, "open", refused)
     file = tmp_path / "gateway.toml"
+    file.touch()
     said = [f"{file}: error: cannot be read: Permission denied\n  help: sudo chmod 644 {file}"]
     assert [str(one) for one in load(file).problems] == said
 

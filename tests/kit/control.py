@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any, Self
 
 from gateway.errors import DaemonError
@@ -20,6 +21,7 @@ class FakeDaemon:
     """Stands in for `Conversation`. `asked` are the requests that came, `silent` what the gateway says of them."""
 
     client = row = "control"
+    gateway = Path("/run/gw.sock")
     host = address = ""
 
     def __init__(self, points: Iterable[Point] = (), *, functions: tuple[int, ...] | None = None) -> None:
@@ -32,7 +34,7 @@ class FakeDaemon:
         )
         self._answer = b""
 
-    def __call__(self, control: str | None) -> Self:
+    def __call__(self, gateway: Path) -> Self:
         return self
 
     def __enter__(self) -> Self:

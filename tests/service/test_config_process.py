@@ -47,11 +47,10 @@ def test_what_check_says_of_other_files_comes_if_it_is_asked_for(tmp_path):
     assert "there is no file" not in str(read_config(file).problems)
 
 
-def test_a_file_that_is_none_is_given_up_and_so_is_the_process(tmp_path):
-    pipe = tmp_path / "gateway.toml"
-    os.mkfifo(pipe)
-    process = ConfigProcess(pipe, 0.5)
-    with pytest.raises(ConfigError, match=r"gateway.toml: cannot be read within 0.5 s; is it a file\?"):
+def test_a_file_that_takes_too_long_is_given_up_and_so_is_the_process(tmp_path, monkeypatch):
+    _fake(monkeypatch, tmp_path, "exec sleep 100")
+    process = ConfigProcess(tmp_path / "gateway.toml", 0.5)
+    with pytest.raises(ConfigError, match=r"gateway.toml: cannot be read within 0.5 s; is its disk there\?"):
         process.result()
     assert process._process.wait(60) < 0
 
@@ -126,16 +125,17 @@ def test_a_process_that_cannot_be_started_is_a_sentence(monkeypatch):
 
 
 def test_it_ends_with_the_gateway_that_it_reads_for(tmp_path):
-    pipe = tmp_path / "gateway.toml"
-    os.mkfifo(pipe)
+    slow = "import time, gateway.service.config_reader as reader; reader.read_here = lambda *_, **__: time.sleep(150)"
     program = (
         "import sys, time\n"
         "from pathlib import Path\n"
-        "from gateway.service.config_process import ConfigProcess\n"
-        "print(ConfigProcess(Path(sys.argv[1]), 150.0)._process.pid, flush=True)\n"
+        "from gateway.service import config_process\n"
+        f"config_process._PROGRAM = config_process._PROGRAM.replace('main()', '{slow}; main()')\n"
+        "print(config_process.ConfigProcess(Path(sys.argv[1]), 150.0)._process.pid, flush=True)\n"
         "time.sleep(60)\n"
     )
-    with subprocess.Popen([sys.executable, "-c", program, pipe], stdout=subprocess.PIPE, text=True) as gateway:
+    file = tmp_path / "gateway.toml"
+    with subprocess.Popen([sys.executable, "-c", program, file], stdout=subprocess.PIPE, text=True) as gateway:
         reader = os.pidfd_open(int(gateway.stdout.readline()))
         gateway.kill()
     try:

@@ -277,7 +277,7 @@ async def test_a_file_that_cannot_be_read_to_its_end_holds_up_no_later_reload(se
         assert second == Outcome(added=("line hall-b",))
         assert loop.time() - began < READING_TIME
         (problem,) = first.result().problems
-        assert problem.endswith("gateway.toml: cannot be read within 60 s; is it a file?")
+        assert problem.endswith("gateway.toml: cannot be read within 60 s; is its disk there?")
 
 
 async def test_orders_in_a_burst_are_one_reload_and_the_last_file_counts(serving):

@@ -117,13 +117,13 @@ async def test_one_client_too_many_hears_so_and_the_others_are_served(tmp_path: 
         crowd = [await it.connect() for _ in range(16)]
         refused = "the gateway says: 16 others are connected already; try again later"
         with pytest.raises(DaemonError, match=refused):
-            await asyncio.to_thread(ask, "status", str(it.path))
+            await asyncio.to_thread(ask, "status", it.path)
         for _, writer in crowd:
             writer.close()
         async with asyncio.timeout(PATIENCE):
             while len(asyncio.all_tasks()) > 1:  # noqa: ASYNC110 - a conversation that ends tells nobody
                 await asyncio.sleep(0.002)
-        assert await asyncio.to_thread(ask, "status", str(it.path)) == json.loads(FINE)
+        assert await asyncio.to_thread(ask, "status", it.path) == json.loads(FINE)
 
 
 @contextmanager
@@ -157,47 +157,7 @@ def daemon(path: Path, answer: bytes, *, hears: bool = True) -> Iterator[Thread]
 def test_a_daemon_that_does_not_answer_is_a_problem_in_plain_words(tmp_path: Path, answer: bytes, words: str) -> None:
     path = tmp_path / "control.sock"
     with daemon(path, answer), pytest.raises(DaemonError, match=words):
-        ask("status", str(path))
-
-
-@pytest.fixture
-def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The service's config, on a machine without any daemon."""
-    file = tmp_path / "gateway.toml"
-    monkeypatch.setattr(daemon_module, "DEFAULT_CONFIG", str(file))
-    monkeypatch.setattr(daemon_module, "SYSTEM_SOCKET", tmp_path / "none.sock")
-    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path / "none"))
-    return file
-
-
-def test_a_daemon_is_asked_where_the_config_has_its_socket(tmp_path: Path, config: Path) -> None:
-    path = tmp_path / "other.sock"
-    config.write_text(f'[control]\nsocket = "{path}"\n')
-    with daemon(path, b'{"ok": true}\n'):
-        assert ask("status", None) == {"ok": True}
-
-
-@pytest.mark.parametrize("text", ["", '[control]\nsocket = "/nowhere/control.sock"\n'])
-def test_a_daemon_that_has_not_read_that_yet_is_asked_where_it_usually_is(
-    tmp_path: Path, config: Path, monkeypatch: pytest.MonkeyPatch, text: str
-) -> None:
-    config.write_text(text)
-    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
-    with daemon(tmp_path / "control.sock", b'{"ok": true}\n'):
-        assert ask("status", None) == {"ok": True}
-
-
-def test_the_argument_counts_whatever_the_config_says(tmp_path: Path, config: Path) -> None:
-    config.write_text('[control]\nsocket = "/nowhere/control.sock"\n')
-    with daemon(tmp_path / "mine.sock", b'{"ok": true}\n'):
-        assert ask("status", str(tmp_path / "mine.sock")) == {"ok": True}
-
-
-@pytest.mark.parametrize("text", [b"[control\n", b"\xff", b"a = " + b"[" * 5000])
-def test_a_config_that_cannot_be_read_is_a_reason(config: Path, text: bytes) -> None:
-    config.write_bytes(text)
-    with pytest.raises(DaemonError, match=f"no running gateway found \\({config}: cannot be read: .+; .*none.sock: "):
-        ask("status", None)
+        ask("status", path)
 
 
 def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
@@ -206,11 +166,11 @@ def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
     path, connected = tmp_path / "control.sock", daemon_module._connect
     with daemon(path, b'{"ok": false, "error": "later"}\n', hears=False) as thread:
 
-        def slowly(control: str | None) -> socket:
-            sock = connected(control)
+        def slowly(gateway: Path) -> socket:
+            sock = connected(gateway)
             thread.join(PATIENCE)
             return sock
 
         monkeypatch.setattr(daemon_module, "_connect", slowly)
         with pytest.raises(DaemonError, match="the gateway says: later"):
-            ask("status", str(path))
+            ask("status", path)

@@ -1,0 +1,45 @@
+"""Reads the text of a config file."""
+
+import os
+import stat
+from pathlib import Path
+from typing import Final
+
+#: The largest file, in bytes: a unit of a line is written in 100.
+_MOST_BYTES: Final = 1024 * 1024
+#: What a path may lead to instead of a file, by the letter that `ls -l` shows for it.
+_NO_FILES: Final = {"p": "a FIFO", "d": "a directory", "c": "a device", "b": "a device", "s": "a socket"}
+
+
+class UnreadableFile(Exception):  # noqa: N818 - it is the file that is wrong, not the program
+    """A file that cannot be read as text: why, what to do, and in which line (0 if it has no text)."""
+
+    def __init__(self, what: str, remedy: str = "", line: int = 0) -> None:
+        super().__init__(what)
+        self.remedy = remedy
+        self.line = line
+
+
+def read_file_text(path: Path) -> str:
+    """The text of a config file, with the line ends of Unix, and no byte order mark.
+
+    Raises:
+        UnreadableFile: it cannot be read. What is no file is not opened: a FIFO would never end.
+    """
+    try:
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode):
+            raise UnreadableFile(f"is {_NO_FILES[stat.filemode(mode)[0]]}, not a file", "name a file")
+        with path.open("rb") as stream:
+            content = stream.read(_MOST_BYTES + 1)
+        if len(content) > _MOST_BYTES:
+            raise UnreadableFile(f"has more than {_MOST_BYTES} bytes", "is it the right file?")
+        return content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as wrong:
+        line = wrong.object.count(b"\n", 0, wrong.start) + 1
+        raise UnreadableFile("this line is not UTF-8 text", "save the file as UTF-8", line) from None
+    except FileNotFoundError:
+        raise UnreadableFile("there is no such file", "create it, or name another file") from None
+    except OSError as wrong:
+        remedy = f"sudo chmod 644 {path}" if isinstance(wrong, PermissionError) else ""
+        raise UnreadableFile(f"cannot be read: {os.strerror(wrong.errno or 0)}", remedy) from None
