@@ -30,15 +30,16 @@ class PortInUse:
 class PortEvidence:
     """What is known of a serial port without opening it. It belongs to `line`, `source` is its place in the config.
 
-    `stable_path` is a link to it that survives a replug, empty if there is none. `user` runs the gateway and `may_open`
-    it or not; its group is `group`. `latency_timer` is that of an FTDI adapter, None for others. `is_ours`: the
-    gateway has it open. `holders` are other programs that have, `probers` programs that open serial ports when they
-    appear. If it `is_standby`, another gateway may have it.
+    `device` is its name in /dev. `stable_path` is a link to it that survives a replug, empty if there is none. `user`
+    runs the gateway and `may_open` it or not; its group is `group`. `latency_timer` is that of an FTDI adapter, None
+    for others. `is_ours`: the gateway has it open. `holders` are other programs that have, `probers` programs that open
+    serial ports when they appear. If it `is_standby`, another gateway may have it.
     """
 
     line: str
     source: str
     port: str
+    device: str = ""
     exists: bool = True
     is_virtual: bool = False
     is_usb: bool = False

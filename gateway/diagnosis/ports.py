@@ -5,6 +5,7 @@ from typing import Final
 
 from gateway.diagnosis.evidence import Holder, PortEvidence
 from gateway.diagnosis.finding import IS_DOWN, Finding
+from gateway.ports.udev import udev_rule
 
 #: The longest that an FTDI adapter may hold received bytes back, in seconds, without a word about it.
 LATENCY: Final = 0.002
@@ -44,7 +45,7 @@ def _permission(port: PortEvidence) -> Iterator[Finding]:
         return
     what = f"{port.user} may not open {port.port}; the group {port.group} may"
     if port.group == "root":
-        yield _fix(port, what, 'a udev rule: SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"')
+        yield _fix(port, what, udev_rule(port.device))
     elif port.is_virtual:
         yield _fix(port, what, f"chmod 666 {port.port}")
     else:
@@ -74,7 +75,7 @@ def _latency_timer(port: PortEvidence) -> Iterator[Finding]:
     if timer is None or timer <= LATENCY:
         return
     what = f"the adapter holds received bytes back for {timer * 1000:.0f} ms (latency timer)"
-    remedy = f"echo 1 > /sys/class/tty/{_device(port)}/device/latency_timer, or install the udev rules of this package"
+    remedy = f"echo 1 > /sys/class/tty/{port.device}/device/latency_timer, or install the udev rules of this package"
     if port.is_ours:
         yield _fix(port, f"{what}, which is added to each response time", remedy)
     else:
@@ -89,10 +90,6 @@ def _stable_path(port: PortEvidence) -> Iterator[Finding]:
 
 def _has_number(path: str) -> bool:
     return path.startswith(("/dev/ttyUSB", "/dev/ttyACM"))
-
-
-def _device(port: PortEvidence) -> str:
-    return port.port.rpartition("/")[2] if _has_number(port.port) else "ttyUSB*"
 
 
 def _name(port: PortEvidence) -> str:

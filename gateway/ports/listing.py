@@ -9,7 +9,7 @@ from serial.tools.list_ports_common import numsplit
 from serial.tools.list_ports_linux import SysFS
 
 from gateway.ports.holders import holder
-from gateway.ports.reasons import group_of
+from gateway.ports.reasons import permission_remedy
 
 TERMINALS: Final = Path("/sys/class/tty")
 DEVICES: Final = Path("/dev")
@@ -68,7 +68,7 @@ def _state(device: Path) -> tuple[State, str]:
     if held_by is not None:
         return "in use", f"by {held_by}"
     if not os.access(device, os.R_OK | os.W_OK):
-        return "no permission", f"add the user to the {group_of(str(device))} group"
+        return "no permission", permission_remedy(str(device))
     return "free", ""
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.ports.port import SerialSettings
+from gateway.ports.udev import udev_rule
 
 #: The errors of drivers. SerialException is an OSError, termios.error is not.
 DriverError: Final = (OSError, termios.error)
@@ -29,7 +30,7 @@ _REASONS: Final = {
 
 #: What gives a user the right to a port, by the port's group; for pseudo-terminals that is tty.
 _PERMISSION: Final = {
-    "root": "it belongs to root; give it to the group dialout with a udev rule",
+    "root": "it belongs to root alone; give it to the group dialout: {rule}",
     "tty": "it belongs to the group tty; for a simulated port: chgrp dialout {port}; chmod 660 {port}",
     "dialout": "add the user to the dialout group",
 }
@@ -72,8 +73,8 @@ def _errno(error: BaseException) -> int:
 
 def permission_remedy(port: str) -> str:
     """What to do if a user may not use the port."""
-    group = group_of(port)
-    return _PERMISSION.get(group, _ANOTHER_GROUP).format(port=port, group=group)
+    group, rule = group_of(port), udev_rule(Path(port).resolve().name)
+    return _PERMISSION.get(group, _ANOTHER_GROUP).format(port=port, group=group, rule=rule)
 
 
 def group_of(port: str) -> str:

@@ -2,7 +2,6 @@
 
 import asyncio
 import signal
-import sys
 from contextlib import AbstractAsyncContextManager, closing, nullcontext
 from functools import partial
 from importlib import import_module
@@ -27,6 +26,7 @@ from gateway.service.build import Gateway, build
 from gateway.service.config_process import ConfigRead
 from gateway.service.control import control_open
 from gateway.service.control_path import control_path
+from gateway.service.hang_up import HangUp
 from gateway.service.overdue import FILE_NAME as LATE_FILE
 from gateway.service.overdue import LeftBehind, is_entry
 from gateway.service.reload import Reloader, warn, warn_of_certificates
@@ -125,14 +125,14 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
         if any(image.persist != "never" for image in plan.images):
             state.store.open()
 
-    systemd, stop = Notifier(), Stop()
+    systemd, stop, hang_up = Notifier(), Stop(), HangUp()
     sockets = OpenSockets(take_inherited_sockets())
     running = Running(rebuild(plan, None), emit, sockets, state.left_behind, state.announced, state.troubles)
     running.control = str(control)
     reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text, contexts=contexts)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
-    loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop)
+    loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop, hang_up)
     pages = _web_pages(plan.web, running, reloader, fan_out, contexts, state.folder)
     async with control_open(control, verbs(running, reloader), emit):
         garbage.settle()
@@ -144,9 +144,9 @@ def _web_pages(plan: WebPlan | None, *parts: Any) -> AbstractAsyncContextManager
     return nullcontext() if plan is None else import_module("gateway.service.web").web_pages(plan, *parts)
 
 
-def _reload_or_stop(reloader: Reloader, stop: Stop) -> None:
+def _reload_or_stop(reloader: Reloader, stop: Stop, hang_up: HangUp) -> None:
     """SIGHUP: stop if the terminal was closed; reload the config as a daemon."""
-    if sys.stderr is not None and sys.stderr.isatty():
+    if hang_up.is_end:
         stop.order("SIGHUP")
     else:
         reloader.order()

@@ -48,6 +48,7 @@ def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places())
         line=port.line,
         source=port.source,
         port=port.port,
+        device=device.name,
         is_virtual=os.major(status.st_rdev) in VIRTUAL_MAJORS,
         is_usb=(terminal / "device/subsystem").resolve().name in ("usb", "usb-serial"),
         stable_path=str(stable_links(places.devices).get(device, "")),

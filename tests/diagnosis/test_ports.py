@@ -12,6 +12,7 @@ PORT = PortEvidence(
     "hall",
     "gateway.toml:3",
     BY_ID,
+    device="ttyUSB0",
     is_usb=True,
     stable_path=BY_ID,
     user="modbus-gateway",
@@ -37,6 +38,11 @@ def test_a_user_who_may_not_open_it_is_named_with_the_group():
     ((level, what, remedy),) = rows(replace(PORT, may_open=False, is_ours=False))
     assert (level, what) == ("fix", f"modbus-gateway may not open {BY_ID}; the group dialout may")
     assert remedy.startswith("usermod -a -G dialout modbus-gateway")
+
+
+def test_a_port_of_root_alone_is_given_to_dialout_and_no_terminal_with_it():
+    ((_, _, remedy),) = rows(replace(PORT, group="root", may_open=False, is_ours=False))
+    assert remedy.startswith("""echo 'KERNEL=="ttyUSB0", GROUP="dialout", MODE="0660"' | sudo tee -a /etc/udev/""")
 
 
 @pytest.mark.parametrize(
@@ -67,7 +73,7 @@ def test_a_program_that_may_take_it_is_a_note():
 
 
 def test_a_latency_timer_of_16_ms_needs_fixing_while_the_gateway_has_the_port():
-    ((level, what, remedy),) = rows(replace(PORT, port="/dev/ttyUSB3", stable_path="", latency_timer=0.016))
+    ((level, what, remedy),) = rows(replace(PORT, device="ttyUSB3", latency_timer=0.016))
     assert (level, what) == (
         "fix",
         "the adapter holds received bytes back for 16 ms (latency timer), which is added to each response time",

@@ -11,7 +11,14 @@ from gateway.ports.reasons import permission_remedy
     [
         ("dialout", "add the user to the dialout group"),
         ("uucp", "add the user to the uucp group, the service with SupplementaryGroups=uucp"),
-        ("root", "it belongs to root; give it to the group dialout with a udev rule"),
+        (
+            "root",
+            (
+                """it belongs to root alone; give it to the group dialout: echo 'KERNEL=="plc", GROUP="dialout", """
+                """MODE="0660"' | sudo tee -a /etc/udev/rules.d/70-serial.rules; """
+                "sudo udevadm control --reload; sudo udevadm trigger --subsystem-match=tty"
+            ),
+        ),
         (
             "tty",
             "it belongs to the group tty; for a simulated port: chgrp dialout /run/plc; chmod 660 /run/plc",
