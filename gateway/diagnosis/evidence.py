@@ -58,14 +58,14 @@ class PortEvidence:
 class UnitEvidence:
     """A unit on a line: `unit` to clients, `on_the_wire` there.
 
-    `answered` includes `exceptions`; `late` answers came after the limit, the slowest one after `latest`; `behind` ones
-    came within it, behind one that another client may have asked for, and were dropped too. `limit` is the last one, 0
-    before the first request, and `limit_share` what 99 of 100 answers took of theirs. `twice` are answers that came a
-    second time. `instead` is what was received lately in place of answers. The last `in_a_row` requests failed. The
-    last answer came so many seconds `ago`, None if none did. Of units that are not `is_configured` only clients say
-    that they exist. `last_failed` is the last request without a valid response, `last_bad` that with a bad frame,
-    `last_late` the last late answer and `last_twice` the last one that came a second time. If it `has_table`, its
-    limits come from the timing table of its profile.
+    `answered` includes `exceptions`; `late` answers came after their limit, the slowest one after `latest`, when it was
+    `latest_limit`; `behind` ones came within it, behind one that another client may have asked for, and were dropped
+    too. `limit` is the longest of the last ones of all functions, 0 before the first request, and `limit_share` what 99
+    of 100 answers took of theirs. `twice` are answers that came a second time. `instead` is what was received lately in
+    place of answers. The last `in_a_row` requests failed. The last answer came so many seconds `ago`, None if none did.
+    Of units that are not `is_configured` only clients say that they exist. `last_failed` is the last request without a
+    valid response, `last_bad` that with a bad frame, `last_late` the last late answer and `last_twice` the last one
+    that came a second time. If it `has_table`, its limits come from the timing table of its profile.
     """
 
     unit: int
@@ -80,6 +80,7 @@ class UnitEvidence:
     ambiguous: int = 0
     late: int = 0
     latest: float = 0.0
+    latest_limit: float = 0.0
     behind: int = 0
     limit: float = 0.0
     limit_share: float | None = None

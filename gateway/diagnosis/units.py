@@ -57,8 +57,8 @@ def _answers_late(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
         return
     responses = "one response" if unit.late == 1 else f"{unit.late} responses"
     what = f"{responses} came after the limit, the slowest after {show_duration(unit.latest)}"
-    if unit.limit:
-        what += f" (limit {show_duration(unit.limit)})"
+    if unit.latest_limit:
+        what += f" (limit {show_duration(unit.latest_limit)})"
     what += str(unit.last_late)
     level: Level = unit.last_late.level if unit.late >= SOME * unit.asked else "note"
     yield _Found(unit.late, _row(level, unit, what, _longer(unit, line)))

@@ -317,7 +317,7 @@ class Attribution:
             self.overheard.count_second_response(token.frame.unit)
             asked.device.counts.record("twice", token.at)
         else:
-            self.overheard.count_belated(token.frame.unit, token.at - asked.ends_at)
+            self.overheard.count_belated(token.frame.unit, token.at - asked.ends_at, asked.limit)
             asked.device.counts.record("late", token.at)
 
     def _forget(self, asked: Transaction) -> None:

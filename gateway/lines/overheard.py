@@ -7,10 +7,14 @@ from gateway.timing.measured import NEVER
 
 @dataclass(slots=True)
 class Belated:
-    """Responses that came after the late window of their request, and the longest time from a request to one."""
+    """Responses that came after the late window of their request, and the longest time from a request to one.
+
+    `limit` was that of the request.
+    """
 
     count: int = 0
     longest: float = 0.0
+    limit: float = 0.0
 
 
 @dataclass(slots=True)
@@ -53,8 +57,9 @@ class Overheard:
         """A response of `unit` came once more."""
         self.second_responses[unit] = self.second_responses.get(unit, 0) + 1
 
-    def count_belated(self, unit: int, seconds: float) -> None:
-        """A response of `unit` came this long after its request."""
+    def count_belated(self, unit: int, seconds: float, limit: float) -> None:
+        """A response of `unit` came this long after its request, which had this limit."""
         belated = self.belated.setdefault(unit, Belated())
         belated.count += 1
-        belated.longest = max(belated.longest, seconds)
+        if seconds > belated.longest:
+            belated.longest, belated.limit = seconds, limit

@@ -64,6 +64,8 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
     late = sum(each.late for each in times)
     overheard = line.driver.line.overheard
     belated = overheard.belated.get(device.unit, Belated())
+    slowest = [(each.latest, each.latest_limit) for each in times]
+    latest, latest_limit = max([(belated.longest, belated.limit), *slowest])
     answered_at = max((each.answered_at for each in times), default=NEVER)
     return UnitEvidence(
         unit=settings.known_as,
@@ -77,7 +79,8 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
         bad_frames=whole.bad_frame,
         ambiguous=whole.ambiguous,
         late=late + belated.count,
-        latest=max((belated.longest, *(each.latest for each in times))),
+        latest=latest,
+        latest_limit=latest_limit,
         behind=whole.late_responses - late,
         limit=max((each.limit for each in times), default=0.0),
         limit_share=merged(SHARES, (each.share for each in times)).quantile(0.99),

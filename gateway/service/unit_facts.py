@@ -147,6 +147,7 @@ def _times(function: int, times: Times, counts: Counts, proposed_ms: float | Non
         timeouts=counts.timeout,
         late=times.late,
         latest_ms=milliseconds(times.latest),
+        latest_limit_ms=milliseconds(times.latest_limit),
         bounds_ms=tuple(bound * 1000 for bound in SECONDS.bounds),
         counts=tuple(times.answer.counts),
         p50_ms=optional_ms(times.answer.quantile(0.5)),

@@ -20,10 +20,13 @@ class Times:
     response, and `share` that time divided by the limit. `request` is from a request's arrival to its response, for all
     that were sent. `samples` are the last times of normal responses. `limit` is that of the last transaction,
     `answered_at` the time of the last valid response. `late` responses came after their limit, the slowest
-    of them after `latest` seconds.
+    of them after `latest` seconds; `latest_limit` was the limit of its request.
     """
 
-    __slots__ = ("answer", "answered_at", "late", "latest", "limit", "request", "samples", "share", "wait")
+    __slots__ = (
+        *("answer", "answered_at", "late", "latest", "latest_limit"),
+        *("limit", "request", "samples", "share", "wait"),
+    )
 
     def __init__(self) -> None:
         self.wait = Histogram(SECONDS)
@@ -34,6 +37,7 @@ class Times:
         self.limit = 0.0
         self.late = 0
         self.latest = 0.0
+        self.latest_limit = 0.0
         self.answered_at = NEVER
 
     def answered(self, now: float, ends_at: float, limit: float) -> None:
@@ -48,7 +52,8 @@ class Times:
         if elapsed <= limit:
             return False
         self.late += 1
-        self.latest = max(self.latest, elapsed)
+        if elapsed > self.latest:
+            self.latest, self.latest_limit = elapsed, limit
         return True
 
 

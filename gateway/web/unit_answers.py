@@ -15,9 +15,9 @@ class FunctionTimes:
     """How long the valid responses to one function took, and whether their limit suits them.
 
     `counts` are those of the buckets below `bounds_ms`, and of one more for all longer times. `share_p99` is the part
-    of its limit that 99 of 100 responses needed at most. `late` responses came after it, the slowest after `latest_ms`.
-    `limit_ms` is the present limit, None before the first request. `proposed_ms` is what `calibrate` would make of it;
-    None without enough responses, or where no timing table applies.
+    of its limit that 99 of 100 responses needed at most. `late` responses came after theirs, the slowest after
+    `latest_ms`, when it was `latest_limit_ms`. `limit_ms` is the present limit, None before the first request.
+    `proposed_ms` is what `calibrate` would make of it; None without enough responses, or where no timing table applies.
     """
 
     function: int
@@ -25,6 +25,7 @@ class FunctionTimes:
     timeouts: int
     late: int
     latest_ms: float
+    latest_limit_ms: float
     bounds_ms: tuple[float, ...]
     counts: tuple[int, ...]
     p50_ms: float | None

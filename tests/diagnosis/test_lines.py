@@ -9,6 +9,7 @@ from gateway.diagnosis.last import Last
 from gateway.diagnosis.lines import about_line
 from gateway.ports.port import CharacterErrors
 
+LATE = {"latest": 0.52, "latest_limit": 0.4}
 SILO = UnitEvidence(41, 1, "silo-1", "gateway.toml:7", "weigher", answered=100, limit=0.4, limit_share=0.2)
 PRESS = UnitEvidence(46, 6, "press", "gateway.toml:8", "v80", answered=50, limit=0.4, limit_share=0.2)
 LINE = LineEvidence("hall", "gateway.toml:3", 19200, "8E1", sent=150, units=(SILO, PRESS))
@@ -256,7 +257,7 @@ def test_a_unit_that_only_a_client_names_is_a_note_beside_one_that_answers():
 
 
 def test_a_limit_that_is_too_short_is_named_with_a_longer_one():
-    ((about, what, remedy),) = fixes(replace(LINE, units=(replace(SILO, timeouts=9, late=9, latest=0.52), PRESS)))
+    ((about, what, remedy),) = fixes(replace(LINE, units=(replace(SILO, timeouts=9, late=9, **LATE), PRESS)))
     assert (about, what) == (
         "unit 41, silo-1",
         "9 responses came after the limit, the slowest after 520 ms (limit 400 ms)",
@@ -265,14 +266,20 @@ def test_a_limit_that_is_too_short_is_named_with_a_longer_one():
 
 
 def test_the_times_of_a_table_are_measured_and_not_replaced_by_one_timeout():
-    late = replace(SILO, timeouts=9, late=9, latest=0.52, has_table=True)
+    late = replace(SILO, timeouts=9, late=9, **LATE, has_table=True)
     ((_, _, remedy),) = fixes(replace(LINE, units=(late, PRESS)))
     assert remedy == ("modbus-gateway calibrate silo-1 --active --write-profile FILE makes a profile with longer times")
 
 
 def test_a_late_answer_now_and_then_is_a_note():
-    line = replace(LINE, units=(replace(SILO, answered=100_000, timeouts=1, late=1, latest=0.52),))
+    line = replace(LINE, units=(replace(SILO, answered=100_000, timeouts=1, late=1, **LATE),))
     assert levels(line) == ["note", "ok"]
+
+
+def test_the_limit_that_is_named_is_that_of_the_slow_answer_and_not_that_of_another_function():
+    late = replace(SILO, timeouts=9, late=9, latest=0.0544, latest_limit=0.0411, limit=0.103)
+    ((_, what, _),) = fixes(replace(LINE, units=(late, PRESS)))
+    assert what == "9 responses came after the limit, the slowest after 54.4 ms (limit 41.1 ms)"
 
 
 def test_answers_close_to_their_limit_are_a_note():
@@ -305,7 +312,7 @@ def rows_about_silo(unit, **about_line_too):
 
 
 def test_a_late_response_does_not_hide_that_responses_are_damaged():
-    unit = replace(SILO, answered=2000, bad_frames=96, timeouts=40, late=1, latest=0.52, instead=GARBLED[:1])
+    unit = replace(SILO, answered=2000, bad_frames=96, timeouts=40, late=1, **LATE, instead=GARBLED[:1])
     assert [what for _, what in rows_about_silo(unit)] == [
         "96 of 2136 responses were damaged",
         "one response came after the limit, the slowest after 520 ms (limit 400 ms)",
@@ -313,7 +320,7 @@ def test_a_late_response_does_not_hide_that_responses_are_damaged():
 
 
 def test_what_is_to_be_mended_comes_first_and_then_what_concerns_most_requests():
-    unit = replace(SILO, answered=100, bad_frames=10, timeouts=60, late=20, latest=0.52, instead=GARBLED[:1])
+    unit = replace(SILO, answered=100, bad_frames=10, timeouts=60, late=20, **LATE, instead=GARBLED[:1])
     assert rows_about_silo(unit) == [
         ("fix", "40 of 170 requests were not answered"),
         ("fix", "20 responses came after the limit, the slowest after 520 ms (limit 400 ms)"),

@@ -75,6 +75,7 @@ def test_an_answer_that_comes_after_its_late_window_is_counted(bench: Bench) -> 
     belated = bench.line.overheard.belated[1]
     assert belated.count == 1
     assert 29.9 < belated.longest < 30.0
+    assert belated.limit == bench.devices[1].counts.times[3].limit
 
 
 def test_a_response_before_its_request_was_sent_is_not_counted_as_late() -> None:

@@ -257,6 +257,20 @@ async def test_a_limit_that_is_too_short_is_found_without_any_client():
         assert what == "one response came after the limit, the slowest after 115 ms (limit 59 ms)"
 
 
+async def test_a_late_answer_is_told_with_the_limit_of_its_own_function():
+    timing = '[{ fc = 3, items = 1, time = "10 ms" }, { fc = 4, items = 1, time = "100 ms" }]'
+    table = f"[profile.two]\ntiming = {timing}\n"
+    async with gateway_bench(table + CONFIG.replace('name = "silo"', 'name = "silo", profile = "two"')) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1, delay=0.05), SimulatedDevice(6)))
+        client = bench.client()
+        await client.asks(41, "04 00 00 00 01")
+        for _ in range(3):
+            await client.asks(41, "03 00 00 00 01")
+            await asyncio.sleep(1.0)
+        (what,) = fixes(await found(bench, ask=False))
+        assert what == "3 responses came after the limit, the slowest after 45.4 ms (limit 24 ms)"
+
+
 async def test_two_devices_that_answer_one_after_the_other_are_found():
     async with gateway_bench(CONFIG) as bench:
         twins = SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(6))

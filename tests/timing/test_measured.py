@@ -70,3 +70,11 @@ def test_without_a_limit_an_answer_has_no_share_of_it() -> None:
     assert times.share.total == 0.0
     assert times.share.counts[0] == 1
     assert times.answer.total == pytest.approx(0.4)
+
+
+def test_the_limit_of_the_slowest_late_answer_is_kept() -> None:
+    times = Times()
+    assert not times.came_late(0.1, 0.1)
+    for elapsed, limit in ((0.05, 0.04), (0.3, 0.2), (0.06, 0.01)):
+        assert times.came_late(elapsed, limit)
+    assert (times.late, times.latest, times.latest_limit) == (3, 0.3, 0.2)

@@ -303,7 +303,7 @@ async def test_a_page_of_another_site_makes_nobody_ask_a_unit(bench, device):
 def times(counts: dict[int, int], limit: float, proposed: float | None = None) -> FunctionTimes:
     bounds = (1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)
     filled = tuple(counts.get(bucket, 0) for bucket in range(len(bounds) + 1))
-    return FunctionTimes(3, sum(filled), 0, 0, 0.0, bounds, filled, 1.0, 2.0, 0.1, limit, proposed, "right")
+    return FunctionTimes(3, sum(filled), 0, 0, 0.0, 0.0, bounds, filled, 1.0, 2.0, 0.1, limit, proposed, "right")
 
 
 def test_the_marks_of_a_histogram_stand_right_of_shorter_times():
