@@ -5,6 +5,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 from math import ceil
 from pathlib import Path
@@ -113,6 +114,15 @@ def _show(source: "Source", args: argparse.Namespace) -> int:
     return FINE
 
 
+@dataclass(slots=True)
+class _Gathered:
+    """Responses with one function and number of items: how many, the slowest, and the times of the last ones."""
+
+    count: int = 0
+    longest: float = 0.0
+    times: list[float] = field(default_factory=list)
+
+
 class Source:
     """The times that the gateway keeps, gathered: it keeps the last ones only. `about` says what they are of."""
 
@@ -120,11 +130,10 @@ class Source:
         self.about: Mapping[str, Any] = {}
         self._daemon = daemon
         self._unit = unit
-        self._counts: dict[tuple[int, int], int] = {}
-        self._times: dict[tuple[int, int], list[float]] = {}
+        self._gathered: dict[tuple[int, int], _Gathered] = {}
+        #: What the gateway said last: how many responses since its start, and the slowest of these.
+        self._said: dict[tuple[int, int], tuple[int, float]] = {}
         self._limits: dict[tuple[int, int], tuple[float, float]] = {}
-        self._longest: dict[tuple[int, int], float] = {}
-        self._has_forgotten = False
         self.look()
 
     def look(self) -> None:
@@ -133,34 +142,34 @@ class Source:
         if "rows" not in self.about:
             raise DaemonError("the gateway's answer has no times in it")
         for row in self.about["rows"]:
-            key = row["function"], row["items"]
-            new = row["count"] - self._counts.get(key, 0)
+            key, longest = (row["function"], row["items"]), row.get("longest_ms", 0.0) / 1000
+            count_before, longest_before = self._said.get(key, (0, 0.0))
+            new = row["count"] - count_before if row["count"] >= count_before else row["count"]  # after a reload
             if new > 0:
-                times = self._times.setdefault(key, [])
-                times += [each / 1000 for each in row["times_ms"][-new:]]
-                del times[:-_KEPT]
-            self._counts[key] = row["count"]
+                gathered = self._gathered.setdefault(key, _Gathered())
+                gathered.count += new
+                gathered.times += [each / 1000 for each in row["times_ms"][-new:]]
+                del gathered.times[:-_KEPT]
+                if longest > longest_before:
+                    gathered.longest = max(gathered.longest, longest)
+            self._said[key] = row["count"], longest
             self._limits[key] = row["limit_ms"], row["allowed_ms"]
-            if not self._has_forgotten:  # later it may be of a time that does not count
-                self._longest[key] = row.get("longest_ms", 0.0) / 1000
 
     def forget(self) -> None:
         """Only what comes from now on counts."""
-        self._times.clear()
-        self._longest.clear()
-        self._has_forgotten = True
+        self._gathered.clear()
 
     @property
     def count(self) -> int:
-        """How many times there are."""
-        return sum(map(len, self._times.values()))
+        """How many responses came."""
+        return sum(each.count for each in self._gathered.values())
 
     def rows(self) -> list[Row]:
         """The times by function and number of items."""
         return [
-            Row(*key, tuple(times), *self._limits[key], self._longest.get(key, 0.0))
-            for key, times in sorted(self._times.items())
-            if times
+            Row(*key, tuple(each.times), *self._limits[key], each.longest, each.count)
+            for key, each in sorted(self._gathered.items())
+            if each.times
         ]
 
 
@@ -171,6 +180,11 @@ class Calibration(Proposal):
         super().__init__(rows, float(about["margin"]))
         self.more = more
         self.about = about
+
+    @property
+    def count(self) -> int:
+        """How many responses came."""
+        return sum(row.count for row in self.rows)
 
     @property
     def timing_text(self) -> str:
@@ -184,10 +198,9 @@ class Calibration(Proposal):
     def text(self) -> str:
         """All of it for a reader."""
         about = self.about
-        count = sum(len(row.times) for row in self.rows)
         where = f"{about['mode']} {about['baud']} {about['format']}"
         parts = [
-            f"{about['name']} (unit {about['unit']}), profile {about['profile']}, {where}: {count} responses",
+            f"{about['name']} (unit {about['unit']}), profile {about['profile']}, {where}: {self.count} responses",
             align([_HEADINGS, *map(self._cells, self.rows)]),
             f"For the profile, with margin = {self.margin:g}:\n\n{self.timing_text}",
             *self._notes(),
@@ -201,7 +214,7 @@ class Calibration(Proposal):
             {
                 "function": row.function,
                 "items": row.items,
-                "count": len(row.times),
+                "count": row.count,
                 "p50_ms": _ms(row.quantile(0.5)),
                 "p99_ms": _ms(row.quantile(0.99)),
                 "max_ms": _ms(row.slowest),
@@ -216,7 +229,7 @@ class Calibration(Proposal):
 
     def _cells(self, row: Row) -> tuple[str, ...]:
         times = (row.quantile(0.5), row.quantile(0.99), row.slowest, self.fitted(row), row.limit_ms / 1000)
-        return (str(row.function), str(row.items), str(len(row.times)), *(show_duration(each) for each in times))
+        return (str(row.function), str(row.items), str(row.count), *(show_duration(each) for each in times))
 
     def _notes(self) -> Iterator[str]:
         single = [function for function in self.fits if [each[0] for each in self.timing].count(function) == 1]
@@ -226,9 +239,11 @@ class Calibration(Proposal):
             yield f"Only one number of items was seen with function {functions}: --active measures others."
         if self.margin > self.about["margin"]:
             yield "Some responses take much longer than others: hence the margin."
-        count = sum(len(row.times) for row in self.rows)
-        if count < ENOUGH_TO_SHORTEN:
-            responses = "1 response is" if count == 1 else f"{count} responses are"
+        kept = max((len(row.times) for row in self.rows if row.count > len(row.times)), default=0)
+        if kept:
+            yield f"P50 and P99 are those of the last responses only: of {kept} of each kind at most."
+        if self.count < ENOUGH_TO_SHORTEN:
+            responses = "1 response is" if self.count == 1 else f"{self.count} responses are"
             yield f"{responses} too few for a time limit: take at least {ENOUGH_TO_SHORTEN}, with {self.more}."
 
 
@@ -252,7 +267,7 @@ def _wait(source: Source, seconds: float) -> None:
 
 
 def _profile(table: Calibration) -> str:
-    about, count = table.about, sum(len(row.times) for row in table.rows)
+    about, count = table.about, table.count
     where = f"{about['mode']} {about['baud']} {about['format']}"
     today = datetime.now().astimezone().date()
     origin = f"Measured by modbus-gateway calibrate {about['name']}, {today}: {count} responses, {where}."

@@ -15,7 +15,7 @@ class Row:
     """The response times of one function with so many items, in seconds, and what the limit is now.
 
     `allowed_ms` is the part of the limit that is for the device; the rest is the response on the wire, and latency.
-    `times` may be the last ones only: the slowest of all was `longest`, if that is more.
+    `times` may be those of some of the `count` responses only: the slowest of all was `longest`, if that is more.
     """
 
     function: int
@@ -24,6 +24,7 @@ class Row:
     limit_ms: float
     allowed_ms: float
     longest: float = 0.0
+    count: int = 0
 
     @property
     def slowest(self) -> float:

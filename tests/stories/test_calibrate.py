@@ -4,6 +4,7 @@ import asyncio
 import json
 import tomllib
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Self
 
@@ -67,7 +68,9 @@ class Daemon:
         self.loop.run_until_complete(self._bench.__aexit__(None, None, None))
         self.loop.close()
 
-    def __call__(self, control: str | None) -> Self:
+    gateway = Path("/run/gw.sock")
+
+    def __call__(self, gateway: Path) -> Self:
         return self
 
     def __enter__(self) -> Self:
@@ -174,6 +177,27 @@ def test_without_for_it_takes_what_was_measured_since_the_start(
     assert '{ fc = 3, items = 1, time = "10' in said
     assert "Only one number of items was seen with function 3" in said
     assert said.endswith("3 responses are too few for a time limit: take at least 100, with --active.\n")
+
+
+@pytest.mark.parametrize("words", [(), ("--for", "10s")])
+def test_every_response_counts_though_the_gateway_keeps_the_times_of_the_last_ones_only(
+    daemon: Daemon, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
+) -> None:
+    async def asks(number: int) -> None:
+        client = daemon.bench.client()
+        for _ in range(number):
+            await client.asks(2, "03 00 01 00 01")
+
+    if words:
+        daemon.loop.create_task(asks(1000))
+    else:
+        daemon.loop.run_until_complete(asks(200))
+    assert main(["calibrate", "axis-1", *words]) == 0
+    said = capsys.readouterr().out
+    counted = len(bytes(daemon.bench.lines["motion"].written).split(b":")) - 1
+    assert int(said.partition(" responses")[0].rpartition(" ")[2]) == pytest.approx(counted, abs=1)
+    assert "are too few for a time limit" not in said
+    assert "P50 and P99 are those of the last responses only" in said
 
 
 def test_too_few_responses_in_a_short_time_ask_for_a_longer_one(
