@@ -9,6 +9,7 @@ from gateway.config.load import load
 from gateway.config.plan import Plan
 from gateway.config.problem import Problem, did_you_mean
 from gateway.config.resolve import resolve
+from gateway.config.source import place_of
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding, Level
 from gateway.errors import DaemonError
@@ -47,7 +48,7 @@ def _ports(plan: Plan, line: str | None) -> list[PortInUse]:
         remedy = did_you_mean(line, [name for name, _, _ in parts])
         raise DaemonError(f'there is no line "{line}"' + (f"; {remedy}" if remedy else ""))
     return [
-        PortInUse(name, source, port.port, is_open=False)
+        PortInUse(name, place_of(source, "port"), port.port, is_open=False)
         for name, source, port in parts
         if isinstance(port, SerialSettings) and line in (None, name)
     ]

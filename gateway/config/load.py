@@ -22,6 +22,7 @@ from gateway.config.schema_fleet import Fleet
 from gateway.config.schema_mqtt import Mqtt
 from gateway.config.schema_profile import ProfileTable
 from gateway.config.schema_web import Web
+from gateway.config.source import Source
 from gateway.config.syntax import syntax_problem
 from gateway.config.table import Table
 from gateway.config.wording import keys_of, not_text, unknown_key, value_problems
@@ -215,7 +216,9 @@ class _Reader:
     def _place(self, table: Table, path: Path) -> None:
         """Set the place of a table and of those inside it."""
         line, _ = self._positions.value(path)
-        table.placed(path, f"{self._file}:{line}")
+        keys = [type(table).model_fields[name].alias or name for name in table.model_fields_set]
+        lines = {key: self._positions.key((*path, key))[0] for key in keys}
+        table.placed(path, Source.of(self._file, line, lines))
         for name, field in type(table).model_fields.items():
             value = getattr(table, name)
             key = field.alias or name

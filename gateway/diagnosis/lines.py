@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from gateway.config.duration import show_age
+from gateway.config.source import to_write
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
 from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.last import RECENT, Last
@@ -65,14 +66,14 @@ def _who_answers(line: LineEvidence, asked: list[UnitEvidence], ill: set[str]) -
 def _echo(line: LineEvidence) -> Iterator[Finding]:
     if _is_echoing(line) and not line.echo:
         what = f"the adapter returns what is sent: {line.copies} of {line.sent} requests came back"
-        yield _seen(line, what, f"{line.source}: echo = true", line.last_copy)
+        yield _seen(line, what, to_write(line.source, {"echo": "true"}), line.last_copy)
 
 
 def _copies(line: LineEvidence) -> Iterator[Finding]:
     """Too few for an adapter that was there all the time; it may have been changed."""
     if line.copies >= ENOUGH and line.others < ENOUGH and not (_is_echoing(line) or line.echo):
         what = f"{line.copies} of {line.sent} requests came back: the adapter echoes, or another client asks the same"
-        remedy = f"{line.source}: echo = true; if the adapter does not echo, disconnect the other client"
+        remedy = f"{to_write(line.source, {'echo': 'true'})}; if the adapter does not echo, disconnect the other client"
         yield _seen(line, what, remedy, line.last_copy)
 
 
@@ -96,7 +97,7 @@ def _parity(line: LineEvidence) -> Iterator[Finding]:
         return
     counted = f"{errors.parity} of {errors.received} characters had a wrong parity bit{line.last_parity}"
     others = [f'"{each}"' for each in _OTHER_PARITIES if each != line.format]
-    remedy = f"{line.source}: format = {' or '.join(others)}, as at the devices"
+    remedy = f"{to_write(line.source, {'format': ' or '.join(others)})}, as at the devices"
     yield Finding(line.last_parity.level, line.name, f"{counted}: the devices have another", remedy)
 
 
@@ -123,9 +124,9 @@ def _speed(line: LineEvidence) -> Iterator[Finding]:
     if search.speed is not None:
         baud, format_ = search.speed
         what = f"nobody answers at {line.baud} {line.format}, but at {baud} {format_}"
-        keys = [f"baud = {baud}"] if baud != line.baud else []
-        keys += [f'format = "{format_}"'] if format_ != line.format else []
-        yield Finding("fix", line.name, what, f"{line.source}: {' and '.join(keys)}")
+        keys = {"baud": str(baud)} if baud != line.baud else {}
+        keys |= {"format": f'"{format_}"'} if format_ != line.format else {}
+        yield Finding("fix", line.name, what, to_write(line.source, keys))
     elif not search.found:
         others = "rates and formats" if search.has_parity else "rates (this port has no parity to try)"
         what = f"nobody answers at {line.baud} {line.format}, nor at {search.speeds} other {others}"

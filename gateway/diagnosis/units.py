@@ -5,6 +5,7 @@ from math import ceil
 from typing import Final, NamedTuple
 
 from gateway.config.duration import show_duration
+from gateway.config.source import to_write
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
 from gateway.diagnosis.finding import Finding, Level
 from gateway.timing.verdict import CLOSE
@@ -111,7 +112,7 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if search is not None and search.found:
         found = ", ".join(map(str, search.found))
         what += f", but a device that is not configured answers at {found}: are addresses swapped?"
-        remedy = f"{unit.source}: unit = {search.found[0]}, or set the address at the device"
+        remedy = f"{to_write(unit.source, {'unit': str(search.found[0])})}, or set the address at the device"
     else:
         remedy = _CHECK_DEVICE
     yield _Found(unit.asked, _row("fix", unit, what, remedy))
@@ -158,7 +159,8 @@ def _is_refusing(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     alike = [other for other in line.units if other is not unit and _refuses(other) and other.profile != unit.profile]
     if alike:
         what = f"answers with exceptions only, and so does {name(alike[0])}: are their addresses swapped?"
-        remedy = f"{unit.source}: unit = {alike[0].on_the_wire}; {alike[0].source}: unit = {unit.on_the_wire}"
+        swapped = (unit, alike[0]), (alike[0], unit)
+        remedy = "; ".join(to_write(one.source, {"unit": str(other.on_the_wire)}) for one, other in swapped)
         yield _Found(unit.exceptions, _row("fix", unit, what, remedy))
     else:
         remedy = "modbus-gateway profile shows what each kind of device accepts"
@@ -214,7 +216,7 @@ def _longer(unit: UnitEvidence, line: LineEvidence) -> str:
     step = 0.05 if longest * _MARGIN < 1 else 0.5
     timeout = show_duration(ceil(round(longest * _MARGIN / step, 3)) * step)
     shared = f", for {', '.join(each.name for each in of_row)}" if len(of_row) > 1 else ""
-    return f'{unit.source}: timeout = "{timeout}"{shared}'
+    return to_write(unit.source, {"timeout": f'"{timeout}"'}) + shared
 
 
 _CHECK_DEVICE: Final = "check power, wiring and address of the device"

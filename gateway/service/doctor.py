@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from gateway.config.source import place_of
 from gateway.devices.device import Device
 from gateway.diagnosis.broker import BrokerEvidence, about_broker
 from gateway.diagnosis.clients import about_client
@@ -240,7 +241,8 @@ def _about_upstream(upstream: GatewayUpstream, *, has_nats: bool) -> list[Findin
     port, error = upstream.plan.port, upstream.reconnector.error
     if error is None:
         return []
-    remedy = f'{upstream.plan.upstream.source}: check to = "{upstream.reconnector.port_path}", and the server there'
+    place = place_of(upstream.plan.upstream.source, "to")
+    remedy = f'{place}: check to = "{upstream.reconnector.port_path}", and the server there'
     if isinstance(port, SiteSettings):
         if not has_nats:
             return []  # the row about NATS says it
@@ -252,4 +254,5 @@ def _port_of(part: GatewayLine | GatewayServer) -> list[PortInUse]:
     if not isinstance(part.plan.port, SerialSettings):
         return []
     is_standby = isinstance(part, GatewayLine) and part.is_standby
-    return [PortInUse(part.name, part.plan.line.source, part.plan.port.port, part.reconnector.is_open, is_standby)]
+    place = place_of(part.plan.line.source, "port")
+    return [PortInUse(part.name, place, part.plan.port.port, part.reconnector.is_open, is_standby)]

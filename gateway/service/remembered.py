@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 
 from gateway.config.plan import LinePlan, Plan
+from gateway.config.source import place_of
 from gateway.devices.device import DeviceSettings
 from gateway.devices.quirks import BAUD_RATES
 from gateway.events import AddressRemembered, BaudRemembered
@@ -42,12 +43,12 @@ def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRem
     for line in plan.lines:
         name, configured, now = line.line.name, line.line.timing.baud, rate(line, memory)
         if now != configured:
-            advice = (
-                f"its device changed the rate in an earlier run; set baud = {now} in {line.line.source}; {to_forget}"
-            )
+            place = place_of(line.line.source, "baud")
+            advice = f"its device changed the rate in an earlier run; set baud = {now} in {place}; {to_forget}"
             yield BaudRemembered(name, now, configured, advice)
         at = addresses(line, memory)
         for device in line.devices:
             if at[device.name] != device.unit:
-                advice = f"it moved in an earlier run; set unit = {at[device.name]} in {device.source}; {to_forget}"
+                place = place_of(device.source, "unit")
+                advice = f"it moved in an earlier run; set unit = {at[device.name]} in {place}; {to_forget}"
                 yield AddressRemembered(name, device.name, at[device.name], device.unit, advice)

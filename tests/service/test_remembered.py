@@ -46,7 +46,7 @@ def test_each_value_is_told_with_what_the_config_says_and_how_to_be_rid_of_it() 
             "hall-a",
             19200,
             9600,
-            f"its device changed the rate in an earlier run; set baud = 19200 in gateway.toml:2; {to_forget}",
+            f"its device changed the rate in an earlier run; set baud = 19200 in gateway.toml:5; {to_forget}",
         ),
         AddressRemembered(
             "hall-a",

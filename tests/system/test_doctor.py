@@ -83,7 +83,7 @@ def test_a_healthy_set_up_has_nothing_to_fix(tmp_path):
 @pytest.mark.parametrize(
     ("fault", "named"),
     [
-        ("wrong-rate", "nobody answers at 9600 8E1, but at 19200 8E1 -> gateway.toml:5: baud = 19200"),
+        ("wrong-rate", "nobody answers at 9600 8E1, but at 19200 8E1 -> gateway.toml:8: baud = 19200"),
         ("wrong-parity", "nobody answers at 9600 8E1, nor at 9 other rates"),
         ("swapped-address", "does not answer at address 1, but a device that is not configured answers at 2"),
         ("duplicate-address", "two devices may have the address 1"),
