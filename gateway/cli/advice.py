@@ -66,8 +66,8 @@ def _mostly(line: _Row) -> str:
     if not users:
         return ""
     first = users[0]
-    where = f"unit {first['on_the_wire']}, function {first['function']}"
-    return f" ({first['share']:.0%} by {first['client']}: {where})"
+    where = first["device"] or f"address {first['on_the_wire']}"
+    return f" ({first['share']:.0%} by {first['client']}: {where}, function {first['function']})"
 
 
 def for_unit(unit: _Row) -> Iterator[str]:

@@ -90,7 +90,8 @@ def show_status(status: Mapping[str, Any], width: int = 80) -> str:
         return _table("Sites", _rows(status, "sites"), _SITES, width)
     units = _rows(status, "units")
     asked = [unit for unit in units or () if _cell(_was_polled, unit)]
-    shown = {**status, "units": None if units is None else asked, "users": list(_users(_rows(status, "lines") or ()))}
+    users = list(_users(_rows(status, "lines") or (), units or ()))
+    shown = {**status, "units": None if units is None else asked, "users": users}
     parts = ["   ".join(str(status[fact]) for fact in ("site", "page") if status.get(fact))]
     parts += [_table(title, _rows(shown, section), columns, width) for title, section, columns in _TABLES]
     parts.append(_notes(shown, width))
@@ -100,13 +101,14 @@ def show_status(status: Mapping[str, Any], width: int = 80) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def _users(lines: Iterable[Any]) -> Iterator[Mapping[str, Any]]:
-    """Who takes most of each line's time."""
+def _users(lines: Iterable[Any], units: Iterable[Any]) -> Iterator[Mapping[str, Any]]:
+    """Who takes most of each line's time, each with the unit that its clients use, not the address on the wire."""
+    numbers = {str(_cell("name", unit)): _cell("unit", unit) for unit in units}
     for line in lines:
         users = _cell("users", line)
         for user in (users if isinstance(users, list) else ())[:_USERS_SHOWN]:
             if _cell("share", user) not in (UNKNOWN, 0):
-                yield {"line": _cell("name", line), **user}
+                yield {"line": _cell("name", line), **user, "unit": numbers.get(str(_cell("device", user)), _NOTHING)}
 
 
 def _rows(status: Mapping[str, Any], section: str) -> list[Any] | None:
@@ -308,7 +310,7 @@ _TABLES: Final[tuple[tuple[str, str, Mapping[str, _Column]], ...]] = (
         {
             "LINE": "line",
             "CLIENT": "client",
-            "UNIT": "on_the_wire",
+            "UNIT": "unit",
             "DEVICE": "device",
             "FUNCTION": "function",
             "SHARE": _user_share,

@@ -74,7 +74,7 @@ STATUS = Status(
     lines=(LINE,),
     servers=(),
     upstreams=(),
-    units=(UNIT, replace(UNIT, unit=42, state="fine", counts=Counts())),
+    units=(UNIT, replace(UNIT, unit=42, name="press", state="fine", counts=Counts())),
     images=(),
     mirrors=(MirrorStatus(241, "m", "", "silo", 5, 0, 9, 0, (RangeStatus("holding 0-1", 500.0, 1234.0),)),),
 )
@@ -355,11 +355,11 @@ def test_who_takes_a_line_up_is_shown():
     said = show_status(told(replace(STATUS, lines=(replace(LINE, users=users),))))
     assert "Users of the lines (of the last minute)\n" in said
     assert "  LINE    CLIENT    UNIT  DEVICE  FUNCTION  SHARE   REQ/S\n" in said
-    assert "  hall-a  10.2.0.7  1     silo    3         62.1 %  10.5\n" in said
+    assert "  hall-a  10.2.0.7  41    silo    3         62.1 %  10.5\n" in said
     assert "left out" not in said
 
 
 def test_a_line_that_is_full_says_by_whom():
     full = replace(LINE, busy_share=0.95, users=(USER,))
     said = " ".join(show_status(told(replace(STATUS, lines=(full,)))).split())
-    assert "busy for 95% of the time (62% by 10.2.0.7: unit 1, function 3): poll less often" in said
+    assert "busy for 95% of the time (62% by 10.2.0.7: silo, function 3): poll less often" in said
