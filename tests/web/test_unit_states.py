@@ -9,6 +9,7 @@ from gateway.diagnosis.evidence import PortEvidence
 from gateway.diagnosis.finding import Finding
 from gateway.service.examinations import Report
 from gateway.timing.history import STEP, History, UnitUse
+from gateway.web.pages.heat_map import kind_of
 from gateway.web.pages.overview import Trouble, with_findings
 from gateway.web.pages.unit_states import states_of
 from kit.browser import web_bench
@@ -47,10 +48,20 @@ def state(*uses: UnitUse, now: str = "fine", sent: int = 9) -> str:
         ((UnitUse(requests=4, timeouts=2, responses=2),), "fine", "fine"),
         ((UnitUse(requests=2, timeouts=2),), "failing", "failing"),
         ((FINE,), "resting", "resting"),
+        ((FINE._replace(timeouts=2, unsent=24),), "fine", "failing"),
+        ((FINE._replace(requests=1000, responses=1000), FINE._replace(timeouts=2, unsent=24)), "fine", "failing"),
     ],
 )
 def test_a_state_is_that_of_the_last_minutes(uses, now, expected):
     assert state(*uses, now=now) == expected
+
+
+@pytest.mark.parametrize("requests", [1, 4, 30, 200])
+def test_the_state_is_failing_exactly_if_the_column_beside_it_is_red(requests):
+    for unanswered in range(requests + 1):
+        use = UnitUse(requests=requests, timeouts=unanswered // 2, unsent=unanswered - unanswered // 2, responses=1)
+        is_red = kind_of(use) in ("many", "none")
+        assert (state(FINE._replace(requests=5000), use) == "failing") == is_red, use
 
 
 def test_a_unit_that_nobody_has_asked_is_not_fine():

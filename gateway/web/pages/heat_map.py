@@ -11,14 +11,13 @@ from time import sleep
 from typing import Any, Final
 
 from gateway.timing.history import STEP, Past, Slot, UnitUse
-from gateway.web.pages.unit_states import ShownState
+from gateway.web.pages.unit_states import ShownState, is_failing
 from gateway.web.past import mean_share, together
 
 #: The height of the picture, and of each kind of column; the kinds in the order of the legend.
 HEIGHT: Final = 12
 KINDS: Final = {"fine": 4, "slow": 6, "exceptions": 6, "few": 8, "many": 10, "none": 12, "idle": 1}
-#: From this share of requests on there are many without an answer, or with an exception.
-_MANY: Final = 0.1
+#: From this share of requests on there are many with an exception.
 _EXCEPTIONS: Final = 0.05
 #: From this mean share of the limit on, answers are slow.
 _SLOW: Final = 0.6
@@ -132,7 +131,7 @@ def kind_of(use: UnitUse | None) -> str:
         return "idle"
     lost, share = use.unanswered / use.requests, mean_share(use) or 0.0
     if lost:
-        return "none" if lost == 1.0 else "many" if lost >= _MANY else "few"
+        return "none" if lost == 1.0 else "many" if is_failing(use) else "few"
     if use.exceptions / use.requests >= _EXCEPTIONS:
         return "exceptions"
     return "slow" if share >= _SLOW else "fine"

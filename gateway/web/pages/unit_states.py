@@ -1,6 +1,6 @@
 """The state of a unit as pages show it: that of the last minutes, which one failure among many does not change."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -10,8 +10,8 @@ from gateway.web.past import together
 
 #: This many slots of the history count, the present one among them: 10 to 20 minutes.
 SLOTS: Final = 2
-#: From which share and number of requests without an answer on a unit is failing.
-_MANY: Final = 0.05
+#: From which share and number of requests without an answer on a unit is failing: its state, and its column is red.
+MANY: Final = 0.05
 _ENOUGH: Final = 3
 
 
@@ -23,6 +23,11 @@ class ShownState:
     use: UnitUse
 
 
+def is_failing(use: UnitUse) -> bool:
+    """Whether so many requests had no answer: the one rule for the state of a unit and for its columns."""
+    return bool(use.unanswered) and use.unanswered >= min(use.requests, max(_ENOUGH, MANY * use.requests))
+
+
 def rests_ms(unit: Unit, status: Status) -> float:
     """How long a unit is left alone from now on, because it has not answered."""
     return next((each.rests_ms for each in status.units if (each.unit, each.name) == (unit.unit, unit.name)), 0.0)
@@ -31,16 +36,14 @@ def rests_ms(unit: Unit, status: Status) -> float:
 def states_of(units: Iterable[Any], past: Past) -> Mapping[str, ShownState]:
     """The states of units by name."""
     slots = [slot for slot in past.slots[-SLOTS:] if slot is not None]
-    return {unit.name: _state(unit, together(slot.units.get(unit.name) for slot in slots)) for unit in units}
+    return {unit.name: _state(unit, [slot.units.get(unit.name, UnitUse()) for slot in slots]) for unit in units}
 
 
-def _state(unit: Any, use: UnitUse) -> ShownState:
+def _state(unit: Any, uses: Sequence[UnitUse]) -> ShownState:
+    use = together(uses)
     if unit.state == "resting":
         return ShownState("resting", use)
-    is_known = use.responses > 0
-    if unit.state == "failing" and not is_known:
-        return ShownState("failing", use)
-    if use.lost >= max(_ENOUGH, _MANY * (use.requests - use.unsent)):  # what a line has not sent says nothing of a unit
+    if (unit.state == "failing" and not use.responses) or any(map(is_failing, (use, *uses[-1:]))):
         return ShownState("failing", use)
     was_asked = use.requests or unit.counts.sent
     return ShownState("fine" if was_asked else "not asked", use)
