@@ -8,6 +8,7 @@ from typing import Any
 from gateway.cli.columns import align
 from gateway.cli.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.cli.progress import progress
 from gateway.cli.usage import parsed_by
 from gateway.config.duration import parse_duration, show_duration
 from gateway.errors import DaemonError
@@ -41,11 +42,20 @@ def run(args: argparse.Namespace) -> int:
     with Conversation(which_gateway(args)) as daemon:
         daemon.wait_for(args.seconds + _SLACK)
         question = {"line": args.line, "seconds": args.seconds, "unit": unit, "items": args.items, "address": args.at}
-        result = daemon.ask("bench", **question).get("bench")
+        with progress() as line:
+            answer = daemon.ask("bench", **question, progress=True)
+            while "progress" in answer:
+                line.show(_how_far(answer["progress"], args.seconds))
+                answer = daemon.next_answer()
+        result = answer.get("bench")
         if not isinstance(result, dict):
             raise DaemonError("the gateway's answer has no measurement in it")
         print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else show_bench(result))
         return PROBLEM_FOUND if result["failed"] else FINE
+
+
+def _how_far(progress: Mapping[str, Any], seconds: float) -> str:
+    return f"{progress['elapsed_s']:.0f} of {show_duration(seconds)}, {progress['reads']} reads"
 
 
 def show_bench(result: Mapping[str, Any]) -> str:
@@ -73,6 +83,8 @@ def _notes(result: Mapping[str, Any]) -> Iterator[str]:
         f"{total} reads in {show_duration(result['seconds'])}: {result['answered']} answered, "
         f"{result['exceptions']} exceptions, {result['failed']} failed; line busy {result['busy_share']:.0%}"
     )
+    if result.get("left_out"):
+        yield f"left out, because they rest after several failures: {', '.join(result['left_out'])}"
     if share is not None:
         yield f"measured is {share:.1%} of the arithmetic"
     if result["failed"]:

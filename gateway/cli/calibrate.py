@@ -16,7 +16,7 @@ from gateway.cli.columns import align
 from gateway.cli.daemon import Conversation, add_control_argument, tell_way, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.measured_profile import profile_text
-from gateway.cli.terminal import unescaped
+from gateway.cli.progress import progress
 from gateway.cli.unit import DaemonUnit
 from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.config.duration import parse_duration, show_duration
@@ -89,14 +89,22 @@ def _run(args: argparse.Namespace) -> int:
         if args.write:
             tell_way(unit.way)
         if args.active:
-            for trouble in ask_actively(unit, args.write, args.seconds):
-                source.look()
-                if trouble:
-                    print(trouble, file=sys.stderr)
+            _ask(source, unit, args)
         elif args.seconds is not None:
             _wait(source, args.seconds)
         source.look()
         return _show(source, args)
+
+
+def _ask(source: "Source", unit: DaemonUnit, args: argparse.Namespace) -> None:
+    """Ask what is to be measured, and show how many responses there are on a terminal."""
+    with progress() as line:
+        for trouble in ask_actively(unit, args.write, args.seconds):
+            source.look()
+            line.show(f"{source.count} responses")
+            if trouble:
+                line.clear()
+                print(trouble, file=sys.stderr)
 
 
 def _show(source: "Source", args: argparse.Namespace) -> int:
@@ -255,15 +263,11 @@ _ONE_ITEM: Final = frozenset({5, 6, 22})
 def _wait(source: Source, seconds: float) -> None:
     """Gather times for this long, and show how many there are on a terminal."""
     end = time.monotonic() + seconds
-    shown = sys.stderr.isatty()
-    while (left := end - time.monotonic()) > 0:
-        if shown:
-            text = f"\r{source.count} responses, {show_duration(max(1, round(left)))} left    "
-            print(text, end="", file=unescaped(sys.stderr), flush=True)
-        time.sleep(min(_STEP, left))
-        source.look()
-    if shown:
-        print("\r" + " " * 40 + "\r", end="", file=unescaped(sys.stderr), flush=True)
+    with progress() as line:
+        while (left := end - time.monotonic()) > 0:
+            line.show(f"{source.count} responses, {show_duration(max(1, round(left)))} left")
+            time.sleep(min(_STEP, left))
+            source.look()
 
 
 def _profile(table: Calibration) -> str:

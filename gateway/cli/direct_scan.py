@@ -2,10 +2,11 @@
 
 import argparse
 import asyncio
+from collections.abc import Callable
 from contextlib import aclosing
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from gateway.cli.daemon import which_gateway
 from gateway.cli.device_server import refuse_port_of_gateway
@@ -27,12 +28,8 @@ from gateway.service.state import Memory
 from gateway.timing.characters import LineTiming
 from gateway.trace.ring import Ring
 
-
-class Tell(Protocol):
-    """Is told the progress."""
-
-    def show(self, progress: dict[str, Any]) -> None:
-        """Show it."""
+#: Is told how far a scan is.
+Tell = Callable[[dict[str, Any]], None]
 
 
 async def scan_port(args: argparse.Namespace, wanted: list[str] | None, tell: Tell) -> dict[str, Any]:
@@ -52,7 +49,7 @@ async def scan_port(args: argparse.Namespace, wanted: list[str] | None, tell: Te
         async with aclosing(_steps(line, units, args)) as steps:
             async for step in steps:
                 if isinstance(step, Progress):
-                    tell.show(asdict(step))
+                    tell(asdict(step))
                 else:
                     found = step
     except PortError as error:

@@ -2,16 +2,14 @@
 
 import argparse
 import json
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from time import monotonic
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from typing import Any, Final
 
 from gateway.cli.columns import align
 from gateway.cli.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
-from gateway.cli.terminal import unescaped
+from gateway.cli.progress import progress
 from gateway.cli.usage import (
     WrongUsageError,
     add_port_arguments,
@@ -81,7 +79,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace) -> int:
     with ExitStack() as parts:
-        tell = parts.enter_context(_progress())
+        line = parts.enter_context(progress())
+
+        def tell(step: _Row) -> None:
+            line.show(_how_far(step))
+
         if args.port:
             # Only here parts of a gateway are needed.
             from gateway.cli.direct_scan import scan_port  # noqa: PLC0415
@@ -90,7 +92,7 @@ def _show(args: argparse.Namespace) -> int:
             answer = run_exactly(scan_port(args, _units(args.words), tell))
         else:
             answer = _ask_daemon(args, parts, tell)
-        tell.clear()
+        line.clear()
         found: Sequence[_Row] = answer["found"]
         if args.json:
             print(json.dumps(answer, indent=2))
@@ -99,7 +101,7 @@ def _show(args: argparse.Namespace) -> int:
         return FINE if found and all(row["result"] != "garbled" for row in found) else PROBLEM_FOUND
 
 
-def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: "_Progress") -> dict[str, Any]:
+def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: Callable[[_Row], None]) -> dict[str, Any]:
     if not args.words or len(args.words) > 2:
         raise WrongUsageError("which line?", "modbus-gateway scan LINE [UNITS], or --port for a port without a gateway")
     line, *units = args.words
@@ -110,7 +112,7 @@ def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: "_Progress") -
     while "found" not in answer:
         if "progress" not in answer:
             raise DaemonError("the gateway's answer is none to a scan")
-        tell.show(answer["progress"])
+        tell(answer["progress"])
         answer = daemon.next_answer()
     return {key: answer[key] for key in ("asked", "found", "known", "is_answered") if key in answer}
 
@@ -128,39 +130,10 @@ def _units(words: Sequence[str]) -> list[str] | None:
         raise WrongUsageError(str(wrong), wrong.remedy or "write units such as 1-32 or 1,5") from wrong
 
 
-class _Progress:
-    """One line on a terminal that is written again and again; nothing where there is no terminal."""
-
-    def __init__(self) -> None:
-        self._is_shown = sys.stderr.isatty()
-        self._width = 0
-        self._next = 0.0
-
-    def show(self, progress: _Row) -> None:
-        """Show how far a scan is."""
-        if not self._is_shown or monotonic() < self._next:
-            return
-        self._next = monotonic() + 0.1
-        found = ", ".join(map(str, progress["found"])) or "none yet"
-        left = "almost done" if progress["left_s"] < 1 else f"{show_duration(round(progress['left_s']))} left"
-        text = f"{progress['asked']} of {progress['of']} at {progress['baud']} baud, {left}, found: {found}"[:78]
-        print("\r" + text.ljust(self._width), end="", file=unescaped(sys.stderr), flush=True)
-        self._width = len(text)
-
-    def clear(self) -> None:
-        """Take the line away."""
-        if self._width:
-            print("\r" + " " * self._width + "\r", end="", file=unescaped(sys.stderr), flush=True)
-            self._width = 0
-
-
-@contextmanager
-def _progress() -> Iterator[_Progress]:
-    progress = _Progress()
-    try:
-        yield progress
-    finally:
-        progress.clear()
+def _how_far(progress: _Row) -> str:
+    found = ", ".join(map(str, progress["found"])) or "none yet"
+    left = "almost done" if progress["left_s"] < 1 else f"{show_duration(round(progress['left_s']))} left"
+    return f"{progress['asked']} of {progress['of']} at {progress['baud']} baud, {left}, found: {found}"
 
 
 def _as_text(answer: _Row, *, several_rates: bool) -> str:

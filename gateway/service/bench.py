@@ -6,7 +6,7 @@ have its rights. At most READS_AHEAD of them are under way, so another client wa
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import AsyncGenerator, Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
@@ -35,6 +35,8 @@ USUAL_ITEMS: Final = 10
 #: After this many failures in a row a unit is no longer read: after one more it would rest, for clients too.
 MOST_FAILURES: Final = FAILURES - 1
 _NOT_ANSWERED: Final = ("timeout", "bad_frame", "ambiguous")
+#: How often it is told how far a measurement is, in seconds.
+_STEP: Final = 1.0
 #: How long after a read that failed the next one follows, in seconds: a line that is down refuses at once.
 _PAUSE: Final = 0.1
 
@@ -57,7 +59,8 @@ class BenchResult:
     """What a line carried in `seconds`: reads by what became of them.
 
     `others` are the frames that it carried for other clients meanwhile. Both rates are reads in a second; the
-    arithmetic takes a line that carries nothing else, and is None if nothing takes any time there.
+    arithmetic takes a line that carries nothing else, and is None if nothing takes any time there. Units that rest, or
+    came to rest meanwhile, were `left_out`.
     """
 
     line: str
@@ -69,6 +72,7 @@ class BenchResult:
     others: int = 0
     busy_share: float = 0.0
     last_failure: str = ""
+    left_out: list[str] = field(default_factory=list)
     expected_per_second: float | None = field(init=False)
     measured_per_second: float = 0.0
 
@@ -79,8 +83,9 @@ class BenchResult:
 
 @dataclass(slots=True, eq=False)
 class _Read:
-    """A read, how often it has failed in a row, and how often it is under way."""
+    """A read of a device, how often it has failed in a row, and how often it is under way."""
 
+    name: str
     unit: int
     pdu: bytes
     failures: int = 0
@@ -92,8 +97,31 @@ class _Read:
         return self.failures + self.under_way < MOST_FAILURES
 
 
-async def bench(running: Running, question: Mapping[str, Any], is_there: Callable[[], bool]) -> BenchResult:
-    """Read the units of `line`, or one `unit` of it, for this many `seconds`.
+async def bench_in_steps(
+    running: Running, question: Mapping[str, Any], is_there: Callable[[], bool]
+) -> AsyncGenerator[dict[str, Any], None]:
+    """The result of `bench`; if the question wants `progress`, how far it is comes before it again and again."""
+    begun: list[BenchResult] = []
+    now = asyncio.get_running_loop().time
+    began, measuring = now(), asyncio.create_task(bench(running, question, is_there, begun.append), name="bench")
+    try:
+        while not (await asyncio.wait((measuring,), timeout=_STEP))[0]:
+            if question.get("progress"):
+                reads = sum(each.answered + each.exceptions + each.failed for each in begun)
+                yield {"progress": {"elapsed_s": round(now() - began, 1), "reads": reads}}
+        yield {"bench": measuring.result()}
+    finally:
+        measuring.cancel()
+        await asyncio.gather(measuring, return_exceptions=True)
+
+
+async def bench(
+    running: Running,
+    question: Mapping[str, Any],
+    is_there: Callable[[], bool],
+    begin: Callable[[BenchResult], object] = lambda _: None,
+) -> BenchResult:
+    """Read the units of `line`, or one `unit` of it, for this many `seconds`; `begin` gets the result as it grows.
 
     Each read is of this many `items` from `address` on. It ends sooner if the client has left, or no unit answers.
 
@@ -103,13 +131,19 @@ async def bench(running: Running, question: Mapping[str, Any], is_there: Callabl
     gateway = running.gateway
     line = find_line(gateway, question.get("line"))
     seconds = _number(question, "seconds", USUAL, LONGEST)
-    planned = list(_reads(gateway, line.plan, question))
-    if not planned:
+    wanted = list(_reads(gateway, line.plan, question))
+    if not wanted:
         raise WrongQuestion(f"no unit of {line.name} can be read by its number; name one of them")
-    result = BenchResult(line.name, tuple(_picture(line.plan, one) for one in planned))
+    planned = [one for one in wanted if not line.devices[one.device.known_as].breaker.is_resting(line.now())]
+    left_out = [one.device.name for one in wanted if one not in planned]
+    if not planned:
+        what = f"{', '.join(left_out)} backs off after several failures, and nothing is sent to it"
+        raise WrongQuestion(f"{what}; modbus-gateway status says until when")
+    result = BenchResult(line.name, tuple(_picture(line.plan, one) for one in planned), left_out=left_out)
+    begin(result)
     now = asyncio.get_running_loop().time
     began, sent_before, busy_before = now(), line.sent, line.driver.line.phases(now()).busy
-    reads = deque(_Read(one.device.known_as, read_request(one.span)) for one in planned)
+    reads = deque(_Read(one.device.name, one.device.known_as, read_request(one.span)) for one in planned)
 
     def is_wanted() -> bool:
         return is_there() and running.keeps(line)
@@ -153,7 +187,12 @@ async def _read_on(
             read.failures = 0
         elif error.result in _NOT_ANSWERED:
             read.failures += 1
-        if error is not None or response is None:
+        if error is not None and error.result == "resting":  # by what other clients have asked meanwhile
+            read.failures = MOST_FAILURES
+            result.left_out = sorted({*result.left_out, read.name})
+        elif error is not None and error.result == "overdue":  # a late response of the unit may still come
+            await asyncio.sleep(_PAUSE)
+        elif error is not None or response is None:
             result.failed += 1
             result.last_failure = "" if error is None else error.result
             await asyncio.sleep(_PAUSE)

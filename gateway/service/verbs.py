@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from gateway.errors import FleetError, WrongQuestion
-from gateway.service.bench import bench
+from gateway.service.bench import bench_in_steps
 from gateway.service.calibration import measured
 from gateway.service.control import IsThere, Verbs
 from gateway.service.doctor import examine
@@ -89,9 +89,11 @@ class _Verbs:
     async def why(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return stories(self._running.gateway, request, clocks())
 
-    async def bench(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+    async def bench(self, request: Mapping[str, Any], is_there: IsThere) -> AsyncGenerator[dict[str, Any], None]:
         await self._running.settled()
-        return {"bench": await bench(self._running, request, is_there)}
+        async with aclosing(bench_in_steps(self._running, request, is_there)) as steps:
+            async for step in steps:
+                yield step
 
     async def times(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return {"times": measured(self._running.gateway, request.get("unit"))}

@@ -9,7 +9,7 @@ import pytest
 from gateway.cli.bench import show_bench
 from gateway.config.line_load import load_of, read_rates, total_share
 from gateway.errors import WrongQuestion
-from gateway.service.bench import bench
+from gateway.service.bench import bench, bench_in_steps
 from gateway.service.status import status
 from gateway.simulator.generic import Generic
 from gateway.simulator.mint import Mint
@@ -215,7 +215,7 @@ async def test_a_measurement_puts_no_unit_to_rest():
         assert not any(device.breaker.rest for device in running.gateway.lines[0].devices.values())
         began = asyncio.get_running_loop().time()
         result = await measured(running, seconds=60, unit=2)
-        assert result.failed > 1
+        assert (result.failed, result.left_out) == (1, ["meter-2"])  # its third failure in a row
         assert asyncio.get_running_loop().time() < began + 10
 
 
@@ -228,3 +228,56 @@ async def test_a_measurement_ends_when_a_reload_changes_its_line():
         with pytest.raises(WrongQuestion, match="a reload has changed hall: measure it again"):
             async with asyncio.timeout(1.0):
                 await measuring
+
+
+async def fail(client) -> None:
+    """Ask a unit that is not there until it rests."""
+    for pause in (3.0, 3.0, 0.0):
+        await client.asks(2, "03 00 00 00 01")
+        await asyncio.sleep(pause)
+
+
+async def test_units_that_rest_are_left_out_and_named():
+    async with gateway_bench(config_of_meters(19200)) as running:
+        attach_paced(running.lines["hall"], "rtu", 19200, Generic(1), Generic(3))
+        client = running.client()
+        await fail(client)
+        with pytest.raises(WrongQuestion, match="meter-2 backs off after several failures, and nothing is sent to it"):
+            await measured(running, seconds=5, unit=2)
+        assert running.gateway.lines[0].devices[2].breaker.is_resting(asyncio.get_running_loop().time())
+        result = await measured(running, seconds=5)
+        assert [read.unit for read in result.reads] == [1, 3]
+        assert (result.failed, result.left_out) == (0, ["meter-2"])
+        assert result.measured_per_second == pytest.approx(result.expected_per_second, rel=CLOSE)
+        assert "left out, because they rest after several failures: meter-2" in show_bench(asdict(result))
+
+
+async def test_a_unit_that_comes_to_rest_meanwhile_is_no_failure_of_the_line():
+    async with gateway_bench(config_of_meters(19200)) as running:
+        attach_paced(running.lines["hall"], "rtu", 19200, Generic(1), Generic(3))
+        failing = asyncio.create_task(fail(running.client()), name="client")
+        result = await measured(running, seconds=20)
+        await failing
+        assert result.failed <= 2
+        assert result.answered > 100
+
+
+async def test_how_far_a_measurement_is_comes_each_second_if_it_is_asked_for():
+    async with gateway_bench(config_of_meters(19200)) as running:
+        meters(running, 19200)
+        question = {"line": "hall", "seconds": 5}
+        steps = [step async for step in bench_in_steps(running.running, {**question, "progress": True}, lambda: True)]
+        *told, last = steps
+        assert [each["progress"]["elapsed_s"] for each in told] == [1.0, 2.0, 3.0, 4.0, 5.0][: len(told)]
+        assert 4 <= len(told) <= 5
+        assert 0 < told[0]["progress"]["reads"] < told[-1]["progress"]["reads"] <= last["bench"].answered
+        assert len([step async for step in bench_in_steps(running.running, question, lambda: True)]) == 1
+
+
+async def test_a_measurement_whose_answers_nobody_takes_any_more_ends():
+    async with gateway_bench(config_of_meters(19200)) as running:
+        meters(running, 19200)
+        steps = bench_in_steps(running.running, {"line": "hall", "progress": True}, lambda: True)
+        assert "progress" in await anext(steps)
+        await steps.aclose()
+        assert not [task for task in asyncio.all_tasks() if task.get_name().startswith("bench")]
