@@ -8,8 +8,9 @@ from typing import Final
 from gateway.config.address import Address
 from gateway.config.character_format import fits_mode
 from gateway.config.check_access import check_access
+from gateway.config.check_addresses import check_addresses
 from gateway.config.check_fleet import check_fleet
-from gateway.config.check_images import check_addresses, check_images
+from gateway.config.check_images import check_images
 from gateway.config.check_lease import check_lease
 from gateway.config.check_load import check_load
 from gateway.config.check_mqtt import check_mqtt, check_published

@@ -1,24 +1,17 @@
 """Cross-checks of images and mirrors."""
 
-from collections.abc import Iterable, Iterator
-from typing import Final
+from collections.abc import Iterator
 
-from gateway.config.check_units import claims, client_lines
+from gateway.config.check_units import claims, client_lines, profile_of_row
 from gateway.config.duration import show_duration
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
-from gateway.config.resolve_lines import ASKED_AT_ZERO
-from gateway.config.schema import Config, Image, Polled
-from gateway.config.schema_profile import PointTable, ProfileTable
+from gateway.config.schema import Config, Image
+from gateway.config.schema_profile import ProfileTable
 from gateway.images.polls import polling_function
-from gateway.modbus.codes import BROADCAST_UNIT, Area
+from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers
-from gateway.registers.reference import MANUAL_BASES
-
-#: The reference number of address 0 in manuals. Not for coils, where it is 1: that may be an address as well.
-_MANUAL_SPAN: Final = 9999
-_FROM_ZERO: Final = "addresses are those on the wire, from 0"
 
 
 def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
@@ -45,52 +38,13 @@ def _name_of_unit(text: str, config: Config) -> str:
     return next((f'write the name of unit {unit}: of = "{name}"' for unit, name in named if unit == text), "")
 
 
-def check_addresses(config: Config) -> Iterator[Problem]:
-    """Addresses are protocol addresses: 40001 probably means 0."""
-    polled = (row for image in config.image for row in image.read)
-    tables: tuple[Image | ProfileTable | Polled, ...] = (*config.image, *config.profile.values(), *polled)
-    for table in tables:
-        for area, base in MANUAL_BASES.items():
-            ranges: tuple[Range, ...] = getattr(table, area) or ()
-            first, last = ranges[0] if ranges else (0, 0)
-            if base <= first and last < base + _MANUAL_SPAN:
-                remedy = (
-                    f'{base} of a manual is address 0: "{first}-{last}" there is "{first - base}-{last - base}" here'
-                )
-                yield warning((*table.path, area), _FROM_ZERO, remedy)
-    yield from _first_of_manuals(point for profile in config.profile.values() for point in profile.points)
-    rows = (row for line in config.line for row in line.devices or ())
-    yield from _first_of_manuals(point for row in rows for point in row.points)
-
-
-def _first_of_manuals(points: Iterable[PointTable]) -> Iterator[Problem]:
-    """The first point with the number of a manual: where one is, there are many."""
-    found = [
-        (point, area, addresses[0], base)
-        for point in points
-        for area, addresses in point.places
-        if (base := MANUAL_BASES.get(area)) and base <= addresses[0] < base + _MANUAL_SPAN
-    ]
-    for point, area, first, base in found[:1]:
-        others = f", and {_more(len(found) - 1)}" if len(found) > 1 else ""
-        remedy = f"{first} of a manual is {area} = {first - base} here{others}"
-        yield warning((*point.path, area), _FROM_ZERO, remedy)
-
-
-def _more(count: int) -> str:
-    return "1 more such point" if count == 1 else f"{count} more such points"
-
-
 def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
     """Each device's profile by name of the device; None if unknown, as behind other servers."""
     profiles: dict[str, ProfileTable | None] = {}
     for line in client_lines(config):
         profiles |= dict.fromkeys(line.all_device_names, config.profile.get(line.profile))
         for row in line.devices or ():
-            profile = config.profile.get(row.profile or line.profile)
-            if profile is not None and BROADCAST_UNIT in row.units:
-                profile = profile.model_copy(update={"functions": tuple(ASKED_AT_ZERO)})
-            profiles |= dict.fromkeys(line.device_names(row), profile)
+            profiles |= dict.fromkeys(line.device_names(row), profile_of_row(config, line, row))
     for upstream in config.upstream:
         for units in upstream.rows:
             profiles |= dict.fromkeys(upstream.unit_names(units))

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from gateway.config.check_units import profile_of_row
 from gateway.config.points import is_range, names_of, size_of, type_of
-from gateway.config.problem import Problem, error
+from gateway.config.problem import Path, Problem, error
 from gateway.config.ranges import MOST_ITEMS, show_ranges
 from gateway.config.schema import Config
 from gateway.config.schema_profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
+from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers
 from gateway.registers.datatypes import bounds, is_whole
@@ -21,7 +23,7 @@ def check_points(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         yield from _check_names(profile.points, {})
     for line in config.line:
         for row in line.devices or ():
-            named = None if "profile" in failed else config.profile.get(row.profile or line.profile)
+            named = None if "profile" in failed else profile_of_row(config, line, row)
             yield from _check_tables(row.points, named)
             yield from _check_names(row.points, _names(named.points) if named is not None and row.points else {})
 
@@ -37,9 +39,8 @@ def _check_tables(tables: Iterable[PointTable], profile: ProfileTable | None) ->
         yield from wrong_type
         if not wrong_type:
             yield from _check_place(table, area, addresses, profile)
+            yield from _check_requests(table, area, profile)
         yield from _check_number(table, area)
-        if table.write != "no" and area not in WRITERS:
-            yield error((*table.path, "write"), f"{_items(area)} cannot be written")
 
 
 def _check_type(table: PointTable, area: Area) -> Iterator[Problem]:
@@ -82,6 +83,35 @@ def _check_place(table: PointTable, area: Area, addresses: Range, profile: Profi
         yield error((*table.path, "name"), what, f'write "{table.name}-*"' if several else "take it out")
     if table.first is not None and not several:
         yield error((*table.path, "first"), "only a range of points has it", "take it out")
+
+
+def _check_requests(table: PointTable, area: Area, profile: ProfileTable | None) -> Iterator[Problem]:
+    """The profile has a function that reads the point, and one that writes it, with room for all of it."""
+    path, size = (*table.path, area), size_of(table, area)
+    if profile is not None and table.write != "only":
+        yield from _check_request(path, profile, READERS[area][:1], size, "read")
+    if table.write == "no":
+        return
+    if area not in WRITERS:
+        yield error((*table.path, "write"), f"{_items(area)} cannot be written")
+    elif profile is not None:
+        single, several, _ = WRITERS[area]
+        yield from _check_request(path, profile, (several,) if size > 1 else (single, several), size, "written")
+
+
+def _check_request(
+    path: Path, profile: ProfileTable, functions: tuple[int, ...], size: int, done: str
+) -> Iterator[Problem]:
+    """A point of this `size` can be read or written with one of the `functions`."""
+    known = [each for each in functions if profile.functions is None or each in profile.functions]
+    if not known:
+        named = " or ".join(str(int(each)) for each in functions)
+        what = f"cannot be {done}: function {named} is not among the functions of the profile"
+        yield error(path, what, f"add {int(functions[0])} to functions, or take the point out")
+    elif all(size > profile.limits.get(each, size) for each in known):
+        most = max(profile.limits[each] for each in known)
+        what = f"cannot be {done} at once: it takes {size}, and the profile allows {most} (function {int(known[0])})"
+        yield error(path, what)
 
 
 def _check_number(table: PointTable, area: Area) -> Iterator[Problem]:

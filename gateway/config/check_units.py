@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway.config.problem import Path, Problem, error, warning
-from gateway.config.resolve_lines import passing_units
+from gateway.config.resolve_lines import ASKED_AT_ZERO, passing_units
 from gateway.config.schema import Config, Device, Line, Upstream
+from gateway.config.schema_profile import ProfileTable
 from gateway.config.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 
@@ -31,6 +32,14 @@ _MOST_TOLD: Final = 5
 def client_lines(config: Config) -> list[Line]:
     """The client lines."""
     return [line for line in config.line if line.role == "client"]
+
+
+def profile_of_row(config: Config, line: Line, row: Device) -> ProfileTable | None:
+    """What the devices of a row accept, None if there is no such profile; at address 0 only holding registers."""
+    profile = config.profile.get(row.profile or line.profile)
+    if profile is not None and BROADCAST_UNIT in row.units:
+        return profile.model_copy(update={"functions": tuple(ASKED_AT_ZERO)})
+    return profile
 
 
 def claims(config: Config) -> Iterator[Claim]:

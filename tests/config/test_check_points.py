@@ -69,6 +69,63 @@ def test_a_point_outside_its_profile_is_an_error():
     assert found == f"7:25: error: {WHERE}.holding: the profile has no holding 9-10, but 1-9"
 
 
+@pytest.mark.parametrize(
+    ("profile", "row", "said"),
+    [
+        ("functions = [4, 6]", "holding = 1", "cannot be read: function 3 is not among the functions of the profile"),
+        ("functions = [3]", "input = 1", "cannot be read: function 4 is not among the functions of the profile"),
+        ("functions = [3, 16]", "coils = 1", "cannot be read: function 1 is not among"),
+        ("functions = [3]", "holding = 1, write = true", "cannot be written: function 6 or 16 is not among"),
+        ("functions = [3]", 'holding = 1, write = "only"', "cannot be written: function 6 or 16 is not among"),
+        (
+            "functions = [3, 6]",
+            'holding = 1, type = "int32", write = true',
+            "cannot be written: function 16 is not among",
+        ),
+        ("functions = [1]", "coils = 1, write = true", "cannot be written: function 5 or 15 is not among"),
+        (
+            "limits = { 3 = 1 }",
+            'holding = 1, type = "int32"',
+            "cannot be read at once: it takes 2, and the profile allows 1",
+        ),
+        (
+            "limits = { 16 = 1 }",
+            'holding = 1, type = "int32", write = true',
+            "cannot be written at once: it takes 2, and the profile allows 1 (function 16)",
+        ),
+    ],
+)
+def test_a_point_that_its_profile_makes_impossible_is_an_error_at_the_point(profile, row, said):
+    area = row.split()[0]
+    (found,) = problems(f'name = "a", {row}', profile=profile)
+    assert found.startswith("7:")
+    assert f"error: {WHERE}.{area}: {said}" in found
+    (found,) = problems(profile=profile, of_profile=f'{{ name = "a", {row} }}')
+    assert found.startswith("3:")
+    assert f"error: profile.mine.points[0].{area}: {said}" in found
+
+
+@pytest.mark.parametrize(
+    ("profile", "row"),
+    [
+        ("functions = [16]", 'holding = 1, write = "only"'),
+        ("functions = [3, 16]", "holding = 1, write = true"),
+        ("functions = [3, 6]\nlimits = { 16 = 1 }", "holding = 1, write = true"),
+        ("functions = [1, 15]", "coils = 1, write = true"),
+        ("limits = { 3 = 2, 16 = 2 }", 'holding = 1, type = "float32", write = true'),
+        ("functions = [2, 4]", "input = 1"),
+    ],
+)
+def test_a_point_for_which_the_profile_has_the_functions_is_fine(profile, row):
+    assert problems(f'name = "a", {row}', profile=profile) == []
+
+
+def test_of_a_device_at_address_0_only_holding_registers_can_be_points():
+    text = '[[line]]\nport = "/dev/x"\ndevices = [{ unit = 0, as = 5, points = [{ name = "a", input = 1 }] }]\n'
+    found = [one for one in parse(text, port_trouble=lambda _: None).problems if one.severity == "error"]
+    assert [one.what for one in found] == ["cannot be read: function 4 is not among the functions of the profile"]
+
+
 def test_a_name_is_there_once_with_those_of_the_profile():
     rows = ('name = "a", holding = 1', 'name = "b-*", holding = "2-3"', 'name = "b-3", holding = 9')
     assert problems(*rows, of_profile='{ name = "a", holding = 5 }') == [
