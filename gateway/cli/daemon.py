@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, NamedTuple, Self
 
 from gateway import __version__
 from gateway.cli.main import DEFAULT_CONFIG
-from gateway.config.file_text import UnreadableFile, read_file_text
+from gateway.config.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.errors import DaemonError
 from gateway.service.control_path import SYSTEM_SOCKET, control_path
 
@@ -41,17 +41,24 @@ def add_control_argument(parser: argparse.ArgumentParser) -> None:
     add("--config", metavar="FILE", help="config of the gateway that is meant, which says where its control socket is")
 
 
-def which_gateway(args: argparse.Namespace, environment: Mapping[str, str] = os.environ) -> Path:
-    """The control socket of the gateway that is meant. No other one is asked, whether this one answers or not.
+class Meant(NamedTuple):
+    """The gateway that is meant: the one at this control socket. If it has a `config`, it must run with that one."""
+
+    socket: Path
+    config: Path | None = None
+
+
+def which_gateway(args: argparse.Namespace, environment: Mapping[str, str] = os.environ) -> Meant:
+    """The gateway that the arguments mean. No other one is asked, whether this one answers or not.
 
     Raises:
         DaemonError: the config that should name it cannot be read.
     """
     if args.control:
-        return Path(args.control)
+        return Meant(Path(args.control))
     if args.config:
-        return _socket_in(Path(args.config), environment)
-    return usual_socket(environment)
+        return _gateway_of(Path(args.config), environment)
+    return Meant(usual_socket(environment))
 
 
 def usual_socket(environment: Mapping[str, str] = os.environ) -> Path:
@@ -59,8 +66,8 @@ def usual_socket(environment: Mapping[str, str] = os.environ) -> Path:
     return Path(environment.get(CONTROL_VARIABLE) or control_path(Path(DEFAULT_CONFIG), environment))
 
 
-def _socket_in(file: Path, environment: Mapping[str, str]) -> Path:
-    """Where the gateway with this config has its socket. A file that is no TOML may be one that `reload` rejects."""
+def _gateway_of(file: Path, environment: Mapping[str, str]) -> Meant:
+    """The gateway with this config. Without a socket in it, another one may be at the usual place."""
     try:
         text = read_file_text(file)
         config = _tables(text)
@@ -68,12 +75,12 @@ def _socket_in(file: Path, environment: Mapping[str, str]) -> Path:
         raise DaemonError(f"{file}: {wrong}; --control PATH says where the gateway's socket is") from None
     match config:
         case {"control": {"socket": str(path)}}:
-            return file.absolute().parent / path
-    return control_path(file, environment)
+            return Meant(folder_of(file) / path)
+    return Meant(control_path(file, environment), file)
 
 
 def _tables(text: str) -> Mapping[str, Any]:
-    """The tables of a config; none if it is no TOML, but names no socket for sure.
+    """The tables of a config; none if it is no TOML, which its gateway may be asked to say, but surely has no socket.
 
     Raises:
         ValueError, RecursionError: it is no TOML.
@@ -86,7 +93,7 @@ def _tables(text: str) -> Mapping[str, Any]:
         return {}
 
 
-def ask(verb: str, gateway: Path) -> dict[str, Any]:
+def ask(verb: str, gateway: Meant) -> dict[str, Any]:
     """The gateway's answer to one request. A gateway of another version is reported on standard error.
 
     Raises:
@@ -111,13 +118,15 @@ class Conversation:
         DaemonError: no gateway can be reached, or it does not answer, or refuses a request.
     """
 
-    def __init__(self, gateway: Path) -> None:
-        self.gateway = gateway
-        self._sock = _connect(gateway)
+    def __init__(self, meant: Meant) -> None:
+        self.gateway = meant.socket
+        self._sock = _connect(meant.socket)
         self._stream = self._sock.makefile("rb")
         self._patience = _PATIENCE
         self._is_first = True
         self._version: object = UNKNOWN
+        if meant.config is not None:
+            self._must_run_with(meant.config)
 
     def __enter__(self) -> Self:
         return self
@@ -133,6 +142,17 @@ class Conversation:
             for note in getattr(error, "__notes__", ()):
                 told.add_note(note)
             raise told from error
+
+    def _must_run_with(self, config: Path) -> None:
+        """Leave a gateway that runs with another config."""
+        try:
+            told = self.ask("which").get("config")
+        except DaemonError:  # it has an earlier version, which does not say it
+            return
+        if isinstance(told, str) and os.path.realpath(told) != os.path.realpath(config):
+            self._stream.close()
+            self._sock.close()
+            raise DaemonError(f"the gateway at {self.gateway} runs with {told}, not with {config}")
 
     @property
     def _advice(self) -> str:

@@ -3,11 +3,10 @@
 import socket
 import time
 from contextlib import suppress
-from pathlib import Path
 from select import select
 from typing import Final
 
-from gateway.cli.daemon import Conversation
+from gateway.cli.daemon import Conversation, Meant
 from gateway.config.address import Address
 from gateway.config.plan import NETWORK_LATENCY
 from gateway.config.port import parse_port
@@ -20,19 +19,21 @@ _TAKEN: Final = (
 )
 
 
-def refuse_port_of_gateway(port: Address, gateway: Path) -> None:
+def refuse_port_of_gateway(port: Address, gateway: Meant) -> None:
     """Refuse a device server that this gateway or that of the system asks: two clients get each other's responses.
+
+    Both only say which lines they have.
 
     Raises:
         PortError: it is the port of a line.
     """
-    for each in {gateway, SYSTEM_SOCKET}:
+    for each in {gateway, Meant(SYSTEM_SOCKET)}:
         with suppress(DaemonError), Conversation(each) as daemon:  # no gateway that answers, no line of it
             status = daemon.ask("status")["status"]
             for line in (*status["lines"], *status["servers"]):
                 taken = parse_port(line["port"])
                 if isinstance(taken, Address) and taken.collides_with(port):
-                    raise PortError(_TAKEN.format(port=port, line=line["name"], gateway=each))
+                    raise PortError(_TAKEN.format(port=port, line=line["name"], gateway=each.socket))
 
 
 def settle(connection: socket.socket, port: str) -> None:

@@ -89,7 +89,7 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
     try:
         daemon = Conversation(which_gateway(args))
     except DaemonError as error:
-        if args.control or (CONTROL_VARIABLE in os.environ and not args.config):
+        if args.control or (os.environ.get(CONTROL_VARIABLE) and not args.config):
             raise
         return [_without_daemon(str(error), args.config), *_in_config(args)]
     with daemon:

@@ -17,7 +17,7 @@ class Progress:
     """The line; there is none where standard error is no terminal."""
 
     def __init__(self) -> None:
-        self._is_shown = sys.stderr.isatty()
+        self._is_shown = sys.stderr is not None and sys.stderr.isatty()
         self._width = 0
         self._next = 0.0
 

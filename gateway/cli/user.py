@@ -11,7 +11,7 @@ from typing import Final
 from gateway.cli.columns import align
 from gateway.cli.main import DEFAULT_CONFIG, FINE
 from gateway.cli.usage import WrongUsageError, tell_wrong_usage
-from gateway.config.file_text import UnreadableFile, read_file_text
+from gateway.config.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.config.problem import did_you_mean
 from gateway.errors import UsersError
 from gateway.web.users import ROLES, User, changing_users, hashed, is_user_name, password_trouble, read_users
@@ -135,5 +135,5 @@ def _file_of_config() -> str:
         return ""
     match config:
         case {"web": {"users": str(path)}}:
-            return str(file.parent / path)
+            return str(folder_of(file) / path)
     return ""

@@ -21,34 +21,31 @@ _FROM_ZERO: Final = "addresses are those on the wire, from 0"
 
 def check_addresses(config: Config) -> Iterator[Problem]:
     """The warnings about images, mirrors, profiles and points."""
-    profiles = config.profile.values()
-    devices = [(line, row) for line in config.line for row in line.devices or ()]
-    known = {profile.path: _Known([profile], profile.points) for profile in profiles}
-    of_rows = {
-        row.path: _Known([each for each in profiles if each.path[-1] == (row.profile or line.profile)], row.points)
-        for line, row in devices
-    }
-    by_name = {name: of_rows[row.path] for line, row in devices for name in line.device_names(row)}
-    for image in config.image:
-        nothing = _Known([], ())
-        for area in MANUAL_BASES:
-            yield from _check_ranges((*image.path, area), area, image.ranges(area), nothing)
-            for row in image.read:
-                polled = by_name.get(image.of or "", nothing)
-                yield from _check_ranges((*row.path, area), area, row.ranges(area), polled)
-    for profile in profiles:
-        for area in MANUAL_BASES:
-            yield from _check_ranges((*profile.path, area), area, getattr(profile, area) or (), known[profile.path])
-    yield from _check_points((each, known[profile.path]) for profile in profiles for each in profile.points)
-    yield from _check_points(((each, of_rows[row.path]) for _, row in devices for each in row.points))
+    of_profiles = [(profile, _Known(profile)) for profile in config.profile.values()]
+    rows = [
+        (line.device_names(row), row, _Known(config.profile.get(row.profile or line.profile), row.points))
+        for line in config.line
+        for row in line.devices or ()
+    ]
+    of_devices = {name: known for names, _, known in rows for name in names}
+    for area in MANUAL_BASES:
+        for image in config.image:
+            yield from _check_ranges((*image.path, area), area, image.ranges(area), _Known(None))
+            for polled in image.read:
+                known = of_devices.get(image.of or "", _Known(None))
+                yield from _check_ranges((*polled.path, area), area, polled.ranges(area), known)
+        for profile, known in of_profiles:
+            yield from _check_ranges((*profile.path, area), area, getattr(profile, area) or (), known)
+    yield from _check_points((point, known) for profile, known in of_profiles for point in profile.points)
+    yield from _check_points((point, known) for _, row, known in rows for point in row.points)
 
 
 class _Known:
     """What is known of the addresses of a kind of device: from its profile, and from points."""
 
-    def __init__(self, profiles: Iterable[ProfileTable], points: Iterable[PointTable]) -> None:
+    def __init__(self, profile: ProfileTable | None, points: Iterable[PointTable] = ()) -> None:
         self._ranges: list[tuple[Area, Range]] = [place for point in points for place in point.places]
-        for profile in profiles:
+        if profile is not None:
             self._ranges += [(area, each) for area in MANUAL_BASES for each in getattr(profile, area) or ()]
             self._ranges += [place for point in profile.points for place in point.places]
 

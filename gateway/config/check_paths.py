@@ -18,8 +18,9 @@ def check_paths(
 ) -> Iterator[Problem]:
     """A warning for each such path in a `document` whose file stands in `folder`."""
     for path, written in _named(document, ()):
-        there, before = str(folder / written), str(FilePath(written).absolute())
-        if not exists(there) and exists(before):
+        there = str(folder / written)
+        if not exists(there) and exists(written):
+            before = FilePath(written).absolute()
             what = f"there is no {there}: paths count from the folder of the config now, and no longer to {before}"
             yield warning(path, what, f'write "{before}", or move the file')
 
@@ -32,5 +33,5 @@ def _named(value: Any, path: Path) -> Iterator[tuple[Path, str]]:
     elif isinstance(value, dict):
         for key, each in value.items():
             yield from _named(each, (*path, key))
-    elif isinstance(value, str) and (path[-2] if path[-1] == "file" else path[-1]) in _KEYS:
+    elif isinstance(value, str) and _KEYS.intersection(path[-2:-1] if path[-1] == "file" else path[-1:]):
         yield path, value

@@ -1,4 +1,4 @@
-"""Reads the text of a config file."""
+"""Reads the text of a config file, and says from where the paths in it count."""
 
 import os
 import stat
@@ -18,6 +18,11 @@ class UnreadableFile(Exception):  # noqa: N818 - it is the file that is wrong, n
         super().__init__(what)
         self.remedy = remedy
         self.line = line
+
+
+def folder_of(file: Path) -> Path:
+    """The folder from which paths in a config count: where it stands, not where a link to it may lead."""
+    return file.parent.resolve()
 
 
 def read_file_text(path: Path) -> str:

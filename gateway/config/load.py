@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from gateway.config.check import AddressTrouble, PortTrouble, check
 from gateway.config.check_paths import check_paths
-from gateway.config.file_text import UnreadableFile, read_file_text
+from gateway.config.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.config.port_trouble import port_trouble
 from gateway.config.positions import Positions
 from gateway.config.problem import Path, Problem, error, errors_in, warning
@@ -148,7 +148,7 @@ class _Reader:
         self._document = document
         self._positions = positions
         self._file = file.name
-        self.folder = file.absolute().parent
+        self.folder = folder_of(file)
 
     def config(self) -> Config:
         """The config made of every table that is good."""

@@ -1,6 +1,7 @@
 """The control socket for the other commands of this program. One JSON object a line in each direction.
 
 {"verb": "status"}   {"version": "0.1.0", "ok": true, "status": {...}}
+{"verb": "which"}    {"version": "0.1.0", "ok": true, "config": "/etc/modbus-gateway/gateway.toml"}
 {"verb": "reload"}   {"version": "0.1.0", "ok": false, "problems": ["gateway.toml:3:8: error: ..."]}
 {"verb": "unit", "unit": "silo-1"}
                      {"version": "0.1.0", "ok": true, "unit": {"unit": 41, "points": [...], ...}}

@@ -1,7 +1,8 @@
 """Where the control socket is: known to the gateway and to those who ask it."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -20,3 +21,21 @@ def control_path(
     if folder := environment.get("XDG_RUNTIME_DIR"):
         return Path(folder) / "modbus-gateway" / "control.sock"
     return config.absolute().parent / "control.sock"
+
+
+@contextmanager
+def usual_path_leads(usual: Path, control: Path, environment: Mapping[str, str] = os.environ) -> Iterator[None]:
+    """In its context a service is found at its usual path too, if its config has moved the socket: by ExecReload=."""
+    if usual == control or "RUNTIME_DIRECTORY" not in environment:
+        yield
+        return
+    with suppress(OSError):  # such as another gateway there
+        if usual.is_symlink():
+            usual.unlink()
+        usual.symlink_to(control)
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            if usual.readlink() == control:
+                usual.unlink()

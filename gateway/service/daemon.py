@@ -25,7 +25,7 @@ from gateway.service.announced import is_entry as is_announced
 from gateway.service.build import Gateway, build
 from gateway.service.config_process import ConfigRead
 from gateway.service.control import control_open
-from gateway.service.control_path import control_path
+from gateway.service.control_path import control_path, usual_path_leads
 from gateway.service.hang_up import HangUp
 from gateway.service.overdue import FILE_NAME as LATE_FILE
 from gateway.service.overdue import LeftBehind, is_entry
@@ -134,9 +134,10 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop, hang_up)
     pages = _web_pages(plan.web, running, reloader, fan_out, contexts, state.folder)
-    async with control_open(control, verbs(running, reloader), emit):
-        garbage.settle()
-        await serve(running, stop, systemd, reloader, pages)
+    with usual_path_leads(control_path(source.file), control):
+        async with control_open(control, verbs(running, reloader), emit):
+            garbage.settle()
+            await serve(running, stop, systemd, reloader, pages)
 
 
 def _web_pages(plan: WebPlan | None, *parts: Any) -> AbstractAsyncContextManager[None]:

@@ -34,6 +34,7 @@ def verbs(running: Running, reloader: Reloader) -> Verbs:
         "doctor": each.doctor,
         "trace": each.trace,
         "why": each.why,
+        "which": each.which,
         "bench": each.bench,
         "times": each.times,
         "scan": each.scan,
@@ -50,6 +51,9 @@ class _Verbs:
     async def status(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         running = self._running
         return {"status": await status_in_slices(running)}
+
+    async def which(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        return {"config": str(self._reloader.file.absolute())}
 
     async def fleet(self, _request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         try:

@@ -24,9 +24,8 @@ class Times:
     """
 
     __slots__ = (
-        *("answer", "answered_at", "late", "latest", "latest_limit"),
-        *("limit", "request", "samples", "share", "wait"),
-    )
+        "answer", "answered_at", "late", "latest", "latest_limit", "limit", "request", "samples", "share", "wait"
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.wait = Histogram(SECONDS)

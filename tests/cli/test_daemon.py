@@ -9,7 +9,7 @@ import pytest
 
 from gateway import __version__
 from gateway.cli import daemon
-from gateway.cli.daemon import ask
+from gateway.cli.daemon import Meant, ask
 from gateway.errors import DaemonError
 
 SERVICE = Path("/run/modbus-gateway/control.sock")
@@ -25,24 +25,24 @@ def test_a_user_without_the_right_is_told_who_has_it(gateway, remedy, monkeypatc
     monkeypatch.setattr(socket.socket, "connect", refused)
     told = f"^only root, the gateway's user and its group may use {gateway}: {remedy}$"
     with pytest.raises(DaemonError, match=told):
-        ask("status", gateway)
+        ask("status", Meant(gateway))
 
 
 def test_a_gateway_that_does_not_run_is_asked_for(tmp_path, monkeypatch):
     monkeypatch.setattr(daemon, "SYSTEM_SOCKET", tmp_path / "none")
     with pytest.raises(DaemonError, match=r"control\.sock: No such file or directory\); --control PATH"):
-        ask("status", tmp_path / "control.sock")
+        ask("status", Meant(tmp_path / "control.sock"))
 
 
 def test_where_the_gateway_of_the_service_runs_its_socket_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(daemon, "SYSTEM_SOCKET", tmp_path)
     with pytest.raises(DaemonError, match=rf"\); that of the service is named by --control {tmp_path}$"):
-        ask("status", tmp_path / "control.sock")
+        ask("status", Meant(tmp_path / "control.sock"))
 
 
 def test_a_path_that_is_too_long_for_a_socket_is_said_to_be(tmp_path):
     with pytest.raises(DaemonError, match=r"/x{200}: AF_UNIX path too long\); "):
-        ask("status", tmp_path / ("x" * 200))
+        ask("status", Meant(tmp_path / ("x" * 200)))
 
 
 @pytest.mark.parametrize(

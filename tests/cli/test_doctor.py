@@ -126,7 +126,7 @@ def test_a_problem_of_the_config_names_the_file_once(tmp_path, capsys):
 def test_the_gateway_with_this_config_is_asked_if_it_runs(daemon, tmp_path):
     file = config(tmp_path, '[[line]]\nname = "hall"\nport = "/dev/nothing"\n[control]\nsocket = "gw.sock"\n')
     assert main(["doctor", "--config", file]) == FINE
-    assert daemon.gateway == tmp_path / "gw.sock"
+    assert daemon.gateway.socket == tmp_path / "gw.sock"
     assert daemon.asked == ("doctor", {"line": None, "ask": True})
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
 
+from gateway.cli.daemon import Meant
 from gateway.errors import DaemonError
 from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import Area
@@ -34,7 +35,7 @@ class FakeDaemon:
         )
         self._answer = b""
 
-    def __call__(self, gateway: Path) -> Self:
+    def __call__(self, meant: Meant) -> Self:
         return self
 
     def __enter__(self) -> Self:

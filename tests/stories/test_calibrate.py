@@ -11,6 +11,7 @@ from typing import Any, Self
 import pytest
 
 from gateway.cli import active_calibration, calibrate
+from gateway.cli.daemon import Meant
 from gateway.cli.main import main
 from gateway.config.load import parse
 from gateway.modbus.frame import Frame
@@ -70,7 +71,7 @@ class Daemon:
 
     gateway = Path("/run/gw.sock")
 
-    def __call__(self, gateway: Path) -> Self:
+    def __call__(self, meant: Meant) -> Self:
         return self
 
     def __enter__(self) -> Self:

@@ -13,7 +13,7 @@ import pytest
 
 from gateway import __version__
 from gateway.cli import daemon as daemon_module
-from gateway.cli.daemon import ask
+from gateway.cli.daemon import Meant, ask
 from gateway.errors import DaemonError
 from gateway.events import Event, PartFailed
 from gateway.service.control import MOST_CONNECTIONS, control_open
@@ -117,13 +117,13 @@ async def test_one_client_too_many_hears_so_and_the_others_are_served(tmp_path: 
         crowd = [await it.connect() for _ in range(16)]
         refused = "the gateway says: 16 others are connected already; try again later"
         with pytest.raises(DaemonError, match=refused):
-            await asyncio.to_thread(ask, "status", it.path)
+            await asyncio.to_thread(ask, "status", Meant(it.path))
         for _, writer in crowd:
             writer.close()
         async with asyncio.timeout(PATIENCE):
             while len(asyncio.all_tasks()) > 1:  # noqa: ASYNC110 - a conversation that ends tells nobody
                 await asyncio.sleep(0.002)
-        assert await asyncio.to_thread(ask, "status", it.path) == json.loads(FINE)
+        assert await asyncio.to_thread(ask, "status", Meant(it.path)) == json.loads(FINE)
 
 
 @contextmanager
@@ -157,7 +157,7 @@ def daemon(path: Path, answer: bytes, *, hears: bool = True) -> Iterator[Thread]
 def test_a_daemon_that_does_not_answer_is_a_problem_in_plain_words(tmp_path: Path, answer: bytes, words: str) -> None:
     path = tmp_path / "control.sock"
     with daemon(path, answer), pytest.raises(DaemonError, match=words):
-        ask("status", path)
+        ask("status", Meant(path))
 
 
 def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
@@ -173,4 +173,4 @@ def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
 
         monkeypatch.setattr(daemon_module, "_connect", slowly)
         with pytest.raises(DaemonError, match="the gateway says: later"):
-            ask("status", path)
+            ask("status", Meant(path))

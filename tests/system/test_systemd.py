@@ -152,7 +152,9 @@ class TestOneStart:
 
     def test_root_can_ask_it_how_it_is(self, system: BootedSystem) -> None:
         start(system)
-        assert "hall-a" in system.done("modbus-gateway", "status", "--config", FILE)
+        assert "hall-a" in system.done("modbus-gateway", "status")
+
+    assert "hall-a" in system.done("modbus-gateway", "status", "--config", FILE)
 
     def test_events_are_entries_of_the_journal_with_fields(self, system: BootedSystem) -> None:
         start(system)
@@ -284,6 +286,7 @@ def test_the_config_may_move_the_control_socket(system: BootedSystem) -> None:
     system.write(FILE, f'{CONFIG}[control]\nsocket = "/run/modbus-gateway/other.sock"\n')
     start(system)
     system.done("systemctl", "reload", SERVICE)
+    assert "hall-a" in system.done("modbus-gateway", "status")
     assert "hall-a" in system.done("modbus-gateway", "status", "--config", FILE)
 
 

@@ -2,7 +2,7 @@
 
 import json
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from threading import Thread
 import pytest
 
 from gateway.cli import daemon, doctor
-from gateway.cli.daemon import CONTROL_VARIABLE, ask, which_gateway
+from gateway.cli.daemon import CONTROL_VARIABLE, Conversation, ask, which_gateway
 from gateway.cli.main import PROBLEM_FOUND, main
 from gateway.errors import DaemonError
 from gateway.service import control_path as control_path_module
@@ -26,10 +26,14 @@ COMMANDS = (
 )
 
 
-class Gateways:
-    """What listens at control sockets and refuses every request; `heard` are the sockets that got one."""
+REFUSAL = {"ok": False, "error": "no"}
 
-    def __init__(self) -> None:
+
+class Gateways:
+    """What listens at control sockets and answers each request so; `heard` are the sockets that got one."""
+
+    def __init__(self, answer: Mapping[str, object] = REFUSAL) -> None:
+        self._answer_line = json.dumps(answer).encode() + b"\n"
         self.heard: list[Path] = []
         self._selector = DefaultSelector()
         self._parts = ExitStack()
@@ -72,7 +76,7 @@ class Gateways:
                 with key.fileobj.accept()[0] as client:  # type: ignore[union-attr]
                     if client.recv(1000):
                         self.heard.append(key.data)
-                        client.sendall(json.dumps({"ok": False, "error": "no"}).encode() + b"\n")
+                        client.sendall(self._answer_line)
 
 
 @pytest.fixture
@@ -145,7 +149,7 @@ def test_the_socket_of_a_config_without_one_or_with_a_relative_one_is_beside_it(
     file = tmp_path / "gateway.toml"
     file.write_text(text, newline="")
     machine.chdir("/")
-    assert which_gateway(Namespace(control=None, config=str(file))) == tmp_path / meant
+    assert which_gateway(Namespace(control=None, config=str(file))).socket == tmp_path / meant
 
 
 @pytest.mark.parametrize("text", [b"[control\n", b"\xff", b"control = " + b"[" * 5000])
@@ -159,6 +163,34 @@ def test_a_config_that_cannot_be_read_names_no_gateway(
     with gateways.answering(), pytest.raises(DaemonError, match=f"^{file}: .+; --control PATH says where"):
         ask("status", which_gateway(Namespace(control=None, config=str(file))))
     assert gateways.heard == []
+
+
+@pytest.mark.parametrize(
+    ("answer", "is_left"),
+    [
+        ({"ok": True, "config": "/etc/modbus-gateway/gateway.toml"}, True),
+        ({"ok": True, "config": "plant/gateway.toml"}, False),
+        ({"ok": False, "error": "there is no such verb"}, False),
+    ],
+)
+def test_a_config_without_a_socket_means_no_gateway_that_runs_with_another_config(
+    answer: dict[str, object], is_left: bool, tmp_path: Path, machine: pytest.MonkeyPatch
+) -> None:
+    """Perhaps that one is the usual one, and the one that is meant does not run."""
+    machine.setattr(daemon, "control_path", partial(control_path, is_root=True))
+    machine.chdir(tmp_path)
+    (tmp_path / "plant").mkdir()
+    (tmp_path / "plant" / "gateway.toml").touch()
+    gateways = Gateways(answer)
+    gateways.at(tmp_path / "system" / "control.sock", "alive")
+    meant = which_gateway(Namespace(control=None, config="plant/gateway.toml"))
+    with gateways.answering():
+        if is_left:
+            with pytest.raises(DaemonError, match=r"runs with /etc/modbus-gateway/gateway\.toml, not with plant/"):
+                Conversation(meant)
+        else:
+            with Conversation(meant):
+                pass
 
 
 def test_a_config_that_is_not_there_names_no_gateway(tmp_path: Path) -> None:
