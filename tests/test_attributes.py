@@ -21,7 +21,7 @@ RECORDS = frozenset(
     }
 )
 #: Not split yet.
-TOO_LARGE = frozenset({"gateway.lines.counts.Counts", "gateway.devices.quirks.MovableDevice"})
+TOO_LARGE = frozenset({"gateway.lines.counts.Counts"})
 
 
 @cache

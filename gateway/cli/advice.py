@@ -5,6 +5,7 @@ from math import ceil
 from typing import Any, Final
 
 from gateway.config.duration import show_age, show_duration
+from gateway.devices.quirks import how_to_forget
 from gateway.lines.counts import RESULTS
 from gateway.timing.verdict import verdict
 
@@ -111,10 +112,17 @@ def _ago(milliseconds: float | None) -> str:
     return "" if milliseconds is None else f", {show_age(milliseconds)} ago"
 
 
+def for_moved(unit: _Row) -> Iterator[str]:
+    """Notes about a unit that is at another address than the config says."""
+    if unit["failures"]:
+        yield f"does not answer where it moved to; {how_to_forget(unit['name'], unit['configured'])}"
+
+
 #: The notes for the rows of each section.
 ADVICE: Final[Mapping[str, Callable[[_Row], Iterator[str]]]] = {
     "lines": for_line,
     "servers": for_part,
     "upstreams": for_part,
     "units": for_unit,
+    "moved": for_moved,
 }

@@ -9,27 +9,32 @@
 | (unit = 0)     | it is asked at address 0 and answers from its own address       | weighing transducer, 3    |
 """
 
-from collections.abc import Callable
+from collections.abc import Collection, Mapping
 from struct import unpack
 from typing import Final, Literal, Protocol, cast
 
-from gateway.devices.device import Device, DeviceSettings, TakesTransactions
-from gateway.errors import IllegalDataValue
-from gateway.events import AddressMoved, BaudChanged, Emit
+from gateway.devices.addresses import Remember, UnitAddresses, Whereabouts
+from gateway.devices.device import Device, DeviceSettings, EveryDevice, TakesTransactions
+from gateway.errors import IllegalDataValue, PathUnavailable
+from gateway.events import AddressMoved, AddressRemembered, BaudChanged, Emit, RequestRefused
 from gateway.lines.breaker import FAILURES
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT, Area
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import RequestPdu, Span
+from gateway.modbus.pdu import RequestPdu, Span, parse_request
 from gateway.request import Request
 from gateway.timing.budget import Budget
 from gateway.trace.ring import Ring
 
 Quirk = Literal["moves", "changes_baud"]
 
-#: Holding registers of the weighing transducer.
+#: Holding registers of the weighing transducer: its address, and its baud rate.
 ADDRESS_REGISTER: Final = 0x0100
 BAUD_REGISTER: Final = 0x0200
+_REGISTERS: Final[Mapping[Quirk, range]] = {
+    "moves": range(ADDRESS_REGISTER, ADDRESS_REGISTER + 1),
+    "changes_baud": range(BAUD_REGISTER, BAUD_REGISTER + 2),
+}
 
 _UNITS: Final = range(FIRST_UNIT, LAST_UNIT + 1)
 #: The baud rates that a line can change to.
@@ -41,24 +46,6 @@ class QuirkyLine(TakesTransactions, Protocol):
 
     def change_rate(self, baud: int) -> None:
         """Change to `baud`."""
-
-
-class UnitAddresses:
-    """The possible unit identifiers of each device on a line.
-
-    A device has several after an address change without a response, until it responds from one of them.
-    """
-
-    def __init__(self) -> None:
-        self._units: dict[str, tuple[int, ...]] = {}
-
-    def place(self, device: str, *units: int) -> None:
-        """`device` has one of `units`."""
-        self._units[device] = units
-
-    def is_free(self, unit: int, device: str) -> bool:
-        """Whether no device but `device` may have `unit`."""
-        return not any(unit in units for name, units in self._units.items() if name != device)
 
 
 class AddressZeroTransaction(Transaction):
@@ -85,31 +72,22 @@ class AddressZeroDevice(Device):
 class AddressChange(Transaction):
     """A write to the device's address: the response comes from the new address, an exception from the old one."""
 
-    __slots__ = ("_addresses", "new_unit")
+    __slots__ = ("new_unit",)
 
-    def __init__(self, request: Request, asked: RequestPdu, device: Device, addresses: UnitAddresses) -> None:
+    def __init__(self, request: Request, asked: RequestPdu, device: Device) -> None:
         super().__init__(request, asked, device)
         self.new_unit = int.from_bytes(_registers(asked, ADDRESS_REGISTER, 1))
-        self._addresses = addresses
 
     def start(self, budget: Budget, now: float) -> None:
         """See Transaction.
 
         Raises:
-            IllegalDataValue: the new address is invalid, or another device of the line has it.
+            IllegalDataValue: the new address is invalid, or another device of the line may have it.
         """
-        error = self._check()
-        if error is not None:
-            cast("Device", self.device).report_rejection(self.requests[0], error)
-            raise error
+        device = cast("MovableDevice", self.device)
+        device.check_move(self)
         super().start(budget, now)
-
-    def _check(self) -> IllegalDataValue | None:
-        if self.new_unit not in _UNITS:
-            return IllegalDataValue(f"{self.new_unit} is no address: 1 to 247 are")
-        if not self._addresses.is_free(self.new_unit, self.device.name):
-            return IllegalDataValue(f"another device of the line has the address {self.new_unit}")
-        return None
+        device.address.add(self.new_unit, self)
 
     @property
     def answers_from(self) -> None:
@@ -137,7 +115,7 @@ class MovableDevice(Device):
     """A device that can change its address or baud rate. Requests are sent to its current address.
 
     `line_name` and `line_source` are for events. If it `is_alone` on its line, the line can change its rate with it.
-    `remember` stores its address for the next start.
+    `remember` stores its possible addresses for the next start.
     """
 
     def __init__(
@@ -149,85 +127,85 @@ class MovableDevice(Device):
         line_source: str,
         addresses: UnitAddresses,
         is_alone: bool,
-        remember: Callable[[int], None],
+        remember: Remember,
         emit: Emit,
         ring: Ring | None = None,
     ) -> None:
         super().__init__(settings, line, emit, ring, line_name)
-        self._quirks = settings.profile.quirks
         self._change_rate = line.change_rate
         self._line_source = line_source
-        self._addresses = addresses
         self._is_alone = is_alone
-        self._remember = remember
-        #: The address of its last response, and other possible ones: after changes without a response, or a rest.
-        self._known_at = settings.unit
-        self._maybe_at: list[int] = []
-        addresses.place(self.name, self.unit)
+        self.address = Whereabouts(self.name, addresses, remember)
+        self.begin_at(settings.unit)
 
-    def begin_at(self, unit: int) -> None:
-        """The device has its address changed to `unit`, in an earlier run or by another gateway."""
-        self.unit = self._known_at = unit
-        self._maybe_at = []
-        self._addresses.place(self.name, unit)
+    @property
+    def possible_units(self) -> tuple[int, ...]:
+        """See Device."""
+        return self.address.units
+
+    def begin_at(self, *units: int) -> None:
+        """Take over its possible addresses from an earlier run or another gateway. Without any, it is not asked."""
+        self.address.begin_at(*units)
+        self.unit = units[0] if units else self.settings.unit
+
+    def check_move(self, change: AddressChange) -> None:
+        """Raise IllegalDataValue if it must not change its address like that."""
+        error = None
+        if change.new_unit not in _UNITS:
+            error = IllegalDataValue(f"{change.new_unit} is no address: 1 to 247 are")
+        elif not self.address.is_free(change.new_unit):
+            error = IllegalDataValue(f"another device of the line has, or may have, the address {change.new_unit}")
+        if error is not None:
+            self.report_rejection(change.requests[0], error)
+            raise error
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:
         """Update address and baud rate from the result of a transaction."""
-        if isinstance(transaction, AddressChange) and response is None:
-            self._doubt_change(transaction.new_unit)
-        elif response is None:
-            self._try_next_address()
-        else:
-            self._confirm(response.unit)
+        if response is None:
+            self._failed(transaction)
+        elif self.address.is_shown_by(transaction, response.unit):
+            self._is_at(response.unit)
         if isinstance(transaction, BaudChange):
             self._change_baud(transaction.baud, response)
 
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
-        if "moves" in self._quirks and _writes(asked, ADDRESS_REGISTER):
-            return AddressChange(request, asked, self, self._addresses)
-        if "changes_baud" in self._quirks and _writes(asked, BAUD_REGISTER, 2):
-            return BaudChange(request, asked, self)
-        return super()._transaction(request, asked)
+        if not self.address.units:
+            advice = how_to_forget(self.name, self.settings.unit)
+            raise PathUnavailable(f"the config has another device at its address by now; {advice}")
+        quirk = changes(asked, self.settings.profile.quirks)
+        if quirk is None:
+            return super()._transaction(request, asked)
+        registers, span = _REGISTERS[quirk], cast("Span", asked.write)
+        if not (asked.values and span.start <= registers.start and registers.stop <= span.end):
+            raise IllegalDataValue("its address and its rate can only be written with all of their registers")
+        return AddressChange(request, asked, self) if quirk == "moves" else BaudChange(request, asked, self)
 
-    def _doubt_change(self, unit: int) -> None:
-        """The change to `unit` got no response: it may have happened or not."""
-        if unit != self._known_at and unit not in self._maybe_at:
-            self._doubt(unit, "old or new: no answer came")
+    def _failed(self, transaction: Transaction) -> None:
+        """Turn to its next possible address: it did not respond."""
+        units = self.address.units
+        if not isinstance(transaction, AddressChange):
+            self.unit = self.address.after(self.unit)
+        elif self.address.is_doubtful:
+            advice = f"old or new: no answer came; it is at {show_units(units)}, and its next answer settles it"
+            self._tell_moved(transaction.new_unit, units[0], advice)
+            self.unit = transaction.new_unit  # the old one is not asked anything while the change may still come
+        configured = self.moved_from
+        if units and configured is not None and self.breaker.failures == FAILURES:
+            advice = f"it does not answer there; {how_to_forget(self.name, configured)}"
+            self._emit(AddressRemembered(self._line_name, self.name, units[0], configured, advice))
 
-    def _doubt(self, unit: int, why: str) -> None:
-        """It may have the address `unit` too. All of them are reserved until it responds from one."""
-        self._maybe_at.append(unit)
-        places = [self._known_at, *self._maybe_at]
-        self._addresses.place(self.name, *places)
-        advice = f"{why}; it is at {' or '.join(map(str, places))}, and its next answer settles it"
-        self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
-
-    def _try_next_address(self) -> None:
-        """It did not respond: the next request goes to the next possible address, if there are several.
-
-        If it rests, the configured address is possible too: somebody may have set it back by hand.
-        """
-        configured = self.settings.unit
-        may_be_back = not self._maybe_at and self.breaker.failures >= FAILURES and configured != self._known_at
-        if may_be_back and self._addresses.is_free(configured, self.name):
-            self._doubt(configured, "it does not answer where it moved to")
-        if self._maybe_at:
-            places = [self._known_at, *self._maybe_at]
-            self.unit = places[(places.index(self.unit) + 1) % len(places)]
-
-    def _confirm(self, unit: int) -> None:
-        """It responded from `unit`."""
-        if unit != self._known_at:
-            is_configured = unit == self.settings.unit
-            remedy = "as the config says" if is_configured else f"set unit = {unit} in {self.source}"
-            advice = f"requests follow it; {remedy}"
-            self._emit(AddressMoved(self._line_name, self.name, unit, self._known_at, advice))
-            self._remember(unit)
-        elif not self._maybe_at:
+    def _is_at(self, unit: int) -> None:
+        """Settle on `unit`: it has responded from there."""
+        if unit == self.unit and not self.address.is_doubtful:
             return
-        self.unit = self._known_at = unit
-        self._maybe_at = []
-        self._addresses.place(self.name, unit)
+        self.unit = unit
+        was = self.address.settle(unit)
+        if was != unit:
+            remedy = f"set unit = {unit} in {self.source}" if self.moved_from else "as the config says"
+            self._tell_moved(unit, was, f"requests follow it; {remedy}")
+
+    def _tell_moved(self, unit: int, was: int, advice: str) -> None:
+        self._emit(AddressMoved(self._line_name, self.name, unit, was, advice))
 
     def _change_baud(self, baud: float, response: Frame | None) -> None:
         if response is not None and response.pdu[0] & EXCEPTION_BIT:
@@ -242,12 +220,49 @@ class MovableDevice(Device):
         self._emit(BaudChanged(self._line_name, self.name, baud, advice))
 
 
-def _writes(asked: RequestPdu, register: int, count: int = 1) -> bool:
-    """Whether the request carries values for these holding registers."""
+class EveryQuirkyDevice(EveryDevice):
+    """Unit 0 of a line with devices that have `quirks`: no broadcast changes their address or rate."""
+
+    def __init__(
+        self, line: TakesTransactions, quirks: Collection[str], emit: Emit, ring: Ring, line_name: str
+    ) -> None:
+        super().__init__(line)
+        self._quirks = quirks
+        self._emit = emit
+        self._ring = ring
+        self._line_name = line_name
+
+    def submit(self, request: Request, now: float) -> None:
+        """Send the request to unit 0, or fail it if it writes an address or a rate. See EveryDevice."""
+        if changes(parse_request(request.pdu), self._quirks) is None:
+            super().submit(request, now)
+            return
+        error = IllegalDataValue(f"all devices of {self._line_name} would have the same address, or another rate")
+        self.counts[request.pdu[0]].count_error(error, 1)
+        self._emit(RequestRefused.of(request, error, device=f"{self.name} of {self._line_name}"))
+        self._ring.refuse(request, error, now, line=self._line_name, name=self.name)
+        request.fail(error)
+
+
+def show_units(units: tuple[int, ...]) -> str:
+    """Show possible addresses: `1 or 5`."""
+    return " or ".join(map(str, units))
+
+
+def how_to_forget(device: str, configured: int) -> str:
+    """Say how to ask a device that moved where the config says again."""
+    return f"if it is at {configured} again: modbus-gateway forget {device}"
+
+
+def changes(asked: RequestPdu, quirks: Collection[str]) -> Quirk | None:
+    """Find the one of `quirks` whose registers the request writes to, or to a part of them."""
     span = asked.write
-    if span is None or span.area is not Area.HOLDING or not asked.values:
-        return False
-    return span.start <= register and register + count <= span.end
+    if span is None or span.area is not Area.HOLDING:
+        return None
+    for quirk, registers in _REGISTERS.items():
+        if quirk in quirks and span.start < registers.stop and registers.start < span.end:
+            return quirk
+    return None
 
 
 def _registers(asked: RequestPdu, register: int, count: int) -> bytes:

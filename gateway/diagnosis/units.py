@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 from gateway.config.duration import show_duration
 from gateway.config.source import to_write
+from gateway.devices.quirks import how_to_forget
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
 from gateway.diagnosis.finding import Finding, Level
 from gateway.timing.verdict import CLOSE
@@ -109,12 +110,12 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
         remedy = "check the unit identifier in the client, then the address of the device"
         yield _Found(unit.asked, _row("note", unit, what, remedy))
         return
+    remedy = _check(unit)
     if search is not None and search.found:
         found = ", ".join(map(str, search.found))
         what += f", but a device that is not configured answers at {found}: are addresses swapped?"
-        remedy = f"{to_write(unit.source, {'unit': str(search.found[0])})}, or set the address at the device"
-    else:
-        remedy = _CHECK_DEVICE
+        if unit.moved_from is None:
+            remedy = f"{to_write(unit.source, {'unit': str(search.found[0])})}, or set the address at the device"
     yield _Found(unit.asked, _row("fix", unit, what, remedy))
 
 
@@ -123,7 +124,7 @@ def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if _hears_others_only(unit, line):
         instead = unit.bad_frames + unit.ambiguous
         what = f"has never answered: what came after {instead} of {unit.asked} requests was probably other traffic"
-        yield _Found(unit.asked, _row("fix", unit, what, _CHECK_DEVICE))
+        yield _Found(unit.asked, _row("fix", unit, what, _check(unit)))
 
 
 def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -137,7 +138,7 @@ def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]
         yield _Found(unit.in_a_row, _row("note", unit, what, "modbus-gateway status shows if it goes on"))
     else:
         what = f"does not answer at the moment: its last {unit.in_a_row} requests failed, of {unit.asked} in all"
-        yield _Found(unit.asked, _row("fix", unit, what, _CHECK_DEVICE))
+        yield _Found(unit.asked, _row("fix", unit, what, _check(unit)))
 
 
 def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -171,6 +172,12 @@ def _is_close_to_limit(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Foun
     if _is_near_limit(unit):
         what = f"its responses take up to {unit.limit_share:.0%} of their limit"
         yield _Found(0, _row("note", unit, what, _longer(unit, line)))
+
+
+def _check(unit: UnitEvidence) -> str:
+    if unit.moved_from is None:
+        return _CHECK_DEVICE
+    return f"{_CHECK_DEVICE}; {how_to_forget(unit.name, unit.moved_from)}"
 
 
 def _others_tell(unit: UnitEvidence, line: LineEvidence) -> bool:

@@ -113,7 +113,10 @@ class BaudChanged(Event):
 
 
 class AddressRemembered(Event):
-    """A device moved in an earlier run: the gateway uses address `unit` instead of `configured`."""
+    """A device has moved: the gateway uses address `unit` instead of `configured`.
+
+    Logged at each start, and when it does not answer there.
+    """
 
     level = Level.WARNING
     line: str

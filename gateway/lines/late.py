@@ -68,7 +68,8 @@ class _Window:
     def forbids(self, other: Transaction) -> bool:
         """Whether a late response could be taken for the response to `other`.
 
-        A late exception response fits any quantity, so only unit and function count. A request to address 0 that
+        A late exception response fits any quantity, so only unit and function count. Before and after the change of an
+        address nothing may be owed by its unit: it would come from the new address. A request to address 0 that
         expects a response must be the only one on the line.
         """
         request = self.request
@@ -76,9 +77,11 @@ class _Window:
             return False
         if other.unit == BROADCAST_UNIT:
             return True
-        if request.asked.function != other.asked.function:
-            return False
-        return request.answers_from is None or other.answers_from is None or request.unit == other.device.unit
+        is_same_unit = request.unit == other.device.unit
+        is_same_function = request.asked.function == other.asked.function
+        if request.answers_from is None or other.answers_from is None:
+            return is_same_unit or is_same_function
+        return is_same_unit and is_same_function
 
 
 class LateWindows:

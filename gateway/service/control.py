@@ -7,6 +7,8 @@
                      {"version": "0.1.0", "ok": true, "unit": {"unit": 41, "points": [...], ...}}
 {"verb": "request", "unit": 41, "pdu": "03 00 00 00 02"}
                      {"version": "0.1.0", "ok": true, "unit": 41, "pdu": "03 04 45 9C 3D 51", "elapsed_ms": 12.5}
+{"verb": "forget", "device": "silo-1"}
+                     {"version": "0.1.0", "ok": true, "forgotten": {"unit": 1, "was_at": [5], ...}, ...}
 {"verb": "bench", "line": "hall-a", "seconds": 60}
                      {"version": "0.1.0", "ok": true, "bench": {"expected_per_second": 12.1, ...}}
 {"verb": "times", "unit": "silo-1"}

@@ -90,6 +90,7 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
         ago=None if answered_at == NEVER else line.now() - answered_at,
         is_configured=not line.plan.passes_through,
         has_table=device.answer_time.has_table,
+        moved_from=device.moved_from,
         last_failed=_last(counts, line.now(), "timeout", "bad_frame", "ambiguous"),
         last_bad=_last(counts, line.now(), "bad_frame"),
         last_late=_last(counts, line.now(), "late"),

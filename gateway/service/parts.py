@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 from gateway.config.forecast import longest_wait_behind, longest_waits
 from gateway.config.plan import LinePlan, ServerPlan, UpstreamPlan
+from gateway.devices.addresses import UnitAddresses
 from gateway.devices.device import Device, DeviceSettings, EveryDevice
-from gateway.devices.quirks import AddressZeroDevice, MovableDevice, UnitAddresses
+from gateway.devices.quirks import AddressZeroDevice, EveryQuirkyDevice, MovableDevice
+from gateway.errors import WrongQuestion
 from gateway.events import Emit, Event, LineLost, LineReopened, LineUp, discard_event
 from gateway.lines.counts import UnitCounts
 from gateway.lines.driver import LineDriver
@@ -71,7 +73,7 @@ class GatewayLine:
         self.reconnector = Reconnector(
             name, plan.port.port, self._port.open, self.driver, kept_in(ring, loop.time, emit)
         )
-        self.every_device = EveryDevice(self.driver)
+        self.every_device = self._every_device(plan)
         self.devices: dict[int, Device] = {}
         self.longest_wait: dict[str, float] = {}
         self.adopt(plan, self.devices_of(plan))
@@ -133,13 +135,46 @@ class GatewayLine:
         """What may still arrive on the port: see Line.overdue."""
         return self.driver.line.overdue(now, self.patience)
 
+    def begin(self) -> None:
+        """Go on from where the line before on this port has left its devices, which it may have done just now."""
+        plan, memory = self.plan, self._memory
+        memory.expect(remembered.rate_key(plan), plan.line.timing.baud)
+        for each in plan.devices:
+            memory.expect(remembered.address_key(plan, each), each.unit)
+        self.place_devices()
+        rate = remembered.rate(plan, memory)
+        if rate != self.driver.line.settings.timing.baud:
+            self.driver.change_rate(rate)
+
+    def place_devices(self) -> None:
+        """Let all devices be where they are remembered to be."""
+        addresses = remembered.addresses(self.plan, self._memory)
+        for device in self.devices.values():
+            if isinstance(device, MovableDevice):
+                device.begin_at(*addresses[device.name])
+
+    def forget(self, device: Device) -> None:
+        """Let a device be where the config says, and the line have the configured rate.
+
+        Raises:
+            WrongQuestion: another gateway has the line now, or another device has that address.
+        """
+        settings, baud = device.settings, self.plan.line.timing.baud
+        if self.is_standby:
+            raise WrongQuestion(f"another gateway has the lease of {self.name}: tell that one to forget")
+        if not self._addresses.is_free(settings.unit, settings.name):
+            raise WrongQuestion(
+                f"another device of {self.name} has, or may have, the address {settings.unit}: forget that one first, "
+                f"or give {settings.name} another unit in {device.source}"
+            )
+        self._memory.remember(remembered.address_key(self.plan, settings), settings.unit, settings.unit)
+        self.place_devices()
+        if baud != self.driver.line.settings.timing.baud:
+            self.driver.change_rate(baud)
+
     def devices_of(self, plan: LinePlan) -> dict[int, Device]:
         """The devices of `plan`: existing ones and new ones."""
-        addresses = remembered.addresses(plan, self._memory)
-        return {
-            each.known_as: self.devices.get(each.known_as) or self._device(each, addresses[each.name])
-            for each in plan.devices
-        }
+        return {each.known_as: self.devices.get(each.known_as) or self._device(each) for each in plan.devices}
 
     def adopt(self, plan: LinePlan, devices: dict[int, Device]) -> None:
         """Take over `plan`, which differs only in its place in the file or in passed-through units."""
@@ -148,6 +183,7 @@ class GatewayLine:
         self.longest_wait = longest_waits(plan)
         for each in plan.devices:
             devices[each.known_as].source = each.source
+        self.place_devices()
 
     def _standby(self, plan: LinePlan, buckets: "Buckets") -> "Standby":
         """What it takes is loaded only with a lease."""
@@ -156,17 +192,23 @@ class GatewayLine:
         )
         return standby
 
-    def _device(self, settings: DeviceSettings, address: int) -> Device:
+    def _every_device(self, plan: LinePlan) -> EveryDevice:
+        quirks = frozenset[str]().union(*(each.profile.quirks for each in plan.devices))
+        if not quirks:
+            return EveryDevice(self.driver)
+        return EveryQuirkyDevice(self.driver, quirks, self._emit, self._ring, self.name)
+
+    def _device(self, settings: DeviceSettings) -> Device:
         if settings.unit == BROADCAST_UNIT:
             return AddressZeroDevice(settings, self.driver, self._emit, self._ring, self.name)
         if not settings.profile.quirks:
             self._addresses.place(settings.name, settings.unit)
             return Device(settings, self.driver, self._emit, self._ring, self.name)
-        return self._restless_device(settings, address)
+        return self._restless_device(settings)
 
-    def _restless_device(self, settings: DeviceSettings, address: int) -> Device:
+    def _restless_device(self, settings: DeviceSettings) -> Device:
         line, key = self.plan.line, remembered.address_key(self.plan, settings)
-        device = MovableDevice(
+        return MovableDevice(
             settings,
             self.driver,
             line_name=line.name,
@@ -177,8 +219,6 @@ class GatewayLine:
             emit=self._emit,
             ring=self._ring,
         )
-        device.begin_at(address)
-        return device
 
 
 class GatewayUpstream:

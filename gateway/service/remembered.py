@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from gateway.config.plan import LinePlan, Plan
 from gateway.config.source import place_of
 from gateway.devices.device import DeviceSettings
-from gateway.devices.quirks import BAUD_RATES
+from gateway.devices.quirks import BAUD_RATES, how_to_forget, show_units
 from gateway.events import AddressRemembered, BaudRemembered
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.service.state import Memory
@@ -29,26 +29,51 @@ def rate(line: LinePlan, memory: Memory) -> int:
     return now if now in BAUD_RATES else configured
 
 
-def addresses(line: LinePlan, memory: Memory) -> Mapping[str, int]:
-    """The address of each device of the line, by name: where it moved to, unless another device is there now."""
-    now = {each.name: memory.recall(address_key(line, each), each.unit) for each in line.devices}
-    taken = Counter(now.values())
-    free = {name for name, unit in now.items() if taken[unit] == 1 and FIRST_UNIT <= unit <= LAST_UNIT}
-    return {each.name: now[each.name] if each.name in free else each.unit for each in line.devices}
+def addresses(line: LinePlan, memory: Memory) -> Mapping[str, tuple[int, ...]]:
+    """The possible addresses of each device of the line, by name: where it moved to, or may have moved to.
+
+    Where the config has another device by now, one that moved is not asked; nor is it where the config says, so none
+    may be left.
+    """
+    now = {each.name: recall(line, each, memory) for each in line.devices}
+    claims = Counter(unit for units in now.values() for unit in units)
+
+    def left(device: DeviceSettings) -> tuple[int, ...]:
+        units = now[device.name]
+        return units if units == (device.unit,) else tuple(unit for unit in units if claims[unit] == 1)
+
+    return {each.name: left(each) for each in line.devices}
 
 
 def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRemembered]:
     """All remembered values that the gateway uses instead of the config."""
-    to_forget = f"to forget it, stop the gateway and delete its entry in {memory.file}, or the file"
     for line in plan.lines:
         name, configured, now = line.line.name, line.line.timing.baud, rate(line, memory)
         if now != configured:
             place = place_of(line.line.source, "baud")
-            advice = f"its device changed the rate in an earlier run; set baud = {now} in {place}; {to_forget}"
+            said = f"its device changed the rate in an earlier run; set baud = {now} in {place}"
+            advice = f"{said}; to forget it: modbus-gateway forget {line.devices[0].name}"
             yield BaudRemembered(name, now, configured, advice)
-        at = addresses(line, memory)
+        left = addresses(line, memory)
         for device in line.devices:
-            if at[device.name] != device.unit:
-                place = place_of(device.source, "unit")
-                advice = f"it moved in an earlier run; set unit = {at[device.name]} in {place}; {to_forget}"
-                yield AddressRemembered(name, device.name, at[device.name], device.unit, advice)
+            units = recall(line, device, memory)
+            if units != (device.unit,):
+                advice = _advice(device, left[device.name])
+                yield AddressRemembered(name, device.name, units[0], device.unit, advice)
+
+
+def _advice(device: DeviceSettings, units: tuple[int, ...]) -> str:
+    """Say what to do about a device that is not where the config says, but at one of `units`."""
+    if not units:
+        said = f"it is not asked: the config has another device there by now; set its unit in {place_of(device.source, 'unit')}"
+    elif len(units) > 1:
+        said = f"a change of its address was not answered: it is at {show_units(units)}, and its next answer settles it"
+    else:
+        said = f"it moved in an earlier run; set unit = {units[0]} in {place_of(device.source, 'unit')}"
+    return f"{said}; {how_to_forget(device.name, device.unit)}"
+
+
+def recall(line: LinePlan, device: DeviceSettings, memory: Memory) -> tuple[int, ...]:
+    """Recall where a device may be; what no device can have counts for nothing."""
+    units = memory.recall_all(address_key(line, device), device.unit)
+    return tuple(unit for unit in units if FIRST_UNIT <= unit <= LAST_UNIT) or (device.unit,)

@@ -274,6 +274,7 @@ class Running:
         now = asyncio.get_running_loop().time()
         for part in parts:
             if isinstance(part, GatewayLine):
+                part.begin()
                 overdue = self._left_behind.at(place_of(part.plan.port), now)
                 part.driver.line.await_overdue(overdue, part.patience)
             self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")

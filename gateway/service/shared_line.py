@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from gateway.config.forecast import guard, longest_late_window
 from gateway.config.plan import LinePlan
-from gateway.devices.quirks import BAUD_RATES, MovableDevice
+from gateway.devices.quirks import BAUD_RATES
 from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.fleet.lease_settings import LeaseSettings
@@ -64,9 +64,9 @@ class SharedPort:
     def state(self) -> dict[str, Any]:
         """Which devices have moved, and the rate if it was changed, each with what the config says."""
         plan = self._line.plan
-        moved = remembered.addresses(plan, self._memory)
-        self._changed |= {each.name for each in plan.devices if moved[each.name] != each.unit}
-        addresses = {each.name: [each.unit, moved[each.name]] for each in plan.devices if each.name in self._changed}
+        at = {each.name: remembered.recall(plan, each, self._memory) for each in plan.devices}
+        self._changed |= {each.name for each in plan.devices if at[each.name] != (each.unit,)}
+        addresses = {each.name: [each.unit, *at[each.name]] for each in plan.devices if each.name in self._changed}
         state: dict[str, Any] = {"addresses": addresses} if addresses else {}
         rate, configured = remembered.rate(plan, self._memory), plan.line.timing.baud
         self._changed |= {_RATE} if rate != configured else set()
@@ -83,24 +83,20 @@ class SharedPort:
         self._adopt_addresses(dict(_changes(state.get("addresses"))))
         rate = _change(state.get("rate"))
         if rate is not None:
-            self._adopt_rate(*rate)
+            self._adopt_rate(*rate[:2])
         late = state.get("late")
         if late is not None and is_entry(late):
             answers = read_entry(late, -inf, self._line.now())
             self._line.driver.line.await_overdue(answers, self._line.patience)
 
-    def _adopt_addresses(self, moved: Mapping[str, tuple[int, int]]) -> None:
-        line, plan = self._line, self._line.plan
+    def _adopt_addresses(self, moved: Mapping[str, tuple[int, ...]]) -> None:
+        plan = self._line.plan
         for each in plan.devices:
-            configured, unit = moved.get(each.name, (0, 0))
-            if configured == each.unit and FIRST_UNIT <= unit <= LAST_UNIT:
+            configured, *units = moved.get(each.name, (0, 0))
+            if configured == each.unit and all(FIRST_UNIT <= unit <= LAST_UNIT for unit in units):
                 self._changed.add(each.name)
-                self._memory.remember(remembered.address_key(plan, each), each.unit, unit)
-        addresses = remembered.addresses(plan, self._memory)
-        for each in plan.devices:
-            device = line.devices[each.known_as]
-            if isinstance(device, MovableDevice):
-                device.begin_at(addresses[each.name])
+                self._memory.remember(remembered.address_key(plan, each), each.unit, *units)
+        self._line.place_devices()
 
     def _adopt_rate(self, configured: int, rate: int) -> None:
         plan = self._line.plan
@@ -111,15 +107,15 @@ class SharedPort:
             self._line.driver.change_rate(rate)
 
 
-def _changes(value: object) -> Iterator[tuple[str, tuple[int, int]]]:
-    for name, pair in value.items() if isinstance(value, dict) else ():
-        change = _change(pair)
+def _changes(value: object) -> Iterator[tuple[str, tuple[int, ...]]]:
+    for name, values in value.items() if isinstance(value, dict) else ():
+        change = _change(values)
         if isinstance(name, str) and change is not None:
             yield name, change
 
 
-def _change(pair: object) -> tuple[int, int] | None:
-    """What the config of the holder before said, and what is so."""
-    if isinstance(pair, list) and len(pair) == 2 and all(isinstance(each, int) for each in pair):
-        return pair[0], pair[1]
+def _change(values: object) -> tuple[int, ...] | None:
+    """What the config of the holder before said, what is so, and what else may be so."""
+    if isinstance(values, list) and len(values) > 1 and all(isinstance(each, int) for each in values):
+        return tuple(values)
     return None

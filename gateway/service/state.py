@@ -1,8 +1,10 @@
 """Values that survive a restart: addresses of devices that moved, and rates of lines that changed.
 
     {"/dev/ttyS1 silo-1": {"configured": 1, "now": 5}, "/dev/ttyS1": {"configured": 9600, "now": 19200}}
+    {"/dev/ttyS1 silo-1": {"configured": 1, "now": 1, "maybe": [5]}}
 
-An entry applies as long as the configured value is the same: an edited config has priority.
+In the second one a change to 5 was sent, and nothing shows yet whether it has happened. An entry applies as long as the
+configured value is the same: an edited config has priority.
 """
 
 import os
@@ -29,7 +31,7 @@ def state_folder(environment: Mapping[str, str] = os.environ, *, is_root: bool =
 
 
 class Memory:
-    """Remembered values, one integer for each key. `file` is their source."""
+    """Remembered values, one integer for each key, or several possible ones. `file` is their source."""
 
     def __init__(self, file: str = "", entries: Entries | None = None) -> None:
         self.file = file
@@ -37,15 +39,28 @@ class Memory:
 
     def recall(self, key: str, configured: int) -> int:
         """The value of `key` now: the remembered one, unless the config has changed since."""
-        entry = self._entries.get(key, {})
-        now: int = entry.get("now", configured) if entry.get("configured") == configured else configured
-        return now
+        return self.recall_all(key, configured)[0]
 
-    def remember(self, key: str, configured: int, now: int) -> None:
-        """Remember the value of `key`; forget it if it equals the configured one."""
+    def recall_all(self, key: str, configured: int) -> tuple[int, ...]:
+        """All values that `key` may have now, the last one that was known first."""
+        entry = self._entries.get(key)
+        if entry is None or entry["configured"] != configured:
+            return (configured,)
+        return (entry["now"], *entry.get("maybe", ()))
+
+    def remember(self, key: str, configured: int, now: int, *maybe: int) -> None:
+        """Remember the value of `key`, and other possible ones; forget it if it is the configured one."""
         self._entries.pop(key, None)
-        if now != configured:
+        if maybe:
+            self._entries[key] = {"configured": configured, "now": now, "maybe": list(maybe)}
+        elif now != configured:
             self._entries[key] = {"configured": configured, "now": now}
+
+    def expect(self, key: str, configured: int) -> None:
+        """Forget the value of `key` for good if the config has changed since."""
+        entry = self._entries.get(key)
+        if entry is not None and entry["configured"] != configured:
+            self.remember(key, configured, configured)
 
     def close(self) -> None:
         """Stop remembering."""
@@ -76,9 +91,9 @@ class StateFile(Memory):
         self._shared = SharedFile(folder / FILE_NAME, _is_entry, emit)
         super().__init__(str(self._shared.file), self._shared.read())
 
-    def remember(self, key: str, configured: int, now: int) -> None:
+    def remember(self, key: str, configured: int, now: int, *maybe: int) -> None:
         """See Memory."""
-        super().remember(key, configured, now)
+        super().remember(key, configured, now, *maybe)
         self._shared.change(key, self._entries.get(key))
 
     def close(self) -> None:
@@ -87,7 +102,10 @@ class StateFile(Memory):
 
 
 def _is_entry(value: object) -> bool:
-    return isinstance(value, dict) and all(_is_value(value.get(key)) for key in ("configured", "now"))
+    if not isinstance(value, dict):
+        return False
+    maybe = value.get("maybe", [])
+    return isinstance(maybe, list) and all(map(_is_value, (value.get("configured"), value.get("now"), *maybe)))
 
 
 def _is_value(value: object) -> bool:

@@ -225,6 +225,21 @@ class UnitStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class MovedStatus:
+    """A unit that is, or may be, at another address than the `configured` one: at one of those in `on_the_wire`.
+
+    Its last `failures` requests in a row have failed.
+    """
+
+    line: str
+    unit: int
+    name: str
+    on_the_wire: tuple[int, ...]
+    configured: int
+    failures: int
+
+
+@dataclass(frozen=True, slots=True)
 class ImageStatus:
     """A unit that the gateway answers itself."""
 
@@ -277,6 +292,7 @@ class Status:
     brokers: tuple[BrokerStatus, ...] = ()
     fleets: tuple[FleetStatus, ...] = ()
     leases: tuple[LeaseStatus, ...] = ()
+    moved: tuple[MovedStatus, ...] = ()
     state_files: tuple[StateFileStatus, ...] = ()
     #: The name of the plant, and the address of the web page; empty if there is none.
     site: str = ""
@@ -318,6 +334,7 @@ def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: It
         brokers=() if broker is None else (broker,),
         fleets=() if fleet is None else (fleet,),
         leases=tuple(_leases(gateway.lines)),
+        moved=tuple(_moved(gateway.lines)),
     )
 
 
@@ -459,6 +476,15 @@ def _unit_state(breaker: Breaker, now: float) -> Literal["fine", "failing", "res
     if breaker.is_resting(now):
         return "resting"
     return "failing" if breaker.failures else "fine"
+
+
+def _moved(lines: Iterable[GatewayLine]) -> Iterator[MovedStatus]:
+    for line in lines:
+        for device in line.devices.values():
+            if device.moved_from is not None:
+                units, failures = device.possible_units, device.breaker.failures
+                known_as, configured = device.settings.known_as, device.moved_from
+                yield MovedStatus(line.name, known_as, device.name, units, configured, failures)
 
 
 def _image(image: Image) -> ImageStatus:

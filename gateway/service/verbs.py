@@ -11,6 +11,7 @@ from gateway.service.bench import bench_in_steps
 from gateway.service.calibration import measured
 from gateway.service.control import IsThere, Verbs
 from gateway.service.doctor import examine
+from gateway.service.forgetting import forget
 from gateway.service.operator import ask, picture
 from gateway.service.reload import Reloader
 from gateway.service.running import Running
@@ -31,6 +32,7 @@ def verbs(running: Running, reloader: Reloader) -> Verbs:
         "reload": each.reload,
         "unit": each.unit,
         "request": each.request,
+        "forget": each.forget,
         "doctor": each.doctor,
         "trace": each.trace,
         "why": each.why,
@@ -73,6 +75,11 @@ class _Verbs:
 
     async def unit(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         return {"unit": picture(self._running.gateway, request.get("unit"))}
+
+    async def forget(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
+        running = self._running
+        forgotten = forget(running.gateway, request.get("device"), running.emit)
+        return {"forgotten": forgotten, "control": running.control}
 
     async def doctor(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
         await self._running.settled()

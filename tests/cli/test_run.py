@@ -95,6 +95,6 @@ def test_it_says_at_the_start_that_a_device_is_asked_elsewhere_than_the_config_s
             while told.get("event") not in {"address_remembered", "ready"}:
                 told = json.loads(process.stderr.readline())
             assert (told.get("device"), told.get("unit"), told.get("configured")) == ("silo-1", 5, 1)
-            assert f"delete its entry in {tmp_path}/addresses.json" in str(told["advice"])
+            assert "if it is at 1 again: modbus-gateway forget silo-1" in str(told["advice"])
         finally:
             process.kill()

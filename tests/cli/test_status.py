@@ -18,6 +18,7 @@ from gateway.service.status import (
     LineUserStatus,
     ListenerStatus,
     MirrorStatus,
+    MovedStatus,
     RangeStatus,
     Status,
     TimesStatus,
@@ -110,6 +111,16 @@ def notes(**unit: Any) -> str:
     """What is noted about a unit like this."""
     text = show_status(as_told(replace(STATUS, units=(replace(UNIT, **unit),))), 200)
     return text.partition("Notes\n")[2].strip()
+
+
+def test_of_a_unit_that_is_silent_where_it_moved_to_it_says_how_to_ask_where_the_config_says() -> None:
+    def noted(failures: int) -> str:
+        moved = MovedStatus("hall-a", 41, "silo", (5,), 3, failures)
+        return show_status(as_told(replace(STATUS, moved=(moved,))), 200)
+
+    said = "unit 41, silo: does not answer where it moved to; if it is at 3 again: modbus-gateway forget silo"
+    assert said in noted(failures=1)
+    assert "forget" not in noted(failures=0)
 
 
 @pytest.fixture(autouse=True)

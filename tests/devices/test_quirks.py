@@ -2,10 +2,12 @@
 
 import pytest
 
-from gateway.devices.quirks import AddressZeroDevice, MovableDevice, UnitAddresses
-from gateway.events import AddressMoved, BaudChanged, Event
+from gateway.devices.addresses import UnitAddresses
+from gateway.devices.quirks import AddressZeroDevice, EveryQuirkyDevice, MovableDevice
+from gateway.events import AddressMoved, AddressRemembered, BaudChanged, Event, RequestRefused
 from gateway.lines.line import RATE_CHANGE_PAUSE
 from gateway.profiles.profile import Profile
+from gateway.trace.ring import Ring
 from kit.asker import Asker
 from kit.line_bench import RESPONSE, Bench, frame
 
@@ -17,26 +19,30 @@ MOVE_TO_5 = "10 01 00 00 01 02 00 05"
 MOVED = "10 01 00 00 01"
 TO_19200 = "10 02 00 00 02 04 46 96 00 00"
 RATE_SET = "10 02 00 00 02"
+TAKE_ZERO = "10 1A 00 00 01 02 00 BB"
 
 
 class Hall(Bench):
     """A bench with a restless device of unit 1, known as silo-1."""
 
-    def __init__(self, *, is_alone: bool = True, **settings: object) -> None:
+    def __init__(self, *, is_alone: bool = True, profile: Profile = WEIGHER, **settings: object) -> None:
         super().__init__(**settings)
         self.addresses = UnitAddresses()
-        self.remembered: list[int] = []
+        self.remembered: list[tuple[int, ...]] = []
         self.rates: list[int] = []
         self.silo = MovableDevice(
-            self.device(profile=WEIGHER).settings,
+            self.device(profile=profile).settings,
             self,
             line_name="hall-a",
             line_source="gateway.toml:3",
             addresses=self.addresses,
             is_alone=is_alone,
-            remember=self.remembered.append,
+            remember=self.remember,
             emit=self.events.append,
         )
+
+    def remember(self, *units: int) -> None:
+        self.remembered.append(units)
 
     def submit(self, transaction, now: float) -> None:
         self.line.submit(transaction, now)
@@ -135,7 +141,7 @@ def test_a_move_is_answered_from_the_new_address_and_requests_follow(hall: Hall)
     hall.hear(frame(5, WEIGHT))
     assert hall.written == [frame(1, MOVE_TO_5), frame(5, READ)]
     assert hall.client.answers == [MOVED, WEIGHT]
-    assert hall.remembered == [5]
+    assert hall.remembered == [(1, 5), (5,)]
 
 
 def test_a_move_is_told_with_the_line_of_the_config_to_edit(hall: Hall) -> None:
@@ -190,7 +196,7 @@ def test_of_two_moves_to_one_address_that_wait_together_the_second_is_refused() 
     settings = hall.device(unit=2, profile=WEIGHER).settings
     other = MovableDevice(
         settings, hall, line_name="hall-a", line_source="", addresses=hall.addresses,
-        is_alone=False, remember=hall.remembered.append, emit=hall.events.append,
+        is_alone=False, remember=hall.remember, emit=hall.events.append,
     )  # fmt: skip
     for device in (hall.silo, other):
         device.submit(hall.client.ask(MOVE_TO_5, now=hall.now), hall.now)
@@ -212,14 +218,13 @@ def test_after_a_move_that_nobody_confirmed_the_new_address_may_answer(hall: Hal
     hall.ask_silo(MOVE_TO_5)
     hall.pass_time(1)
     assert hall.client.answers == ["90 0B"]
-    assert "old or new" in hall.told(AddressMoved)[0].advice
-    hall.ask_silo(READ)
-    hall.pass_time(1)
+    advice = "old or new: no answer came; it is at 1 or 5, and its next answer settles it"
+    assert hall.events[-1] == AddressMoved("hall-a", "unit-1", 5, 1, advice)
     hall.ask_silo(READ)
     hall.hear(frame(5, WEIGHT))
-    assert hall.written[1:] == [frame(1, READ), frame(5, READ)]
-    assert hall.client.answers[1:] == ["83 0B", WEIGHT]
-    assert hall.remembered == [5]
+    assert hall.written[1:] == [frame(5, READ)]
+    assert hall.client.answers[1:] == [WEIGHT]
+    assert hall.remembered == [(1, 5), (5,)]
     assert hall.told(AddressMoved)[1].advice.startswith("requests follow it")
 
 
@@ -227,28 +232,83 @@ def test_after_a_move_that_nobody_confirmed_the_old_address_may_answer(hall: Hal
     hall.ask_silo(MOVE_TO_5)
     hall.pass_time(1)
     hall.ask_silo(READ)
+    hall.pass_time(1)
+    hall.ask_silo(READ)
     hall.hear(frame(1, WEIGHT))
-    assert hall.client.answers[1:] == [WEIGHT]
-    assert hall.remembered == []
+    assert hall.written[1:] == [frame(5, READ), frame(1, READ)]
+    assert hall.client.answers[1:] == ["83 0B", WEIGHT]
+    assert hall.remembered == [(1, 5), (1,)]
     assert hall.addresses.is_free(5, "silo-2")
 
 
 def test_both_addresses_are_held_until_an_answer_settles_it(hall: Hall) -> None:
-    hall.ask_silo(MOVE_TO_5)
+    hall.silo.submit(hall.client.ask(MOVE_TO_5, now=hall.now), hall.now)
+    assert not hall.addresses.is_free(5, "silo-2")
     hall.pass_time(1)
     assert not hall.addresses.is_free(1, "silo-2")
     assert not hall.addresses.is_free(5, "silo-2")
     hall.ask_silo(READ)
-    hall.pass_time(1)
-    hall.ask_silo(READ)
     hall.hear(frame(5, WEIGHT))
     assert hall.addresses.is_free(1, "silo-2")
+
+
+def test_a_late_confirmation_settles_it(hall: Hall) -> None:
+    hall.ask_silo(MOVE_TO_5)
+    hall.pass_time(0.1)
+    hall.hear(frame(5, MOVED))
+    assert hall.remembered == [(1, 5), (5,)]
+    assert hall.addresses.is_free(1, "silo-2")
+
+
+def test_a_late_exception_to_the_move_settles_it(hall: Hall) -> None:
+    hall.ask_silo(MOVE_TO_5)
+    hall.pass_time(0.1)
+    hall.hear(frame(1, "90 04"))
+    assert hall.remembered == [(1, 5), (1,)]
+    assert hall.addresses.is_free(5, "silo-2")
+
+
+def test_a_late_answer_to_what_was_sent_before_a_move_settles_nothing(hall: Hall) -> None:
+    """At 5 it is late, and at 1 nobody hears the second move: who works in order might have heard it."""
+    hall.silo.begin_at(5, 1)
+    hall.ask_silo(READ)
+    hall.pass_time(0.1)
+    hall.ask_silo("10 01 00 00 01 02 00 07")
+    hall.pass_time(0.1)
+    assert hall.written == [frame(5, READ), frame(1, "10 01 00 00 01 02 00 07")]
+    hall.hear(frame(5, WEIGHT))
+    for unit in (1, 5, 7):
+        assert not hall.addresses.is_free(unit, "silo-2")
+
+
+def test_a_move_waits_until_its_unit_owes_nothing(hall: Hall) -> None:
+    """The late answer would come from the new address, where it looks like that to another read."""
+    hall.ask_silo(READ)
+    hall.pass_time(0.1)
+    hall.ask_silo(MOVE_TO_5)
+    assert hall.client.answers == ["83 0B", "90 0B"]
+    assert hall.written == [frame(1, READ)]
+    assert hall.remembered == []
+    hall.hear(frame(1, WEIGHT))
+    hall.ask_silo(MOVE_TO_5)
+    assert hall.written[1:] == [frame(1, MOVE_TO_5)]
+
+
+def test_at_the_old_address_nothing_is_asked_while_the_move_may_still_happen(hall: Hall) -> None:
+    """An answer would not show that it stays there."""
+    hall.ask_silo(MOVE_TO_5)
+    hall.pass_time(0.1)
+    hall.silo.unit = 1
+    hall.ask_silo(READ)
+    assert hall.client.answers == ["90 0B", "83 0B"]
+    assert hall.written == [frame(1, MOVE_TO_5)]
 
 
 def test_an_unconfirmed_move_to_its_own_address_leaves_no_doubt(hall: Hall) -> None:
     hall.ask_silo("10 01 00 00 01 02 00 01")
     hall.pass_time(1)
     assert hall.told(AddressMoved) == []
+    assert hall.remembered == []
 
 
 def test_a_device_begins_where_it_moved_to_in_an_earlier_run(hall: Hall) -> None:
@@ -257,37 +317,115 @@ def test_a_device_begins_where_it_moved_to_in_an_earlier_run(hall: Hall) -> None
     assert hall.written == [frame(5, READ)]
 
 
-def test_a_device_that_rests_where_it_moved_to_is_looked_for_where_the_config_says_too(hall: Hall) -> None:
-    hall.silo.begin_at(5)
-    for _ in range(4):
+def test_a_device_that_may_have_moved_in_an_earlier_run_is_asked_at_both_addresses(hall: Hall) -> None:
+    hall.silo.begin_at(1, 5)
+    assert not hall.addresses.is_free(5, "silo-2")
+    for _ in range(3):
         hall.ask_silo(READ)
-        hall.pass_time(20)
-    assert hall.written == [frame(5, READ)] * 3 + [frame(1, READ)]
-    (told,) = hall.told(AddressMoved)
-    assert told.advice == "it does not answer where it moved to; it is at 5 or 1, and its next answer settles it"
-    hall.ask_silo(READ)
-    hall.pass_time(60)
-    hall.ask_silo(READ)
-    hall.hear(frame(1, WEIGHT))
-    assert hall.written[4:] == [frame(5, READ), frame(1, READ)]
-    assert hall.remembered == [1]
-    assert hall.told(AddressMoved)[1].advice == "requests follow it; as the config says"
+        hall.pass_time(1)
+    assert hall.written == [frame(1, READ), frame(5, READ), frame(1, READ)]
 
 
-def test_a_device_that_rests_is_not_looked_for_where_its_neighbour_has_moved_to(hall: Hall) -> None:
+def test_a_device_that_is_silent_where_it_moved_to_is_asked_nowhere_else(hall: Hall) -> None:
+    """At the address in the config there may be a spare."""
     hall.silo.begin_at(5)
-    hall.addresses.place("silo-2", 1)
     for _ in range(4):
         hall.ask_silo(READ)
         hall.pass_time(20)
     assert hall.written == [frame(5, READ)] * 4
-    assert hall.told(AddressMoved) == []
+
+
+def test_how_to_ask_it_where_the_config_says_is_told_once_it_rests(hall: Hall) -> None:
+    hall.silo.begin_at(5)
+    for _ in range(6):
+        hall.ask_silo(READ)
+        hall.pass_time(0.7)
+    advice = "it does not answer there; if it is at 1 again: modbus-gateway forget unit-1"
+    assert hall.told(AddressRemembered) == [AddressRemembered("hall-a", "unit-1", 5, 1, advice)]
+
+
+def test_of_a_device_that_is_where_the_config_says_nothing_is_told_when_it_rests(hall: Hall) -> None:
+    for _ in range(6):
+        hall.ask_silo(READ)
+        hall.pass_time(0.7)
+    assert hall.told(AddressRemembered) == []
+
+
+def test_a_device_without_an_address_is_not_asked(hall: Hall) -> None:
+    hall.silo.begin_at()
+    hall.ask_silo(READ)
+    assert hall.client.answers == ["83 0A"]
+    assert hall.written == []
+    (told,) = hall.told(RequestRefused)
+    assert told.why == (
+        "the config has another device at its address by now; if it is at 1 again: modbus-gateway forget unit-1"
+    )
 
 
 def test_a_read_of_the_address_register_is_no_move(hall: Hall) -> None:
     hall.ask_silo("03 01 00 00 01")
     hall.hear(frame(1, RESPONSE))
     assert hall.client.answers == [RESPONSE]
+
+
+ANYTHING = Profile("anything", quirks=frozenset({"moves", "changes_baud"}))
+
+
+@pytest.mark.parametrize(
+    ("move", "moved"),
+    [
+        ("06 01 00 00 05", "06 01 00 00 05"),
+        ("10 00 FF 00 03 06 00 00 00 05 00 00", "10 00 FF 00 03"),
+        ("17 00 00 00 01 01 00 00 01 02 00 05", "17 02 00 07"),
+    ],
+)
+def test_every_function_that_writes_the_address_is_a_move(move: str, moved: str) -> None:
+    hall = Hall(profile=ANYTHING)
+    hall.ask_silo(move)
+    hall.hear(frame(5, moved))
+    assert hall.client.answers == [moved]
+    assert hall.remembered[-1] == (5,)
+    hall.addresses.place("silo-2", 7)
+    hall.ask_silo(move.replace("00 05", "00 07"))
+    assert hall.client.answers[1:] == [f"{int(move[:2], 16) | 0x80:02X} 03"]
+
+
+@pytest.mark.parametrize("pdu", ["16 01 00 00 00 00 05", "10 02 00 00 01 02 46 96", "10 02 01 00 02 04 00 00 00 00"])
+def test_an_address_or_a_rate_that_is_not_written_whole_is_refused(pdu: str) -> None:
+    hall = Hall(profile=ANYTHING)
+    hall.ask_silo(pdu)
+    assert hall.written == []
+    (told,) = hall.told(RequestRefused)
+    assert (told.code, told.why) == ("03", "its address and its rate can only be written with all of their registers")
+
+
+# --- broadcasts ---
+
+
+@pytest.mark.parametrize(
+    "pdu",
+    [
+        *("06 01 00 00 05", MOVE_TO_5, "10 00 FF 00 03 06 00 00 00 05 00 00", "16 01 00 00 00 00 05"),
+        *(TO_19200, "10 01 FF 00 02 04 00 00 46 96", "06 02 01 00 00"),
+    ],
+)
+def test_no_broadcast_writes_an_address_or_a_rate(hall: Hall, pdu: str) -> None:
+    everyone = EveryQuirkyDevice(hall, {"moves", "changes_baud"}, hall.events.append, Ring(), "hall-a")
+    everyone.submit(hall.client.ask(pdu, unit=0, now=hall.now), hall.now)
+    hall.pass_time(1)
+    assert hall.written == []
+    (told,) = hall.told(RequestRefused)
+    assert (told.unit, told.code, told.device) == (0, "03", "every device of hall-a")
+    assert hall.client.answers == [f"{int(pdu[:2], 16) | 0x80:02X} 03"]
+
+
+@pytest.mark.parametrize(("quirk", "pdu"), [("moves", TO_19200), ("changes_baud", MOVE_TO_5), ("moves", TAKE_ZERO)])
+def test_other_broadcasts_are_sent(hall: Hall, quirk: str, pdu: str) -> None:
+    everyone = EveryQuirkyDevice(hall, {quirk}, hall.events.append, Ring(), "hall-a")
+    everyone.submit(hall.client.ask(pdu, unit=0, now=hall.now), hall.now)
+    hall.pass_time(1)
+    assert hall.written == [frame(0, pdu)]
+    assert hall.client.answers == [None]
 
 
 # --- changes of rate ---

@@ -112,6 +112,14 @@ def test_a_silent_unit_among_others_is_named():
     ]
 
 
+def test_of_a_silent_unit_that_has_moved_it_says_how_to_ask_it_where_the_config_says():
+    remedy = "check power, wiring and address of the device; if it is at 7 again: modbus-gateway forget silo-1"
+    moved, stopped = replace(SILENT, moved_from=7), replace(SILO, moved_from=7, in_a_row=5)
+    assert fixes(replace(LINE, units=(moved, PRESS), search=Search((2, 3))))[0][2] == remedy
+    assert fixes(replace(LINE, units=(moved, PRESS), search=Search((2, 7), (7,))))[0][2] == remedy
+    assert fixes(replace(LINE, units=(stopped, PRESS)))[0][2] == remedy
+
+
 def test_a_unit_that_has_stopped_answering_is_named_whatever_its_share_was():
     line = replace(LINE, units=(replace(SILO, answered=500, timeouts=5, in_a_row=5), PRESS))
     assert fixes(line) == [

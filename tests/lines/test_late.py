@@ -2,7 +2,8 @@
 
 import pytest
 
-from gateway.devices.quirks import AddressZeroDevice, MovableDevice, UnitAddresses
+from gateway.devices.addresses import UnitAddresses
+from gateway.devices.quirks import AddressZeroDevice, MovableDevice
 from gateway.events import BadFrame, ForeignFrame, LateResponse, OtherClientHeard, RequestTimeout
 from gateway.lines.late import WORTH_WAITING
 from gateway.modbus.scan import Expected
@@ -448,7 +449,7 @@ def silo(bench: Bench) -> MovableDevice:
     profile = Profile("weigher", functions=frozenset({3, 16}), quirks=frozenset({"moves", "changes_baud"}))
     device = MovableDevice(
         bench.device(profile=profile).settings, bench.line, line_name="hall-a", line_source="",
-        addresses=UnitAddresses(), is_alone=False, remember=lambda _: None, emit=bench.events.append,
+        addresses=UnitAddresses(), is_alone=False, remember=lambda *_: None, emit=bench.events.append,
     )  # fmt: skip
     bench.devices[1] = device
     return device
@@ -492,14 +493,23 @@ def test_a_move_waits_for_the_windows_of_all_units(bench: Bench, silo: MovableDe
     assert bench.client.answers == ["90 0B"]
 
 
+def test_a_move_waits_for_all_windows_of_its_unit(bench: Bench, silo: MovableDevice) -> None:
+    """The late answer would come from the new address."""
+    time_out(bench)
+    bench.ask(MOVE_TO_5)
+    assert bench.client.answers == ["90 0B"]
+
+
 def test_a_window_is_for_the_address_that_was_asked(bench: Bench, silo: MovableDevice) -> None:
     """The device is sought at both its addresses; frames from them cannot be taken for each other."""
     time_out(bench, MOVE_TO_5)
     time_out(bench)
-    assert silo.unit == 5
+    assert silo.unit == 1
+    bench.pass_time(WINDOW - 0.1)
     bench.ask()
-    assert bench.written == [bench.frame(5, READ)]
-    bench.respond(unit=5)
+    bench.pass_time(0.1)
+    assert bench.written == [bench.frame(1, READ)]
+    bench.respond()
     assert bench.client.answers == [RESPONSE]
 
 

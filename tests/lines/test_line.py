@@ -2,7 +2,8 @@
 
 import pytest
 
-from gateway.devices.quirks import MovableDevice, UnitAddresses
+from gateway.devices.addresses import UnitAddresses
+from gateway.devices.quirks import MovableDevice
 from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
 from gateway.lines.counts import Counts
 from gateway.lines.line import RATE_CHANGE_PAUSE
@@ -859,7 +860,7 @@ def test_a_request_that_its_device_refuses_when_its_turn_comes_is_not_sent(bench
     addresses.place("another", 5)
     bench.devices[1] = MovableDevice(
         bench.device(profile=quirky).settings, bench.line, line_name="", line_source="", addresses=addresses,
-        is_alone=False, remember=lambda _: None, emit=bench.events.append,
+        is_alone=False, remember=lambda *_: None, emit=bench.events.append,
     )  # fmt: skip
     bench.ask("10 01 00 00 01 02 00 05")
     assert bench.client.answers == ["90 03"]

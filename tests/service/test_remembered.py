@@ -25,12 +25,12 @@ def plan(config: str = HALL) -> Plan:
     return resolve(loaded.config)
 
 
-def left_behind(*moves: tuple[str, int, int], baud: int = 9600) -> Memory:
+def left_behind(*moves: tuple[str | int, ...], baud: int = 9600) -> Memory:
     """Devices of HALL that have moved, by name, and the rate that its line has changed to."""
     memory, (line,) = Memory("/var/lib/x/addresses.json"), plan().lines
     devices = {device.name: device for device in line.devices}
-    for name, configured, now in moves:
-        memory.remember(address_key(line, devices[name]), configured, now)
+    for name, *values in moves:
+        memory.remember(address_key(line, devices[name]), *values)
     memory.remember(rate_key(line), 9600, baud)
     return memory
 
@@ -40,20 +40,21 @@ def test_nothing_is_in_force_as_long_as_nothing_has_changed() -> None:
 
 
 def test_each_value_is_told_with_what_the_config_says_and_how_to_be_rid_of_it() -> None:
-    to_forget = "to forget it, stop the gateway and delete its entry in /var/lib/x/addresses.json, or the file"
     assert list(in_force(plan(), left_behind(("silo-2", 2, 5), baud=19200))) == [
         BaudRemembered(
             "hall-a",
             19200,
             9600,
-            f"its device changed the rate in an earlier run; set baud = 19200 in gateway.toml:5; {to_forget}",
+            "its device changed the rate in an earlier run; set baud = 19200 in gateway.toml:5; "
+            "to forget it: modbus-gateway forget silo-1",
         ),
         AddressRemembered(
             "hall-a",
             "silo-2",
             5,
             2,
-            f"it moved in an earlier run; set unit = 5 in gateway.toml:8; {to_forget}",
+            "it moved in an earlier run; set unit = 5 in gateway.toml:8; "
+            "if it is at 2 again: modbus-gateway forget silo-2",
         ),
     ]
 
@@ -65,13 +66,35 @@ def test_a_config_with_the_same_names_on_another_port_knows_nothing_of_it() -> N
 
 def test_two_devices_can_have_changed_places() -> None:
     memory = left_behind(("silo-1", 1, 2), ("silo-2", 2, 1))
-    assert addresses(plan().lines[0], memory) == {"silo-1": 2, "silo-2": 1}
+    assert addresses(plan().lines[0], memory) == {"silo-1": (2,), "silo-2": (1,)}
 
 
-def test_a_device_is_not_asked_where_the_config_has_another_one_by_now() -> None:
-    memory = left_behind(("silo-1", 1, 5))
-    (line,) = plan(HALL.replace("unit = 2,", "unit = 5,")).lines
-    assert addresses(line, memory) == {"silo-1": 1, "silo-2": 5}
+def test_a_device_that_may_have_moved_is_at_either_address_and_that_is_told() -> None:
+    memory = left_behind(("silo-1", 1, 1, 5))
+    assert addresses(plan().lines[0], memory) == {"silo-1": (1, 5), "silo-2": (2,)}
+    (told,) = in_force(plan(), memory)
+    assert (told.unit, told.configured) == (1, 1)
+    assert told.advice == (
+        "a change of its address was not answered: it is at 1 or 5, and its next answer settles it; "
+        "if it is at 1 again: modbus-gateway forget silo-1"
+    )
+
+
+def test_a_device_is_not_asked_where_the_config_has_another_one_by_now_nor_anywhere_else() -> None:
+    edited = plan(HALL.replace("unit = 2,", "unit = 5,"))
+    (line,) = edited.lines
+    assert addresses(line, left_behind(("silo-1", 1, 5))) == {"silo-1": (), "silo-2": (5,)}
+    assert addresses(line, left_behind(("silo-1", 1, 1, 5))) == {"silo-1": (1,), "silo-2": (5,)}
+    (told,) = in_force(edited, left_behind(("silo-1", 1, 5)))
+    assert told.advice == (
+        "it is not asked: the config has another device there by now; set its unit in gateway.toml:7; "
+        "if it is at 1 again: modbus-gateway forget silo-1"
+    )
+
+
+def test_of_two_devices_at_one_address_neither_is_asked_there() -> None:
+    memory = left_behind(("silo-1", 1, 5), ("silo-2", 2, 7, 5))
+    assert addresses(plan().lines[0], memory) == {"silo-1": (), "silo-2": (7,)}
 
 
 def test_what_no_device_can_have_counts_for_nothing() -> None:
@@ -79,4 +102,4 @@ def test_what_no_device_can_have_counts_for_nothing() -> None:
     for unit, baud in ((0, 0), (248, 1), (999, 100_000_000)):
         memory = left_behind(("silo-1", 1, unit), baud=baud)
         assert rate(line, memory) == 9600
-        assert addresses(line, memory)["silo-1"] == 1
+        assert addresses(line, memory)["silo-1"] == (1,)

@@ -41,6 +41,31 @@ def test_what_was_remembered_holds_as_long_as_the_config_says_the_same(memory: M
     assert memory.recall("hall-a/silo-2", 1) == 1
 
 
+def test_a_value_that_is_not_certain_is_remembered_with_the_other_possible_ones(memory: Memory) -> None:
+    memory.remember("hall-a/silo-1", 1, 1, 5)
+    assert memory.recall_all("hall-a/silo-1", 1) == (1, 5)
+    assert memory.recall_all("hall-a/silo-1", 7) == (7,)
+    memory.remember("hall-a/silo-1", 1, 5)
+    assert memory.recall_all("hall-a/silo-1", 1) == (5,)
+
+
+def test_other_possible_values_outlive_the_process(tmp_path: Path) -> None:
+    file = StateFile(tmp_path, [].append)
+    file.remember("hall-a/silo-1", 1, 1, 5, 7)
+    file.close()
+    again = StateFile(tmp_path, [].append)
+    assert again.recall_all("hall-a/silo-1", 1) == (1, 5, 7)
+    again.close()
+
+
+def test_what_was_remembered_under_another_config_does_not_come_back_with_the_old_one(memory: Memory) -> None:
+    memory.remember("hall-a/silo-1", 1, 5)
+    memory.expect("hall-a/silo-1", 1)
+    assert memory.recall("hall-a/silo-1", 1) == 5
+    memory.expect("hall-a/silo-1", 7)
+    assert memory.recall("hall-a/silo-1", 1) == 1
+
+
 def test_a_value_that_is_again_as_configured_is_forgotten(tmp_path: Path) -> None:
     kept(tmp_path, ("hall-a", 9600, 19200), ("hall-a", 9600, 9600))
     assert json.loads((tmp_path / FILE_NAME).read_text()) == {}
@@ -82,6 +107,8 @@ DAMAGED = [
     '{"hall-a": {"configured": 1, "now": "x"}}',
     '{"hall-a": {"configured": 1, "now": 1' + 400 * "0" + "}}",
     '{"hall-a": {"configured": 9600, "now": -5}}',
+    '{"hall-a": {"configured": 1, "now": 1, "maybe": 5}}',
+    '{"hall-a": {"configured": 1, "now": 1, "maybe": [5, "x"]}}',
 ]
 
 

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from gateway.lines.counts import Counts
-from gateway.service.status import LineStatus, RangeStatus, Status, UnitStatus, status, status_in_slices
+from gateway.service.state import Memory
+from gateway.service.status import LineStatus, MovedStatus, RangeStatus, Status, UnitStatus, status, status_in_slices
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import Client, GatewayBench, gateway_bench
 
@@ -320,3 +321,14 @@ async def test_lines_work_while_the_status_of_many_units_is_made(monkeypatch):
             turns += 1
         assert turns > 100
         assert making.result() == snapshot(bench)
+
+
+async def test_a_unit_that_is_elsewhere_than_the_config_says() -> None:
+    memory, config = Memory(), CONFIG.replace('name = "silo"', 'name = "silo", profile = "weigher", timeout = "200 ms"')
+    memory.remember("/dev/hall-a silo", 1, 5, 7)
+    async with gateway_bench(config, memory) as bench:
+        assert snapshot(bench).moved == (MovedStatus("hall-a", 41, "silo", (5, 7), 1, 0),)
+        await rests(bench.client())
+        assert snapshot(bench).moved[0].failures == 3
+    async with gateway_bench(config) as bench:
+        assert snapshot(bench).moved == ()

@@ -12,6 +12,7 @@ from gateway.errors import FleetError, WrongQuestion
 from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
 from gateway.service.build import Gateway, build
 from gateway.service.fleet import Fleet
+from gateway.service.forgetting import forget
 from gateway.service.metrics import read
 from gateway.service.running import Running
 from gateway.service.state import Memory
@@ -182,6 +183,33 @@ async def test_a_device_that_has_moved_back_is_asked_there_by_the_other_one(stor
             other.client().ask(41, READ_7)
             await asyncio.sleep(0.1)
             assert other.lines["hall-a"].take_written()[0] == 1
+
+
+async def test_a_device_that_may_have_moved_is_asked_at_both_addresses_by_the_other_one(store: KeyValues) -> None:
+    async with gateway_bench(config("a")) as one:
+        await asyncio.sleep(LONG)
+        assert await one.client().asks(41, MOVE_TO_5[0][3:-6]) == "90 0B"
+        async with gateway_bench(config("b")) as other:
+            await asyncio.sleep(1.0)
+            await one.running._end([one.gateway.lines[0]])
+            await asyncio.sleep(10.0)
+            assert other.gateway.lines[0].devices[41].address.units == (1, 5)
+
+
+async def test_only_who_holds_the_lease_forgets(store: KeyValues) -> None:
+    memory = Memory()
+    memory.remember("/dev/hall-a silo-1", 1, 5)
+    async with gateway_bench(config("a"), memory) as one:
+        await asyncio.sleep(LONG)
+        async with gateway_bench(config("b")) as other:
+            await asyncio.sleep(1.0)
+            with pytest.raises(WrongQuestion, match="another gateway has the lease of hall-a"):
+                forget(other.gateway, "silo-1", other.events.append)
+            forget(one.gateway, "silo-1", one.events.append)
+            await asyncio.sleep(1.0)
+            await one.running._end([one.gateway.lines[0]])
+            await asyncio.sleep(10.0)
+            assert other.gateway.lines[0].devices[41].address.units == (1,)
 
 
 async def test_a_rate_that_was_changed_moves_too(store: KeyValues) -> None:
