@@ -22,12 +22,13 @@ if __name__ == "__main__":
 
 from kit.virtual_time import VirtualTimeLoop
 from soak.tally import Tally
-from soak.worlds import lines, over_tcp
+from soak.worlds import lines, moving, over_tcp
 
 #: Plays one run of so many transactions, this share of them with a fault, from a seed; in virtual time.
 World = Callable[[int, float, int], Awaitable[Tally]]
 WORLDS: Final[dict[str, World]] = {
     "lines": lines.play,
+    "moving": moving.play,
     "over_tcp": over_tcp.play,
 }
 
