@@ -20,6 +20,8 @@ from model.world import A_MOMENT, PATIENCE, World
 _OPEN: Final = 3
 #: Longer than any unit rests here, and than another client's request is remembered, in seconds.
 _LONG: Final = 400.0
+#: Where a device may be after changes of its address.
+_PLACES: Final = 3
 #: So long before a window ends an answer may just come.
 _JUST: Final = 0.01
 
@@ -73,13 +75,20 @@ def _end(world: World) -> None:
 
 
 def _serves(world: World, name: str) -> None:
-    """Whether a request is sent at once and its answer believed."""
-    do(world, name)
-    if world.sent is None:
-        world.wrong.append("when everything is over, the line does not send")
+    """Whether a request is sent at once and its answer believed; a device that may have moved is sought first."""
+    for _ in range(_PLACES if world.setting.moves else 1):
+        do(world, name)
+        if world.sent is None:
+            world.wrong.append("when everything is over, the line does not send")
+            return
+        (question,) = world.sent.questions
+        world.pass_until(world.sent.left_at + A_MOMENT)
+        if world.wire.owed(world.now, ours=True):
+            break
+        world.pass_until(world.now + _LONG)
+    else:
+        world.wrong.append("when everything is over, the line asks where no device is")
         return
-    (question,) = world.sent.questions
-    world.pass_until(world.sent.left_at + A_MOMENT)
     do(world, "answer")
     if not question.answers or question.answers[0][0] & EXCEPTION_BIT:
         world.wrong.append("when everything is over, the line does not believe an answer")
@@ -141,6 +150,11 @@ def _with_an_exception(world: World, asking: Asking) -> None:
 
 def _half(world: World, asking: Asking) -> None:
     world.hear(world.wire.begins(asking))
+
+
+def _unheard(world: World, asking: Asking) -> None:
+    world.wire.loses(asking)
+    world.hear()
 
 
 def _with_a_wrong_check_sum(world: World, asking: Asking) -> None:
@@ -234,6 +248,10 @@ LETTERS: Final[dict[str, Letter]] = {
     "switch": _asks("a", 1, "05 00 30 FF 00"),
     "read coils": _asks("a", 1, "01 00 20 00 18"),
     "read coils further on": _asks("b", 1, "01 03 10 00 18"),
+    "move": _asks("a", 1, "10 01 00 00 01 02 00 05"),
+    "move back": _asks("a", 1, "10 01 00 00 01 02 00 01"),
+    "other unit moves there": _asks("b", 3, "10 01 00 00 01 02 00 05"),
+    "other unit takes its place": _asks("b", 3, "10 01 00 00 01 02 00 01"),
     "order to listen only": _asks("b", 1, "08 00 04 00 00"),
     "broadcast": _asks("b", 0, "06 00 30 00 00"),
     "client leaves": _leaves("a"),
@@ -242,6 +260,7 @@ LETTERS: Final[dict[str, Letter]] = {
     "exception": _answers(_with_an_exception),
     "half an answer": _answers(_half),
     "other half": Letter(_begun, lambda world: _rightly(world, _begun(world)[0]), speaks=True),
+    "answer lost": _answers(_unheard),
     "answer with wrong check sum": _answers(_with_a_wrong_check_sum),
     "answer with wrong unit": _answers(_with_a_wrong_unit),
     "answer with parity error": Letter(_answers(_rightly).may, _with_a_parity_error),

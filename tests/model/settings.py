@@ -57,14 +57,18 @@ ALPHABETS: Final[dict[str, tuple[str, ...]]] = {
         "read", "write", "other read", "answer", "copy of answer", "foreign read", "foreign answer", "echo",
         "echo lost", "echo damaged", "request has left", "silence", "limit",
     ),
+    "moves": (
+        "read", "read from other unit", "move", "move back", "other unit moves there", "other unit takes its place",
+        "answer", "newest answer", "exception", "answer lost", "silence", "limit", "window", "reload",
+    ),
     "rest": (
         "read", "other read", "read from other unit", "answer", "exception", "answer with wrong check sum", "noise",
         "silence", "limit", "window", "rest", "port lost", "port back",
     ),
 }  # fmt: skip
 
-#: What has happened before: a unit has failed so often that it rests the next time.
-_BEFORE: Final = {"rest": ("read", "limit", "window") * 2}
+#: What has happened before: a unit has failed so often that it rests the next time; one is late that is to move.
+_BEFORE: Final = {"rest": ("read", "limit", "window") * 2, "moves": ("read", "limit", "move")}
 
 
 def setting(
@@ -74,7 +78,7 @@ def setting(
     line = replace(_LINE, timing=_TIMINGS[mode], echo=port.endswith("with echo"), retries=retries, **more)
     name = f"{mode}, {port}, {retries} retries, {alphabet}"
     before = _BEFORE.get(alphabet, ())
-    return Setting(name, line, "real" in port, "echo" in port, ALPHABETS[alphabet], before)
+    return Setting(name, line, "real" in port, "echo" in port, ALPHABETS[alphabet], before, alphabet == "moves")
 
 
 def settings(*alphabets: str) -> Iterator[Setting]:

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import pytest
 
+from gateway.devices.addresses import Whereabouts
 from gateway.lines.attribution import Attribution
-from gateway.lines.late import LateWindows, Overdue
+from gateway.lines.late import LateWindows, Overdue, _Window
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
 from gateway.modbus.scan import Expected, Token
@@ -93,6 +94,27 @@ def test_a_late_window_of_zero() -> None:
 def test_a_window_that_forbids_nothing(monkeypatch) -> None:
     monkeypatch.setattr(LateWindows, "forbid_until", lambda windows, transaction, now: None)
     assert LIE in finds(LATE, 5).wrong[0]
+
+
+@pytest.mark.interpreted
+def test_a_move_that_does_not_wait_for_the_late_answers_of_its_unit(monkeypatch) -> None:
+    """They come from the new address."""
+
+    def forbids_the_same(window: _Window, other: Transaction) -> bool:
+        return window.request.asked.function == other.asked.function and window.request.unit == other.device.unit
+
+    monkeypatch.setattr(_Window, "forbids", forbids_the_same)
+    found = finds("read, answer, newest answer, silence", 4, alphabet="moves")
+    assert found.path[0] == "newest answer"
+    assert found.path[-1] == "answer"
+    assert LIE in found.wrong[0]
+
+
+@pytest.mark.interpreted
+def test_an_unanswered_move_that_is_forgotten(monkeypatch) -> None:
+    monkeypatch.setattr(Whereabouts, "add", lambda whereabouts, unit, change: None)
+    found = finds("answer, answer lost, move, silence, limit", 5, alphabet="moves")
+    assert found.wrong[0].endswith("asks where no device is")
 
 
 @pytest.mark.interpreted

@@ -17,8 +17,12 @@ Each request on the wire is answered once by its device, whoever has asked. What
 - No noise looks like a frame.
 
 Values say whose they are: while an answer is still to come, no other one has its value.
+
+Devices that move answer from the address that they have by then. What has not been carried out when its late window
+ends never is.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from math import inf
 from typing import Any, Final
@@ -35,6 +39,8 @@ TIMEOUT: Final = 0.2
 LATENCY: Final = 0.005
 #: Exception codes of devices, none of which the gateway answers with.
 _CODES: Final = (1, 2, 3, 4, 5, 8, *range(0x10, 0x20))
+#: How a request begins that changes the address of a device; the address follows.
+MOVE: Final = bytes.fromhex("10 01 00 00 01 02")
 #: Functions whose response is the request.
 _REPEATED: Final = frozenset(
     {FunctionCode.WRITE_SINGLE_COIL, FunctionCode.WRITE_SINGLE_REGISTER, FunctionCode.DIAGNOSTICS}
@@ -66,6 +72,8 @@ class Asking:
     left_at: float
     fails_at: float
     ends_at: float
+    #: The address in the config of the device that hears it; None if there is none at this address.
+    device: int | None = None
     is_owed: bool = True
     has_begun: bool = False
     delivered: list[bytes] = field(default_factory=list)
@@ -80,6 +88,8 @@ class Asking:
         """The right response PDU."""
         if self.pdu[0] in _REPEATED:
             return self.pdu
+        if self.pdu[0] == FunctionCode.WRITE_MULTIPLE_REGISTERS:
+            return self.pdu[:5]
         if self.pdu[0] == FunctionCode.READ_COILS:
             return bytes((self.pdu[0], 3, self.pdu[2], _NO_QUANTITY, self.value))
         return bytes((self.pdu[0], 2, self.pdu[2], self.value))
@@ -91,10 +101,16 @@ class Asking:
 
 
 class Wire:
-    """What is on the wire of one line. If it `takes_time`, no device answers before the request has left."""
+    """What is on the wire of one line. If it `takes_time`, no device answers before the request has left.
 
-    def __init__(self, timing: LineTiming, *, takes_time: bool) -> None:
+    `places` are the addresses of devices that move, by those in the config; without any, each unit has its own device.
+    `clashes` tells which of them came to have the same one.
+    """
+
+    def __init__(self, timing: LineTiming, *, takes_time: bool, moving: Collection[int] = ()) -> None:
         self.askings: list[Asking] = []
+        self.places = {unit: unit for unit in moving}
+        self.clashes: list[str] = []
         self._timing = timing
         self._takes_time = takes_time
         self._encode = ascii_framing.encode if timing.mode == "ascii" else rtu.encode
@@ -152,7 +168,10 @@ class Wire:
         return [
             each
             for each in self.askings
-            if each.is_owed and each.is_ours is ours and (not self._takes_time or now >= each.left_at)
+            if each.is_owed
+            and each.device is not None
+            and each.is_ours is ours
+            and (not self._takes_time or now >= each.left_at)
         ]
 
     def answers(self, asking: Asking, pdu: bytes) -> bytes:
@@ -161,7 +180,7 @@ class Wire:
         asking.delivered.append(pdu)
         if not asking.is_ours:
             self._unanswered.discard((asking.unit, asking.pdu))
-        return self._encode(asking.unit, pdu)
+        return self._frame(asking, pdu)
 
     def again(self, frame: bytes) -> bytes:
         """The device answers a second time. If that repeats a request, it looks like one that nobody answers."""
@@ -185,7 +204,7 @@ class Wire:
         asking.is_owed = False
         if asking.is_ours:
             self._lost[asking.unit, asking.pdu] = asking.ends_at
-        return self._encode(asking.unit, asking.answer)
+        return self._frame(asking, asking.answer)
 
     def is_awaited(self, shape: tuple[int, int], now: float) -> bool:
         """Whether somebody may await an answer of this shape."""
@@ -222,11 +241,27 @@ class Wire:
         """The frame with one bit turned at its end."""
         return flipped(frame, 8 * (len(frame) - (3 if self._timing.mode == "ascii" else 1)) + 1)
 
+    def _frame(self, asking: Asking, pdu: bytes) -> bytes:
+        """The device does what it was asked, unless it refuses, and this is the frame of its response."""
+        device, places = asking.device, self.places
+        if device is None or device not in places:
+            return self._encode(asking.unit, pdu)
+        if asking.pdu.startswith(MOVE) and not pdu[0] & EXCEPTION_BIT:
+            places[device] = int.from_bytes(asking.pdu[len(MOVE) :])
+            if list(places.values()).count(places[device]) > 1:
+                self.clashes.append(f"two devices have the address {places[device]}")
+        return self._encode(places[device], pdu)
+
+    def _heard_by(self, unit: int) -> int | None:
+        """The device that has this address."""
+        return next((device for device, place in self.places.items() if place == unit), None) if self.places else unit
+
     def _add(self, unit: int, pdu: bytes, questions: list[Any], left_at: float, *, is_ours: bool) -> Asking:
         taken = {each.value for each in self.askings if each.is_owed}
         value = next(number for number in range(len(_CODES)) if number not in taken)
         limit = self._timing.frame(parse_request(pdu).longest_response) + TIMEOUT + LATENCY
         asking = Asking(unit, pdu, value, questions, is_ours, left_at, left_at + limit, left_at + 3 * limit)
         asking.is_owed = unit != BROADCAST_UNIT
+        asking.device = self._heard_by(unit)
         self.askings.append(asking)
         return asking

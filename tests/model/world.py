@@ -4,16 +4,19 @@ It is driven through its public side only: `submit` of its devices, `received`, 
 `port_down`, `finish`. What may happen to it is in `letters`. What it must keep to, whatever happens:
 
 - Each request is answered once, in time, with its own answer or with an exception that says the truth.
+- No two devices come to have one address.
 - No write goes out twice. Nothing goes out that nobody asks for, nor before the line was silent, nor while the answer
   to the last request may come in time.
 - Every wait ends.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
+from gateway.devices.addresses import UnitAddresses
 from gateway.devices.device import Device, DeviceSettings, EveryDevice
+from gateway.devices.quirks import MovableDevice
 from gateway.events import EchoHeard, Event
 from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
@@ -26,7 +29,7 @@ from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
 from model.picture import EPOCH, PLACES
 from model.picture import picture as picture_of
-from model.wire import LATENCY, TIMEOUT, Asking, Wire
+from model.wire import LATENCY, MOVE, TIMEOUT, Asking, Wire
 
 #: No request may take longer, in seconds.
 PATIENCE: Final = 20.0
@@ -37,10 +40,13 @@ A_MOMENT: Final = 1e-6
 #: What the gateway answers itself: to what it has not sent, and to anything.
 _NOT_SENT: Final = (0x06, 0x0A)
 _NO_ANSWER: Final = 0x0B
+#: And to a change of an address that another device may have.
+_REFUSED: Final = 0x03
 #: So often a line may be woken while time passes.
 _WAKES: Final = 1000
 
 _ANSWER_TIME: Final = AnswerTime(TimingTable(), margin=1.5, timeout=TIMEOUT)
+_MOVABLE: Final = Profile("generic", quirks=frozenset({"moves"}))
 _UNITS: Final = {unit: DeviceSettings(f"unit-{unit}", unit, unit, Profile("generic"), _ANSWER_TIME) for unit in (1, 3)}
 
 
@@ -48,7 +54,8 @@ _UNITS: Final = {unit: DeviceSettings(f"unit-{unit}", unit, unit, Profile("gener
 class Setting:
     """A line as it is configured and as it is, what may happen to it, and what has happened before.
 
-    A real line takes its time. `echoes` says what the adapter does, whatever the settings of the line say.
+    A real line takes its time. `echoes` says what the adapter does, whatever the settings of the line say. With `moves`
+    the devices change their addresses.
     """
 
     name: str
@@ -57,6 +64,7 @@ class Setting:
     echoes: bool
     letters: tuple[str, ...]
     before: tuple[str, ...] = ()
+    moves: bool = False
 
 
 class Question:
@@ -110,8 +118,10 @@ class World:
         self.now = EPOCH
         self.wrong: list[str] = []
         self.story: list[str] = []
+        #: What is remembered of devices that move.
+        self._remembered: dict[int, tuple[int, ...]] = {}
         self._begin()
-        self.wire = Wire(setting.line.timing, takes_time=setting.is_real)
+        self.wire = Wire(setting.line.timing, takes_time=setting.is_real, moving=_UNITS if setting.moves else ())
         self.open: list[Question] = []
         #: The request on the line, and its echo that is still to come.
         self.sent: Asking | None = None
@@ -134,8 +144,23 @@ class World:
         self._scanner.position = PLACES
         if isinstance(self._scanner, RtuScanner):
             self._scanner._scanned = PLACES
-        self.devices = {unit: Device(settings, self.line) for unit, settings in _UNITS.items()}
+        addresses = UnitAddresses()
+        self.devices = {unit: self._device(settings, addresses) for unit, settings in _UNITS.items()}
         self.everyone = EveryDevice(self.line)
+
+    def _device(self, settings: DeviceSettings, addresses: UnitAddresses) -> Device:
+        if not self.setting.moves:
+            return Device(settings, self.line)
+
+        def remember(*units: int) -> None:
+            self._remembered[settings.unit] = units
+
+        device = MovableDevice(
+            replace(settings, profile=_MOVABLE), self.line, line_name="", line_source="", addresses=addresses,
+            is_alone=False, remember=remember, emit=self._told,
+        )  # fmt: skip
+        device.begin_at(*self._remembered.get(settings.unit, (settings.unit,)))
+        return device
 
     def picture(self) -> int:
         """What matters of it, as one number."""
@@ -148,6 +173,8 @@ class World:
             does(self)
         except Exception as error:  # noqa: BLE001 - the machine must not raise, whatever happens
             self.wrong.append(f"{type(error).__name__}: {error}")
+        self.wrong += self.wire.clashes
+        self.wire.clashes.clear()
         self._forget()
 
     # --- what happens to the line ---
@@ -263,14 +290,21 @@ class World:
             return "no answer, though its client is there" if question.is_answered and not question.is_gone else ""
         if pdu[0] & EXCEPTION_BIT and pdu[1] in _NOT_SENT:
             return "but it was sent" if question.was_sent and not question.is_gone else ""
-        if pdu[0] & EXCEPTION_BIT and pdu[1] == _NO_ANSWER:
+        is_refused = self.setting.moves and question.pdu.startswith(MOVE) and not question.was_sent
+        if pdu[0] & EXCEPTION_BIT and (pdu[1] == _NO_ANSWER or (is_refused and pdu[1] == _REFUSED)):
             return ""
-        its_own = [pdu for asking in self.wire.askings if question in asking.questions for pdu in asking.delivered]
+        its_own = [
+            pdu
+            for asking in self.wire.askings
+            if question in asking.questions and asking.device == question.unit
+            for pdu in asking.delivered
+        ]
         return "" if pdu in its_own else "that is not the answer to it"
 
     def _write(self, data: bytes) -> None:
         self._tell(f"    >> {data.hex(' ')}")
-        questions = [each for each in self.open if (each.unit, each.pdu) == self.wire.decoded(data)]
+        unit, pdu = self.wire.decoded(data)
+        questions = [each for each in self.open if each.pdu == pdu and unit == self._address(each.unit)]
         if not self.is_up:
             self.wrong.append("sent through a port that has gone")
         if not questions:
@@ -291,6 +325,10 @@ class World:
         self._silent_at = silence + (asking.left_at if self.setting.is_real else self.now)
         if self.setting.echoes:
             self.echo = data
+
+    def _address(self, unit: int) -> int:
+        """Where the gateway asks this unit."""
+        return self.devices[unit].unit if unit in self.devices else unit
 
     def _told(self, event: Event) -> None:
         self._tell(f"    {event.name}")
