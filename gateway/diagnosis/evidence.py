@@ -65,8 +65,8 @@ class UnitEvidence:
     place of answers. The last `in_a_row` requests failed. The last answer came so many seconds `ago`, None if none did.
     Of units that are not `is_configured` only clients say that they exist. `last_failed` is the last request without a
     valid response, `last_bad` that with a bad frame, `last_late` the last late answer and `last_twice` the last one
-    that came a second time. If it `has_table`, its limits come from the timing table of its profile. `moved_from` is the address
-    in the config, if it is, or may be, at another one.
+    that came a second time. If it `has_table`, its limits come from the timing table of its profile. `moved_from` is
+    the address in the config, if it is, or may be, at another one.
     """
 
     unit: int

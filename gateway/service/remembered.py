@@ -64,12 +64,13 @@ def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRem
 
 def _advice(device: DeviceSettings, units: tuple[int, ...]) -> str:
     """Say what to do about a device that is not where the config says, but at one of `units`."""
+    place = place_of(device.source, "unit")
     if not units:
-        said = f"it is not asked: the config has another device there by now; set its unit in {place_of(device.source, 'unit')}"
+        said = f"it is not asked: the config has another device there by now; set its unit in {place}"
     elif len(units) > 1:
         said = f"a change of its address was not answered: it is at {show_units(units)}, and its next answer settles it"
     else:
-        said = f"it moved in an earlier run; set unit = {units[0]} in {place_of(device.source, 'unit')}"
+        said = f"it moved in an earlier run; set unit = {units[0]} in {place}"
     return f"{said}; {how_to_forget(device.name, device.unit)}"
 
 

@@ -79,7 +79,7 @@ class _Verbs:
     async def forget(self, request: Mapping[str, Any], _is_there: IsThere) -> dict[str, Any]:
         running = self._running
         forgotten = forget(running.gateway, request.get("device"), running.emit)
-        return {"forgotten": forgotten, "control": running.control}
+        return {"forgotten": forgotten}
 
     async def doctor(self, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
         await self._running.settled()

@@ -1,6 +1,7 @@
 """`forget`: what it prints of the daemon's answer."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -17,9 +18,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
 
     def ask(daemon: Conversation, verb: str, **details: object) -> dict[str, object]:
         asked.update(details, verb=verb)
-        return {"ok": True, "control": "/run/x/control.sock", **asked["answer"]}
+        return {"ok": True, **asked["answer"]}
 
-    monkeypatch.setattr(Conversation, "__init__", lambda daemon, control: None)
+    def begin(daemon: Conversation, meant: object) -> None:
+        daemon.gateway = Path("/run/x/control.sock")
+
+    monkeypatch.setattr(Conversation, "__init__", begin)
     monkeypatch.setattr(Conversation, "__exit__", lambda *_: None)
     monkeypatch.setattr(Conversation, "ask", ask)
     return asked
@@ -45,7 +49,9 @@ def test_what_is_printed(asked, capsys, changes, text) -> None:
     asked["answer"] = {"forgotten": FORGOTTEN | changes}
     assert main(["forget", "silo-1"]) == FINE
     assert (asked["verb"], asked["device"]) == ("forget", "silo-1")
-    assert capsys.readouterr().out.splitlines() == [*text, "told the gateway at /run/x/control.sock"]
+    printed = capsys.readouterr()
+    assert printed.out.splitlines() == text
+    assert printed.err == "through /run/x/control.sock\n"
 
 
 def test_a_device_can_be_named_by_its_number(asked, capsys) -> None:
