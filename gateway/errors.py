@@ -25,7 +25,8 @@ GatewayError
 │       └── StaleValue           0B  not sent: the values of a mirror are stale
 ├── NotModbus                    a client's bytes are not Modbus: its connection is closed
 ├── PortError                    a serial port cannot be opened or was lost
-│   └── PortClosed               it was closed by its user
+│   ├── PortClosed               it was closed by its user
+│   └── ConnectionEnded          the server has closed it in order
 ├── ListenError                  a listener cannot use its address
 ├── TlsError                     a certificate, key or revocation list cannot be used
 ├── BrokerError                  the broker cannot be reached, or refuses
@@ -208,6 +209,14 @@ class PortClosed(PortError):
 
     def __init__(self) -> None:
         super().__init__("closed")
+
+
+class ConnectionEnded(PortError):
+    """A server has closed a connection in order; `at_once`: soon after it was opened, and nothing was received."""
+
+    def __init__(self, message: str, *, at_once: bool = False) -> None:
+        super().__init__(message)
+        self.at_once = at_once
 
 
 class ListenError(GatewayError):

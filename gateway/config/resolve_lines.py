@@ -61,7 +61,10 @@ def server_plan(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
         answer_within=line.answer_within,
         source=line.source,
     )
-    return ServerPlan(_port(line, timing), settings, line.broadcast_to)
+    port = _port(line, timing)
+    if isinstance(port, TcpSettings):
+        port = replace(port, drops_early=True)
+    return ServerPlan(port, settings, line.broadcast_to)
 
 
 def upstream_plan(upstream: Upstream, config: Config) -> UpstreamPlan:

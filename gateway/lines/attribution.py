@@ -140,6 +140,10 @@ class Attribution:
         if self.other_client is None or self.other_client.ends_at < request.ends_at:
             self.other_client = request
 
+    def is_alone(self, now: float) -> bool:
+        """Whether no other client was heard for so long that none is there any more."""
+        return self.other_client is None or now >= self.other_client.ends_at
+
     def foreign_requests(self) -> list[ForeignRequest]:
         """Other clients' requests without a response."""
         return [request for requests in self.foreign.values() for request in requests]

@@ -11,7 +11,7 @@ from gateway.lines.line import Line
 from gateway.lines.scheduler import earliest
 from gateway.lines.transaction import Transaction
 from gateway.ports.error_boundary import ErrorBoundary
-from gateway.ports.port import CharacterErrors, Port
+from gateway.ports.port import CharacterErrors, OpenAgain, Port
 from gateway.ports.wire import Wire, settled
 
 
@@ -92,6 +92,13 @@ class LineDriver:
             self._boundary.fail(error)
         self._boundary.plan(self._deadline())
 
+    def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:
+        """See PortOwner."""
+        self._read_at = None
+        self._boundary.port = None
+        self._boundary.run(partial(self.line.port_ended, at_once=at_once), open_again, self._time())
+        return self.line.is_closed
+
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
         """The port was lost; requests fail at once until it is open again."""
         self._boundary.lost()
@@ -107,11 +114,6 @@ class LineDriver:
     def is_virtual(self) -> bool:
         """Whether the port is open, and a virtual one."""
         return self._boundary.port is not None and self._boundary.port.virtual
-
-    @property
-    def is_renewing(self) -> bool:
-        """Whether the line has closed its connection and waits for a new one."""
-        return self.line.is_renewing
 
     @property
     def errors(self) -> CharacterErrors | None:
@@ -146,7 +148,7 @@ class LineDriver:
             self._renew()
 
     def _renew(self) -> None:
-        """Close the connection; the reconnector opens a new one."""
+        """Close the connection; `port_ended` has the next one opened."""
         port, self._boundary.port = self._boundary.port, None
         if port is not None:
             self._emit(ConnectionRenewed(self.line.settings.name, self.line.settings.source))

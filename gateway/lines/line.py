@@ -13,9 +13,10 @@
 |           | limit, to a read that may be repeated   |           |                                                   |
 | repeating | the line is quiet                       | awaiting  | the request is written again                      |
 | repeating | bytes come: they may be the response    | idle      | 0B                                                |
-| idle      | `renew`: a new connection is needed     | renewing  | waiting requests go on waiting                    |
-| renewing  | `port_up`                               | idle      |                                                   |
-| renewing  | `RENEWAL` seconds pass                  | down      | 0A for all waiting requests                       |
+| idle      | the connection ends in order, `renew`   | closed    | what waits has it opened again                    |
+| closed    | a request                               | closed    | it has the connection opened, and waits           |
+| closed    | `port_up`                               | idle      |                                                   |
+| closed    | a request has waited too long for that  | closed    | 0A                                                |
 | any other | `port_down`                             | down      | 0B for what was sent, 0A for all waiting requests |
 | awaiting  | `finish`                                | last      | 0A for all waiting requests                       |
 | any other | `finish`                                | down      | the same, and 0B for what was to be repeated      |
@@ -46,21 +47,20 @@ from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived
 from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
+from gateway.ports.port import OpenAgain
 from gateway.timing.budget import Budget
 from gateway.timing.measured import Phases, TimeSpent
 from gateway.trace.ring import Ring
 
 #: Silence after a device has confirmed a new baud rate, in seconds: time for the device and for our port to change.
 RATE_CHANGE_PAUSE: Final = 0.1
-#: How long requests wait for a new connection, in seconds.
-RENEWAL: Final = 1.0
 
 #: Sends bytes.
 Write = Callable[[bytes], None]
 #: Called with each transaction that was on the line, its response or None, and the time.
 Observer = Callable[[Transaction, Frame | None, float], None]
 #: See the table above.
-State = Literal["down", "idle", "awaiting", "repeating", "renewing", "last"]
+State = Literal["down", "idle", "awaiting", "repeating", "closed", "last"]
 
 
 class Line:
@@ -77,7 +77,8 @@ class Line:
         self._windows = LateWindows(settings.late_window)
         echo = EchoDetector(self._report, is_configured=settings.echo)
         self._receiver = Receiver(settings, self._windows, echo, self._report, recorder)
-        self._scheduler = Scheduler(settings, self._windows, echo, self._report, recorder)
+        self._scheduler = Scheduler(settings, self._windows, echo, self._report, recorder, self._limit_of)
+        self._reopening = self._scheduler.reopening
         self._write: Write | None = None
         self._has_arrived: HasArrived | None = None
         self._is_virtual = True
@@ -86,7 +87,6 @@ class Line:
         self._current: Transaction | None = None
         self._diagnosis = NOTHING
         self._quiet_at = 0.0
-        self._renewed_until: float
         self._tune(latency=0.0)
 
     @property
@@ -148,14 +148,13 @@ class Line:
         self._write = write
         self._quiet_at = now + self._gap
         self._scheduler.connected(has_arrived)
-        if self._state != "renewing":
+        if self._state != "closed":
             self._scheduler.end_rests()
+        self._reopening.end()
         self._state = "idle"
 
     def port_down(self, now: float) -> None:
         """The port was lost: the unit may have acted on the request on the line (0B); others were not sent (0A)."""
-        if self._state == "renewing" and now < self._renewed_until:
-            return
         self._disconnect("down")
         waiting = self._scheduler.clear()
         try:
@@ -169,14 +168,27 @@ class Line:
         return not self.is_busy and self._scheduler.must_renew(now)
 
     def renew(self, now: float) -> None:
-        """The connection is closed and a new one opened: waiting requests go on waiting, for at most RENEWAL."""
-        self._disconnect("renewing")
-        self._renewed_until = now + RENEWAL
+        """The connection is being closed, and a new one is needed: waiting requests go on waiting."""
+        self._disconnect("closed")
+        self._reopening.begin(now)
+
+    def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
+        """The connection has ended in order; `at_once` after it was opened. If nothing is under way, that is no loss.
+
+        Then the next request has it opened; also what waits now, if it was of use. While another client may be there,
+        the line goes on listening.
+        """
+        if self._state == "closed":  # by `renew`
+            self._reopening.ended(open_again, is_needed=True)
+        elif self._state == "idle" and (self._scheduler.is_empty or not at_once):
+            is_needed = not (self._scheduler.is_empty and (at_once or self._receiver.attribution.is_alone(now)))
+            self.renew(now)
+            self._reopening.ended(open_again, is_needed=is_needed)
 
     @property
-    def is_renewing(self) -> bool:
-        """Whether the line waits for a new connection."""
-        return self._state == "renewing"
+    def is_closed(self) -> bool:
+        """Whether the line has no connection because none is needed."""
+        return self._state == "closed"
 
     @property
     def is_busy(self) -> bool:
@@ -232,10 +244,12 @@ class Line:
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent in its turn, that of a scan when nobody else waits, or fails."""
-        is_down = self._state in ("down", "last")
+        is_down = self._write is None and self._state != "closed"
         rejection = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
         if rejection is not None:
             self._refuse(transaction, rejection, now)
+        elif self._write is None:
+            self._reopening.need(transaction)
         elif not self.is_busy:
             self._go_on(now)
 
@@ -260,12 +274,14 @@ class Line:
 
     def deadline(self) -> float | None:
         """When to call `tick`, or None."""
-        if self._current is None and self._state != "renewing":
+        if self._current is not None:
+            deadline = earliest(self._next_step(self._current), self._scheduler.next_expiry())
+        elif self._write is None:
+            deadline = earliest(self._reopening.until, self._scheduler.next_expiry())
+        else:
             deadline = self._scheduler.deadline(self._quiet_at)
             if self._receiver.silent_at < inf:
                 deadline = earliest(deadline, self._receiver.silent_at)
-        else:
-            deadline = earliest(self._next_step(), self._scheduler.next_expiry())
         return earliest(deadline, self._receiver.late_deadline()) if self._windows.windows else deadline
 
     def read_at(self, now: float) -> float | None:
@@ -281,12 +297,12 @@ class Line:
         for transaction in self._scheduler.take_underway(now):
             expected = self._receiver.expected(transaction.answers_from, transaction.asked)
             self._scheduler.await_arrived(transaction, expected, now)
-        if self._state == "renewing":
-            self.port_down(now)
+        if self._reopening.until is not None:
+            self._fail_waiting(self._reopening.given_up(now), now)
         current = self._current
         if current is not None and outcome is not None:
             self._take(current, outcome, now)
-        elif current is not None and self._is_awaiting and now >= self._next_step():
+        elif current is not None and self._is_awaiting and now >= self._next_step(current):
             self._give_up(current, now)
         self._go_on(now)
 
@@ -305,16 +321,18 @@ class Line:
         self._state = state
         self._write = None
         self._scheduler.connected(None)
+        self._reopening.end()
+
+    def _limit_of(self, transaction: Transaction) -> float:
+        """The time limit of a transaction that has not been sent."""
+        return self._budget.limit(transaction.asked, transaction.device.answer_time)
 
     def _follow_rate(self, now: float) -> None:
         self._tune(self._budget.latency)
         self._quiet_at = max(self._quiet_at, now + RATE_CHANGE_PAUSE)
 
-    def _next_step(self) -> float:
+    def _next_step(self, current: Transaction) -> float:
         """When the state ends without an event. A response of unknown size that has begun may be completed."""
-        current = self._current
-        if current is None:
-            return self._renewed_until
         if self._state == "repeating":
             return self._quiet_at
         silence, fails_at = self._receiver.deadline(), current.fails_at

@@ -15,7 +15,7 @@
 """
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import takewhile
 from math import inf
 from typing import Final
@@ -110,6 +110,10 @@ class WaitingQueue:
         self._waiting[request] = shared or transaction
         self._expiries.append((now + self._max_wait, request))
         return lost
+
+    def __iter__(self) -> Iterator[Transaction]:
+        """Each transaction that waits, once."""
+        return iter(dict.fromkeys(self._waiting.values()))
 
     def put_back(self, transaction: Transaction) -> None:
         """Let a transaction wait to be sent again, first in its clients' rows, until its `gives_up_at`."""

@@ -14,6 +14,7 @@ from gateway.lines.idle import IdleTime
 from gateway.lines.late import WORTH_WAITING, LateWindows
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.recorder import Recorder
+from gateway.lines.reopening import Reopening
 from gateway.lines.report import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived, Stall
@@ -28,11 +29,17 @@ Permits = Callable[[], bool]
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `recorder` is the line's. `permits` is for a line on which others ask too.
+    `recorder` is the line's, `limit_of` tells its time limits. `permits` is for a line on which others ask too.
     """
 
     def __init__(
-        self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report, recorder: Recorder
+        self,
+        settings: LineSettings,
+        windows: LateWindows,
+        echo: EchoDetector,
+        report: Report,
+        recorder: Recorder,
+        limit_of: Callable[[Transaction], float],
     ) -> None:
         self._windows = windows
         self._echo = echo
@@ -41,6 +48,7 @@ class Scheduler:
         self.permits: Permits | None = None
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._idle = IdleTime(self._queue, windows)
+        self.reopening = Reopening(self._queue, settings.max_wait, limit_of)
         self._stall = Stall(None)
         self._longest_rest = settings.rest
         self._resting: set[Destination] = set()
@@ -82,6 +90,11 @@ class Scheduler:
     def given_up(self, now: float) -> list[Transaction]:
         """Remove the transactions that it is too late to send again."""
         return self._queue.given_up(now)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing waits, no question of a scan either."""
+        return not len(self._queue) and self._idle.question is None
 
     @property
     def has_expiry(self) -> bool:

@@ -7,7 +7,7 @@ from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.listeners.serial_session import LOOK_STEP, UNNOTICED, SerialSession, ServerSettings
 from gateway.ports.error_boundary import ErrorBoundary
-from gateway.ports.port import Port
+from gateway.ports.port import OpenAgain, Port
 from gateway.ports.wire import Wire, settled
 from gateway.request import Target
 from gateway.trace.ring import Ring
@@ -24,8 +24,6 @@ class SerialListener:
     An unexpected error ends here: it is logged, the request in progress is dropped, the port is closed and
     reopened.
     """
-
-    is_renewing = False
 
     def __init__(
         self,
@@ -63,6 +61,10 @@ class SerialListener:
         now = self._time()
         since = now if now - self._looked_at <= UNNOTICED else self._looked_at
         self._boundary.run(partial(self.session.received, damaged=damaged, since=since), data, now)
+
+    def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:  # noqa: ARG002 - see PortOwner
+        """See PortOwner: an outside client asks when it likes."""
+        return False
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - logged by the reconnector
         """The port is lost; nothing is answered until it is open again."""

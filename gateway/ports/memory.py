@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 
-from gateway.errors import PortClosed, PortError
+from gateway.errors import ConnectionEnded, PortClosed, PortError
 from gateway.ports.port import CharacterErrors, Port, PortUser
 
 
@@ -11,8 +11,8 @@ class MemoryLine:
     """The devices' end of a line in memory, and the plug between the two ends.
 
     The gateway gets `open_port`. What it writes is added to `written` at once, and passed to `on_write` in the loop's
-    next turn, because no device answers inside a write. Only opening takes time, `opens_in` seconds. `has_arrived`
-    makes it a connection: see Port.
+    next turn, because no device answers inside a write. Only opening takes time, `opens_in` seconds; `opened` is called
+    after that. `has_arrived` makes it a connection: see Port.
     """
 
     def __init__(
@@ -29,6 +29,7 @@ class MemoryLine:
         self.written = bytearray()
         self.openings = 0
         self.opens_in = 0.0
+        self.opened: Callable[[], object] = lambda: None
         self.baud = 0
         self.errors: CharacterErrors | None = None
         self.virtual = True
@@ -54,6 +55,7 @@ class MemoryLine:
             raise PortError(f"{self.name} is in use")
         self.openings += 1
         self._port = MemoryPort(self, user)
+        self.opened()
         return self._port
 
     def take_written(self) -> bytes:
@@ -74,7 +76,12 @@ class MemoryLine:
         """Unplug the line: an open port is lost before this returns, and cannot be opened until `plug`."""
         self._absent = reason
         if self._port is not None:
-            self._port.lose(reason)
+            self._port.lose(PortError(reason))
+
+    def hang_up(self, *, at_once: bool = False) -> None:
+        """The server at the other end closes the connection in order; it can be opened again."""
+        if self._port is not None:
+            self._port.lose(ConnectionEnded(f"{self.name} has closed the connection", at_once=at_once))
 
     def plug(self) -> None:
         """Plug the line in again."""
@@ -147,10 +154,10 @@ class MemoryPort:
         """Wait until `lost` has been called: one turn of the loop."""
         await asyncio.sleep(0)
 
-    def lose(self, reason: str) -> None:
-        """The line was unplugged."""
+    def lose(self, loss: PortError) -> None:
+        """The line was unplugged, or the connection was closed."""
         if self._detach():
-            self.user.lost(PortError(reason))
+            self.user.lost(loss)
 
     def _detach(self) -> bool:
         """Detach from the line; False if that has happened before."""

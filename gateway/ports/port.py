@@ -86,6 +86,9 @@ class PortUser(Protocol):
         """The port was closed or lost. Called once for every port that was opened."""
 
 
+#: Has a connection opened again that is closed because nobody needed it.
+OpenAgain = Callable[[], None]
+
 #: Opens a port for a user. Raises PortError with the reason and what to do. The user gets no callback before the
 #: port is returned. If cancelled, nothing stays open.
 OpenPort = Callable[[PortUser], Awaitable[Port]]
@@ -107,7 +110,8 @@ class TcpSettings:
     """The settings of a connection to a device server, or to another Modbus TCP server. `port` is its name in messages.
 
     `latency` is what network and server may add to a response, in seconds. `tls` secures the connection.
-    What is written arrives within `arrives_within` seconds, or never: then the connection ends.
+    What is written arrives within `arrives_within` seconds, or never: then the connection ends. With `drops_early`,
+    what is received within the latency after connecting is dropped: nobody knows how old it is.
     """
 
     port: str
@@ -116,6 +120,7 @@ class TcpSettings:
     latency: float = 0.0
     tls: ClientTls | None = None
     arrives_within: float = 20.0
+    drops_early: bool = False
 
 
 @dataclass(frozen=True, slots=True)

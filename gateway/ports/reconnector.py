@@ -1,12 +1,16 @@
-"""Keeps one port open: opens it, and opens it again whenever it is lost."""
+"""Keeps one port open: opens it, and opens it again whenever it is lost.
+
+A connection that ended in order while its owner did not need it is no loss. It is opened again when the owner needs it.
+"""
 
 import asyncio
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Final, Protocol
 
-from gateway.errors import PortClosed, PortError
+from gateway.errors import ConnectionEnded, PortClosed, PortError
 from gateway.events import Emit, LineLost, LineReopened, LineUp
-from gateway.ports.port import OpenPort, Port, Received
+from gateway.ports.port import OpenAgain, OpenPort, Port, Received
 
 #: Back-off before the next attempt, in seconds; it doubles with every failure. At the longest, an adapter that is
 #: plugged in again is used within 2 s, and an absent one takes less than 2 % of a processor.
@@ -25,10 +29,6 @@ _ABSENT_WORDS: Final = ("does not exist", "has no hardware behind it")
 class PortOwner(Protocol):
     """The user of a port that is kept open: a line, an upstream, a serial listener. It starts without a port."""
 
-    @property
-    def is_renewing(self) -> bool:
-        """Whether it closed the port itself and needs a new one at once."""
-
     def port_up(self, port: Port) -> None:
         """The port is open and can be written to."""
 
@@ -36,16 +36,23 @@ class PortOwner(Protocol):
     def received(self) -> Received:
         """Takes received bytes."""
 
+    def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:
+        """The server or the owner has closed the port in order; `at_once`: see ConnectionEnded.
+
+        True: nothing was under way, and it is opened when the owner calls `open_again`; then `port_up` follows, or
+        `port_down`. False: it is a loss, and `port_down` follows now.
+        """
+
     def port_down(self, error: PortError) -> None:
-        """The port was lost. Called once for each `port_up`."""
+        """The port was lost. Called once for each `port_up`, unless `port_ended` was True."""
 
 
 class Reconnector:
     """Keeps the port of `owner` open while `run` runs.
 
     `name` and `port_path` are those of the line, for events. `tried` is set after the first attempt. `error` says why
-    the port is not open; it is None while it is open, and before the first attempt. `reopened` counts how often it was
-    opened after a loss.
+    the port is not open; it is None while it is open or not needed, and before the first attempt. `reopened` counts how
+    often it was opened after a loss.
     """
 
     def __init__(self, name: str, port_path: str, open_port: OpenPort, owner: PortOwner, emit: Emit) -> None:
@@ -60,23 +67,33 @@ class Reconnector:
         self._pause = FIRST_PAUSE
         self._opened_at = 0.0
         self._lost_at: float | None = None
+        #: Whether the port is closed because the owner does not need it; set when it does.
+        self._rests = False
+        self._needed = asyncio.Event()
         #: Reasons that have been logged since the port was open.
         self._logged: set[str] = set()
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is open."""
+        """Whether the port is open, or will be when it is needed."""
         return self.tried.is_set() and self.error is None
 
     async def run(self) -> None:
         """Keep the port open until cancelled; then close it and call the owner's `port_down`."""
-        while True:
-            try:
-                await self._open_and_wait()
-            except PortError as error:
-                self.failed(error)
-            await asyncio.sleep(self._pause)
-            self._pause = min(max(2 * self._pause, FIRST_PAUSE), LONGEST_PAUSE)
+        try:
+            while True:
+                try:
+                    await self._open_and_wait()
+                except PortError as error:
+                    self.failed(error)
+                    self._stay_closed(error)
+                if self._rests:
+                    await self._needed.wait()
+                else:
+                    await asyncio.sleep(self._pause)
+                    self._pause = min(2 * self._pause, LONGEST_PAUSE)
+        finally:
+            self._stay_closed(PortClosed())
 
     def begin_anew(self) -> None:
         """Before `run` is called again: as before the first attempt."""
@@ -101,15 +118,33 @@ class Reconnector:
         Raises:
             PortError: it cannot be opened.
         """
-        session = _PortSession(self._owner)
+        session = _PortSession(self._owner.received, self._tell_owner)
         port = await self._open(session)
         try:
             session.is_up = True
             self._report_up(port)
             self._report_loss(await session.loss)
         finally:
-            session.lost(PortClosed())
+            if session.is_up:
+                session.is_up = False
+                self._owner.port_down(PortClosed())
             await _close(port)
+
+    def _tell_owner(self, error: PortError) -> None:
+        """The port is closed or lost."""
+        self._needed.clear()
+        if isinstance(error, PortClosed | ConnectionEnded):
+            at_once = isinstance(error, ConnectionEnded) and error.at_once
+            self._rests = self._owner.port_ended(self._needed.set, at_once=at_once)
+        if not self._rests:
+            self._owner.port_down(error)
+
+    def _stay_closed(self, error: PortError) -> None:
+        """The port is not opened when the owner needs it."""
+        if self._rests:
+            self._rests = False
+            self._lost_at = _now()
+            self._owner.port_down(error)
 
     async def _open(self, session: "_PortSession") -> Port:
         try:
@@ -124,9 +159,12 @@ class Reconnector:
 
     def _report_up(self, port: Port) -> None:
         self.error = None
-        self.reopened += self._lost_at is not None
+        has_rested, self._rests = self._rests, False
         self._opened_at = _now()
         self._owner.port_up(port)
+        if has_rested:
+            return
+        self.reopened += self._lost_at is not None
         if self._lost_at is None:
             self._emit(LineUp(self._name, self.port_path, port.baud))
         elif self._logged:
@@ -137,16 +175,15 @@ class Reconnector:
 
     def _report_loss(self, error: PortError) -> None:
         """Log the loss of an open port. That the port is absent from now on is not logged again."""
+        if _now() - self._opened_at > LONGEST_PAUSE:  # only a port that stayed open for a while ends the back-off
+            self._pause = FIRST_PAUSE
+        if self._rests:
+            return
         self.error = error
         if not isinstance(error, PortClosed):  # then the reason has been logged already
             self._log(error)
             self._logged.add(_ABSENT)
         self._lost_at = _now()
-        # Only a port that stayed open for a while resets the back-off.
-        if self._owner.is_renewing:
-            self._pause = 0.0
-        elif self._lost_at - self._opened_at > LONGEST_PAUSE:
-            self._pause = FIRST_PAUSE
 
     def _log(self, error: PortError) -> None:
         self._logged.add(_reason(error))
@@ -158,23 +195,23 @@ class Reconnector:
 
 
 class _PortSession:
-    """The PortUser of one open port: passes bytes to the owner, and a loss to the owner and the reconnector."""
+    """The PortUser of one open port: passes bytes to the owner, and a loss to the reconnector."""
 
-    __slots__ = ("_owner", "is_up", "loss", "received")
+    __slots__ = ("_tell_owner", "is_up", "loss", "received")
 
-    def __init__(self, owner: PortOwner) -> None:
-        self.received = owner.received
+    def __init__(self, received: Received, tell_owner: Callable[[PortError], None]) -> None:
+        self.received = received
         self.loss: asyncio.Future[PortError] = asyncio.get_running_loop().create_future()
         self.is_up = False
-        self._owner = owner
+        self._tell_owner = tell_owner
 
     def lost(self, error: PortError) -> None:
-        """The port was lost: call the owner at once, before the reconnector's task runs."""
+        """The port was lost: the owner is told at once, before the reconnector's task runs."""
         if not self.loss.done():
             self.loss.set_result(error)
         if self.is_up:
             self.is_up = False
-            self._owner.port_down(error)
+            self._tell_owner(error)
 
 
 def _reason(error: PortError) -> str:

@@ -10,7 +10,7 @@ import ssl
 from contextlib import suppress
 from typing import Final, cast
 
-from gateway.errors import PortClosed, PortError
+from gateway.errors import ConnectionEnded, PortClosed, PortError
 from gateway.ports.ioctls import bytes_to_send
 from gateway.ports.keepalive import notice_vanished_peers
 from gateway.ports.lookup import AddressInfo, look_up
@@ -21,7 +21,7 @@ from gateway.tls.reasons import explain
 LOOKUP_DEADLINE: Final = 1.5
 #: How long it may take to connect to that address, in seconds.
 CONNECTING_DEADLINE: Final = 2.5
-#: How long at most received bytes are dropped after that, in seconds.
+#: How long at most nothing is sent after that, in seconds.
 LONGEST_SETTLING: Final = 0.5
 #: With TLS 1.3, a server may refuse our certificate after our side of the handshake is done: within this many seconds.
 VERDICT_WITHIN: Final = 0.2
@@ -34,6 +34,8 @@ FLUSHING_DEADLINE: Final = 1.0
 #: A vanished server is detected within half a minute. Seconds, seconds, probes; while data is sent: `arrives_within`.
 KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 10, 5, 3
 
+#: A server that closes a connection within this many seconds, and has sent nothing, closes it at once.
+AT_ONCE: Final = 1.0
 #: Why a connection is not used whose server has closed it at once.
 CLOSED_AT_ONCE: Final = "{port} takes the connection and closes it at once: is somebody else connected?"
 _NOT_SECURED: Final = "{port}: TLS failed: {reason}"
@@ -58,8 +60,8 @@ _REASONS: Final = {
 async def open_tcp(settings: TcpSettings, user: PortUser, context: ssl.SSLContext | None = None) -> Port:
     """Connect to a server for `user`, with TLS if `context` is given. If cancelled, nothing stays open.
 
-    What comes within the latency of the connection is dropped (LONGEST_SETTLING at most): a device server may still
-    hold responses to requests from an earlier connection.
+    What comes within the latency of the connection (LONGEST_SETTLING at most) comes before the port is used: a device
+    server may still hold responses to requests from an earlier connection.
 
     Raises:
         PortError: it cannot connect; the message says why and what to do.
@@ -97,11 +99,16 @@ class TcpPort(asyncio.BufferedProtocol):
         self._name = settings.port
         self._buffer = memoryview(bytearray(READ_SIZE))
         self._user: PortUser | None = None
+        #: The last bytes that were received before there was a user; None if they are dropped.
+        self._early = None if settings.drops_early else b""
+        #: Since when received bytes are delivered, and whether any were.
+        self._began_at = 0.0
+        self._has_heard = False
         self._loss: PortError = PortClosed()
         self._closed = asyncio.Event()
 
     async def settled(self) -> None:
-        """Wait for the latency of the connection. What comes meanwhile is dropped.
+        """Wait for the latency of the connection.
 
         Raises:
             PortError: the server has closed the connection again.
@@ -115,8 +122,12 @@ class TcpPort(asyncio.BufferedProtocol):
             raise PortError(CLOSED_AT_ONCE.format(port=self._name))
 
     def begin(self, user: PortUser) -> None:
-        """Deliver received bytes from now on."""
+        """Deliver received bytes from now on; first those that came before."""
+        loop = asyncio.get_running_loop()
         self._user = user
+        self._began_at = loop.time()
+        if self._early:
+            loop.call_soon(self._deliver_early)
 
     def write(self, data: bytes) -> None:
         """Send `data` now; what the system does not take at once follows later."""
@@ -131,7 +142,9 @@ class TcpPort(asyncio.BufferedProtocol):
         return False
 
     def read_now(self) -> None:
-        """See Port. The end of the connection is left to asyncio."""
+        """See Port. That the server has closed the connection is noticed too, before anything is written to it."""
+        if self._early:
+            self._deliver_early()
         if self._transport.is_closing():
             return
         try:
@@ -141,8 +154,12 @@ class TcpPort(asyncio.BufferedProtocol):
         except OSError as error:
             self._abort(self._gone(error))
             return
-        if data and self._user is not None:
-            self._user.received(data)
+        if data:
+            self._deliver(data)
+        else:
+            self.eof_received()
+            self._transport.close()
+            self._lose()
 
     def change_baud(self, baud: int) -> None:
         """Fail: the rate of the line is a setting of the device server."""
@@ -177,20 +194,41 @@ class TcpPort(asyncio.BufferedProtocol):
 
     def buffer_updated(self, nbytes: int) -> None:
         """Bytes were received."""
+        data = bytes(self._buffer[:nbytes])
         if self._user is not None:
-            self._user.received(bytes(self._buffer[:nbytes]))
+            self._deliver(data)
+        elif self._early is not None:
+            self._early = (self._early + data)[-READ_SIZE:]
 
     def eof_received(self) -> None:
         """The server has closed the connection."""
-        self._loss = PortError(f"{self._name} has closed the connection")
+        age = asyncio.get_running_loop().time() - self._began_at
+        if self._has_heard or age > AT_ONCE:
+            self._loss = ConnectionEnded(f"{self._name} has closed the connection")
+        else:
+            self._loss = ConnectionEnded(CLOSED_AT_ONCE.format(port=self._name), at_once=True)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The connection has ended; call the user's `lost`, once."""
+        """The connection has ended."""
         self._closed.set()
         if self._is_secured and isinstance(exc, ssl.SSLError):
             self._loss = _NotSecuredError(_NOT_SECURED.format(port=self._name, reason=explain(exc)))
         elif isinstance(exc, OSError):
             self._loss = self._gone(exc)
+        self._lose()
+
+    def _deliver(self, data: bytes) -> None:
+        if self._user is not None:
+            self._has_heard = True
+            self._user.received(data)
+
+    def _deliver_early(self) -> None:
+        early, self._early = self._early, None
+        if early:
+            self._deliver(early)
+
+    def _lose(self) -> None:
+        """Call the user's `lost`, once."""
         user, self._user = self._user, None
         if user is not None:
             user.lost(self._loss)

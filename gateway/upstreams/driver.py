@@ -9,6 +9,7 @@ from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.lines.transaction import Transaction
 from gateway.ports.error_boundary import ErrorBoundary
+from gateway.ports.port import OpenAgain
 from gateway.upstreams.upstream import Upstream
 
 
@@ -17,8 +18,6 @@ class UpstreamDriver(ABC):
 
     An unexpected error is logged here, and the port is closed.
     """
-
-    is_renewing = False
 
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         self.upstream = upstream
@@ -35,6 +34,10 @@ class UpstreamDriver(ABC):
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction."""
         self._run(self.upstream.submit, transaction, now)
+
+    def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:  # noqa: ARG002 - see PortOwner
+        """See PortOwner: a port that carries messages is always needed."""
+        return False
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
         """The port was lost; requests that wait fail at once until it is open again."""

@@ -19,11 +19,13 @@ from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.recorder import Recorder
+from gateway.lines.reopening import Reopening
 from gateway.lines.report import Report
 from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, SERVER_UNIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import TcpFrame, encode
+from gateway.ports.port import OpenAgain
 from gateway.trace.ring import Ring
 
 #: After this many requests without a response, a new connection is opened, on which none of the responses can come.
@@ -66,6 +68,7 @@ class Upstream:
         self._report = Report(settings.name, settings.source, emit)
         self._recorder = Recorder(settings.name, ring or Ring())
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
+        self._reopening = Reopening(self._queue, settings.max_wait, lambda _: settings.timeout)
         self._send_request: Send | None = None
         #: By identifier: requests under way, oldest first; bytes instead of responses; requests past their limits.
         self._under_way: dict[int, Transaction] = {}
@@ -77,33 +80,51 @@ class Upstream:
         self._last_identifier = 0
 
     def port_up(self, send: Send) -> None:
-        """The connection is open: requests are sent with `send`."""
+        """The connection is open: requests are sent with `send`, those that wait by the next `tick`."""
         self._send_request = send
-        for device in self._failed_at:
-            device.breaker.record_success()
-        self._failed_at.clear()
+        if not self.is_closed:
+            for device in self._failed_at:
+                device.breaker.record_success()
+            self._failed_at.clear()
+        self._reopening.end()
 
     def port_down(self, now: float) -> None:
         """The connection was lost: units may have acted on requests under way (0B); others were not sent (0A)."""
-        self._send_request = None
-        lost, waiting = list(self._under_way.values()), self._queue.clear()
-        for kept in (self._under_way, self._instead, self._outstanding, self._asking):
-            kept.clear()
-        for transaction in lost:
-            self._recorder.failed(transaction, errors.LineLost(), now)
-            transaction.fail_sent(errors.LineLost(), now)
-        for transaction in waiting:
-            self._refuse(transaction, errors.LineDown(), now)
+        lost = self._take_under_way()
+        waiting = self._disconnect()
+        self._fail_sent(lost, now)
+        self._fail_waiting(waiting, now)
 
     def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones are not sent (0A), those under way may be answered."""
+        self._fail_waiting(self._disconnect(), now)
+
+    def renew(self, now: float) -> None:
+        """The connection is being closed, and a new one is needed for what waits; what is under way is lost (0B)."""
         self._send_request = None
-        for transaction in self._queue.clear():
-            self._refuse(transaction, errors.LineDown(), now)
+        self._reopening.begin(now)
+        self.tick(now)
+        self._fail_sent(self._take_under_way(), now)
+
+    def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
+        """The connection has ended in order; `at_once` after it was opened. If nothing is under way, that is no loss.
+
+        Then the next request has it opened; what waits too, if it was of use.
+        """
+        is_empty = not len(self._queue)
+        if self._send_request is not None and not self._under_way and (is_empty or not at_once):
+            self.renew(now)
+        if self.is_closed:
+            self._reopening.ended(open_again, is_needed=not is_empty)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether there is no connection because none is needed."""
+        return self._reopening.is_on
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent in its turn, or fails."""
-        if self._send_request is None:
+        if self._send_request is None and not self.is_closed:
             self._refuse(transaction, errors.LineDown(), now)
         elif transaction.device.breaker.is_resting(now):
             self._refuse(transaction, errors.UnitResting(), now)
@@ -112,7 +133,11 @@ class Upstream:
             if lost is not None:
                 self._report.queue_full(lost)
                 self._refuse(lost, errors.QueueFull(), now)
-            if lost is not transaction:
+            if lost is transaction:
+                return
+            if self._send_request is None:
+                self._reopening.need(transaction)
+            else:
                 self._go_on(now)
 
     def received(self, frames: Iterable[TcpFrame], now: float) -> None:
@@ -150,7 +175,11 @@ class Upstream:
     def deadline(self) -> float | None:
         """When to call `tick`, or None."""
         oldest = next(iter(self._under_way.values()), None)
-        deadlines = (None if oldest is None else oldest.fails_at, self._queue.next_expiry())
+        deadlines = (
+            None if oldest is None else oldest.fails_at,
+            self._queue.next_expiry(),
+            self._reopening.until,
+        )
         return min((one for one in deadlines if one is not None), default=None)
 
     def tick(self, now: float) -> None:
@@ -160,7 +189,9 @@ class Upstream:
             if now < transaction.fails_at:
                 break
             failed.append((transaction, self._give_up(identifier, transaction, now)))
+        unconnected = self._reopening.given_up(now)
         try:
+            self._fail_waiting(unconnected, now)
             self._go_on(now)
         finally:
             for transaction, error in failed:
@@ -175,6 +206,11 @@ class Upstream:
     def under_way(self) -> int:
         """How many requests were sent and are within their limits."""
         return len(self._under_way)
+
+    def awaited(self, now: float) -> list[bytes]:
+        """The identifiers, as they are sent, of those whose limits have not ended."""
+        waiting = (identifier for identifier, each in self._under_way.items() if now < each.fails_at)
+        return [identifier.to_bytes(2, "big") for identifier in waiting]
 
     @property
     def overdue(self) -> int:
@@ -223,6 +259,28 @@ class Upstream:
         error: RequestError = errors.BrokenResponse() if instead else errors.ResponseTimeout()
         self._recorder.failed(transaction, error, now, instead)
         return error
+
+    def _take_under_way(self) -> list[Transaction]:
+        """No response to any request can come any more. Returns those that were under way."""
+        lost = list(self._under_way.values())
+        for kept in (self._under_way, self._instead, self._outstanding, self._asking):
+            kept.clear()
+        return lost
+
+    def _disconnect(self) -> list[Transaction]:
+        """There is no connection. Returns the requests that have waited for one."""
+        self._send_request = None
+        self._reopening.end()
+        return self._queue.clear()
+
+    def _fail_sent(self, transactions: list[Transaction], now: float) -> None:
+        for transaction in transactions:
+            self._recorder.failed(transaction, errors.LineLost(), now)
+            transaction.fail_sent(errors.LineLost(), now)
+
+    def _fail_waiting(self, transactions: list[Transaction], now: float) -> None:
+        for transaction in transactions:
+            self._refuse(transaction, errors.LineDown(), now)
 
     def _refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
         """Fail what was not sent, and keep why."""
@@ -291,7 +349,9 @@ class Upstream:
             self._report.recovered(device)
 
     def __repr__(self) -> str:
-        state = "down" if self._send_request is None else f"under way={self.under_way}"
+        state = f"under way={self.under_way}"
+        if self._send_request is None:
+            state = "closed" if self.is_closed else "down"
         return f"<Upstream {self.settings.name} {state} waiting={self.waiting}>"
 
 

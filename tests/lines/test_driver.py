@@ -279,14 +279,15 @@ async def test_a_connection_that_may_hold_back_a_request_is_closed_and_the_next_
     driven.ask()
     await asyncio.sleep(0.8)
     assert driven.port.closed
-    assert driven.driver.is_renewing
+    opened: list[bool] = []
+    assert driven.driver.port_ended(lambda: opened.append(True), at_once=False)
+    assert opened == [True]
     assert driven.driver.errors is None
     assert [event.line for event in driven.events if isinstance(event, ConnectionRenewed)] == ["hall-a"]
     assert not any(isinstance(event, PartFailed) for event in driven.events)
     driven.driver.received(b"\x55")
     port = FakePort()
     driven.driver.port_up(port)
-    assert not driven.driver.is_renewing
     driven.ask()
     await asyncio.sleep(0.1)
     assert port.written == [READ_FRAME]

@@ -3,7 +3,6 @@
 import pytest
 
 from gateway.events import AnswerTooEarly
-from gateway.lines.line import RENEWAL
 from kit.asker import Asker
 from kit.line_bench import LIMIT, READ, READ_FRAME, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, Bench, frame
 
@@ -99,7 +98,7 @@ def test_what_waits_is_sent_once_there_is_one_and_rests_go_on(bench: Bench) -> N
         bench.pass_time(WINDOW)
     assert must_renew(bench)
     bench.line.renew(bench.now)
-    bench.line.port_down(bench.now)
+    bench.line.port_ended(lambda: None, bench.now)
     bench.ask(unit=2)
     assert bench.written == [READ_FRAME] * 3
     bench.pass_time(0.2)
@@ -113,10 +112,11 @@ def test_what_waits_is_sent_once_there_is_one_and_rests_go_on(bench: Bench) -> N
 def test_without_one_it_fails(bench: Bench) -> None:
     bench.line.renew(bench.now)
     bench.ask()
-    bench.pass_time(RENEWAL - 1e-6)
+    bench.pass_time(LIMIT - 1e-6)
     assert bench.client.answers == []
     bench.pass_time(2e-6)
     assert bench.client.answers == ["83 0A"]
+    bench.unplug()
     bench.ask()
     assert bench.client.answers == ["83 0A"] * 2
 

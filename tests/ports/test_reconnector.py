@@ -28,11 +28,12 @@ def not_opened(number: int) -> str:
 class Owner:
     """Notes what a line would be told."""
 
-    is_renewing = False
-
     def __init__(self):
         self.told = []
         self.port = None
+        #: What has the port opened again, if it does not need one that ended.
+        self.open_again = None
+        self.needs_it = True
 
     def port_up(self, port):
         self.port = port
@@ -40,6 +41,13 @@ class Owner:
 
     def received(self, data):
         self.told.append(data)
+
+    def port_ended(self, open_again, *, at_once):
+        self.port = None
+        if not self.needs_it:
+            self.told.append("ended at once" if at_once else "ended")
+            self.open_again = open_again
+        return not self.needs_it
 
     def port_down(self, error):
         self.port = None
@@ -128,19 +136,82 @@ async def test_pauses_double_up_to_a_second(house):
     assert pauses == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.0, 1.0])
 
 
-async def test_an_owner_that_renews_its_port_has_the_next_one_at_once_however_often(house):
+async def test_a_port_that_ends_while_nobody_needs_it_is_opened_when_somebody_does_and_nothing_is_told(house):
     async with house.kept():
-        house.owner.is_renewing = True
-        for _ in range(10):
-            house.owner.port.close()
-            await asyncio.sleep(0.01)
-        assert house.line.openings == 11
-        house.owner.is_renewing = False
-        house.owner.port.close()
-        await asyncio.sleep(0.09)
-        assert house.line.openings == 11
-        await asyncio.sleep(0.02)
-        assert house.line.openings == 12
+        house.owner.needs_it = False
+        for closes in ("the server", "the owner"):
+            if closes == "the server":
+                house.line.hang_up()
+            else:
+                house.owner.port.close()
+            await asyncio.sleep(3600)
+            assert not house.line.is_open
+            assert house.reconnector.is_open
+            house.owner.open_again()
+            await asyncio.sleep(0.001)
+            assert house.line.is_open
+        assert house.owner.told == ["up", "ended", "up", "ended", "up"]
+        assert house.events == [LineUp("hall-a", "/dev/hall-a")]
+        assert house.reconnector.reopened == 0
+
+
+async def test_it_is_told_whether_a_server_has_closed_at_once(house):
+    async with house.kept():
+        house.owner.needs_it = False
+        house.line.hang_up(at_once=True)
+        assert house.owner.told == ["up", "ended at once"]
+
+
+async def test_a_port_that_ends_while_it_is_needed_is_lost(house):
+    async with house.kept():
+        house.line.hang_up()
+        assert house.owner.told == ["up", "down: memory has closed the connection"]
+        await asyncio.sleep(1)
+        assert house.line.openings == 2
+    assert [event.name for event in house.events] == ["line_up", "line_lost", "line_reopened"]
+
+
+async def test_an_order_before_the_port_ended_opens_nothing(house):
+    async with house.kept():
+        house.owner.needs_it = False
+        house.line.hang_up()
+        house.owner.open_again()
+        house.owner.open_again()
+        await asyncio.sleep(0.001)
+        house.owner.open_again()
+        house.line.hang_up()
+        await asyncio.sleep(60)
+        assert house.line.openings == 2
+
+
+async def test_a_port_that_cannot_be_opened_when_it_is_needed_is_lost(house):
+    async with house.kept():
+        house.owner.needs_it = False
+        house.line.hang_up()
+        await asyncio.sleep(60)
+        house.line.pull("refused")
+        house.owner.open_again()
+        await asyncio.sleep(0.001)
+        assert house.owner.told == ["up", "ended", "down: refused"]
+        assert not house.reconnector.is_open
+        await asyncio.sleep(1)
+        house.line.plug()
+        await asyncio.sleep(1)
+        assert house.owner.told[-1] == "up"
+    assert [event.name for event in house.events] == ["line_up", "line_lost", "line_reopened"]
+    assert house.reconnector.reopened == 1
+
+
+@pytest.mark.parametrize("when", ["while it rests", "while it is opened"])
+async def test_cancelled_while_there_is_no_port_the_owner_knows(house, when):
+    async with house.kept():
+        house.owner.needs_it = False
+        house.line.hang_up()
+        if when == "while it is opened":
+            house.line.opens_in = 1.0
+            house.owner.open_again()
+            await asyncio.sleep(0.5)
+    assert house.owner.told == ["up", "ended", "down: closed"]
 
 
 async def test_a_port_that_fails_as_soon_as_it_is_open_is_not_opened_ten_times_a_second(house):

@@ -7,7 +7,7 @@ import pytest
 from gateway.events import BaudChanged, ConnectionRenewed, LineLost, LineReopened, UnitResting
 from gateway.modbus import rtu
 from gateway.ports.port import TcpSettings
-from kit.device import SimulatedDevice, SimulatedLine
+from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 
 PORT = "rtu+tcp://10.0.0.9:4001"
@@ -55,6 +55,18 @@ async def test_a_rate_that_a_device_was_given_is_followed_as_far_as_that_goes() 
         assert [event.baud for event in bench.events if isinstance(event, BaudChanged)] == [19200]
         assert bench.lines[PORT].baud == 19200
         assert bench.gateway.lines[0].driver.line.settings.timing.baud == 19200
+
+
+@pytest.mark.parametrize("pdu", ["03 0005 0001", "11", "18 0001", "2B 0E 01 00", "14 07 06 0001 0000 0001"])
+async def test_a_response_that_promises_more_than_follows_swallows_no_other(pdu: str) -> None:
+    async with gateway_bench(CONFIG.replace("unit = 1", 'unit = "1-2"')) as bench:
+        devices, client = [SimulatedDevice(1), SimulatedDevice(2)], bench.client()
+        bench.attach(PORT, SimulatedLine("rtu", *devices))
+        begun = bytes((1, int(pdu[:2], 16), 0xFA, 1, 2, 3, 4))
+        devices[0].script.append([Answer(0.01, begun)])
+        assert (await client.asks(1, pdu))[2:] == " 0B"
+        for unit, asked in ((2, "03"), (1, "04"), (2, "04")):
+            assert await client.asks(unit, f"{asked} 0005 0001") == f"{asked} 02 00 00"
 
 
 # --- servers that stall ---

@@ -2,6 +2,8 @@
 
 import asyncio
 
+import pytest
+
 from gateway.events import LineLost, LineReopened, UpstreamClosed
 from gateway.modbus.mbap import MbapFramer, encode
 from kit.gateway_bench import GatewayBench, gateway_bench
@@ -139,6 +141,58 @@ async def test_a_server_that_speaks_something_else_is_left_and_tried_again() -> 
         await asyncio.sleep(2)
         assert await client.asks(37, "03 00 01 00 01") == "03 02 01 01"
         assert sum(isinstance(event, UpstreamClosed) for event in bench.events) == 1
+
+
+@pytest.mark.parametrize("length", [6, 71, 254])
+async def test_a_response_whose_length_is_too_large_costs_one_limit(length: int) -> None:
+    """It has the identifier of its request, or that of none."""
+    async with gateway_bench(CONFIG) as bench:
+        server, client = Server(bench), bench.client()
+        take, server.line.on_write = server.line.on_write, None
+        for identifier in (1, 1000):
+            server.line.on_write = None
+            began = client.now()
+            client.ask(37, "03 00 01 00 01")
+            wrong = encode(identifier, 1, bytes.fromhex("03 02 01 01"))
+            server.line.deliver(wrong[:4] + length.to_bytes(2) + wrong[6:])
+            assert await client.answer() == "83 0B"
+            assert client.now() - began == pytest.approx(1.0, abs=0.001)
+            server.line.on_write = take
+            server._framer = MbapFramer()
+            for unit in (37, 38, 39):
+                assert await client.asks(unit, "03 00 05 00 01") == f"03 02 0{unit - 36} 05"
+            assert client.now() - began < 1.1
+        reasons = [event.reason for event in bench.events if isinstance(event, UpstreamClosed)]
+        assert reasons == ["a response was cut, or its length is wrong: 11 bytes came of it"] * 2
+        assert not any(isinstance(event, LineLost | LineReopened) for event in bench.events)
+
+
+async def test_what_waits_is_asked_over_the_next_connection_after_a_response_that_was_cut() -> None:
+    config = CONFIG.replace("units =", "in_flight = 1\nunits =")
+    async with gateway_bench(config) as bench:
+        server, client = Server(bench), bench.client()
+        server.delays[1] = 1e6
+        client.ask(37, "03 00 01 00 01")
+        client.ask(38, "03 00 02 00 01")
+        server.line.deliver(encode(1, 1, bytes.fromhex("03 02 01 01"))[:-1])
+        assert [await client.answer(), await client.answer()] == ["83 0B", "03 02 02 02"]
+        assert server.line.openings == 2
+
+
+async def test_a_response_that_is_just_coming_in_is_not_cut_when_another_request_times_out() -> None:
+    async with gateway_bench(CONFIG) as bench:
+        server, client = Server(bench), bench.client()
+        server.line.on_write = None
+        client.ask(37, "03 00 01 00 01")
+        await asyncio.sleep(0.5)
+        client.ask(38, "03 00 02 00 01")
+        response = encode(2, 2, bytes.fromhex("03 02 02 02"))
+        await asyncio.sleep(0.49)
+        for at in range(len(response)):
+            server.line.deliver(response[at : at + 1])
+            await asyncio.sleep(0.005)
+        assert [await client.answer(), await client.answer()] == ["83 0B", "03 02 02 02"]
+        assert server.line.openings == 1
 
 
 async def test_broadcasts_do_not_go_upstream() -> None:

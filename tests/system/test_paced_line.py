@@ -67,8 +67,6 @@ class SlowDevice(Thread):
 class PacedLine:
     """A line with one device, and one client that asks it."""
 
-    is_renewing = False
-
     def __init__(self, port: VirtualPort, baud: int, says: bytes, limit: float) -> None:
         timing = LineTiming("rtu", baud, CharacterFormat.parse("8N1"))
         self.far_end = SlowDevice(port, timing, says)

@@ -55,8 +55,6 @@ class User:
 class Owner:
     """A line that only notes."""
 
-    is_renewing = False
-
     def __init__(self):
         self.port = None
         self.heard = b""
@@ -67,6 +65,9 @@ class Owner:
 
     def received(self, data):
         self.heard += data
+
+    def port_ended(self, open_again, *, at_once):
+        return False
 
     def port_down(self, error):
         self.port = None

@@ -153,8 +153,8 @@ def test_a_gateway_behind_a_gateway(tmp_path: Path) -> None:
         assert client.read(38, 5) == "83 0B"
         assert client.read(99, 5) == "83 0A"
         assert behind.stop() == 0
+        until_answered(client, 37, 5, "83 0A")
         gateway.wait_for("line_lost")
-        assert client.read(37, 5) == "83 0A"
         assert gateway.stop() == 0
     assert gateway.rest == behind.rest == []
 

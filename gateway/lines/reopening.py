@@ -1,0 +1,71 @@
+"""A connection that was closed while nobody needed it: the next request has it opened again, and waits for it."""
+
+from collections.abc import Callable
+
+from gateway.lines.queue import WaitingQueue
+from gateway.lines.transaction import Transaction
+from gateway.ports.port import OpenAgain
+
+
+class Reopening:
+    """Has a closed connection opened for the requests in `queue`. `is_on` while it is closed.
+
+    Each request waits for the smaller of its limit, as `limit_of` tells, and `max_wait`; `until` is when that ends for
+    one of them.
+    """
+
+    __slots__ = ("_limit_of", "_max_wait", "_open_again", "_queue", "_since", "is_on", "until")
+
+    def __init__(self, queue: WaitingQueue, max_wait: float, limit_of: Callable[[Transaction], float]) -> None:
+        self.is_on = False
+        self.until: float | None = None
+        self._queue = queue
+        self._max_wait = max_wait
+        self._limit_of = limit_of
+        self._since = 0.0
+        self._open_again: OpenAgain | None = None
+
+    def begin(self, now: float) -> None:
+        """The connection is closed, or about to be."""
+        self.is_on = True
+        self.until = None
+        self._since = now
+
+    def ended(self, open_again: OpenAgain, *, is_needed: bool) -> None:
+        """The connection has been closed. It is opened at once if it `is_needed`."""
+        self._open_again = open_again
+        if is_needed:
+            self._plan()
+            self._open()
+
+    def need(self, transaction: Transaction) -> None:
+        """This request waits for the connection."""
+        until = self._until(transaction)
+        self.until = until if self.until is None else min(self.until, until)
+        self._open()
+
+    def end(self) -> None:
+        """It is open, or cannot be opened."""
+        self.is_on = False
+        self.until = None
+        self._open_again = None
+
+    def given_up(self, now: float) -> list[Transaction]:
+        """Remove the requests from the queue that have waited too long for it."""
+        if self.until is None or now < self.until:
+            return []
+        late = self._queue.drop(lambda waiting: self._until(waiting) <= now)
+        self._plan()
+        return late
+
+    def _open(self) -> None:
+        open_again, self._open_again = self._open_again, None
+        if open_again is not None:
+            open_again()
+
+    def _plan(self) -> None:
+        self.until = min(map(self._until, self._queue), default=None)
+
+    def _until(self, transaction: Transaction) -> float:
+        since = max(self._since, transaction.requests[0].received_at)
+        return since + min(self._limit_of(transaction), self._max_wait)
