@@ -26,7 +26,7 @@ from gateway.config.port import DEVICE_SERVER_MODES, parse_port
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.schema_profile import ProfileTable
 from gateway.errors import GatewayError, PortError
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
 from gateway.modbus.pdu import parse_request
 from gateway.ports.kinds import open_blocking
 from gateway.ports.port import SerialSettings
@@ -126,8 +126,8 @@ def open_directly(wanted: str, args: argparse.Namespace) -> Iterator[DirectUnit]
     """
     if not wanted.isdecimal():
         raise WrongUsageError(f'"{wanted}" is a name, and only a running gateway knows names', "use the unit number")
-    if int(wanted) > 255 or (args.port and not FIRST_UNIT <= int(wanted) <= LAST_UNIT):
-        raise WrongUsageError(f"{wanted} is not a unit number", f"units are {FIRST_UNIT} to {LAST_UNIT}")
+    if int(wanted) > HIGHEST_UNIT or (args.port and int(wanted) < FIRST_UNIT):
+        raise WrongUsageError(f"{wanted} is not a unit number", f"units are {FIRST_UNIT} to {HIGHEST_UNIT}")
     place = _Place(args)
     points = _points(args.profile, place)
     with ExitStack() as open_parts:

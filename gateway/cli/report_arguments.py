@@ -6,7 +6,7 @@ from typing import Any
 from gateway.cli.usage import baud, parsed_by
 from gateway.config.character_format import parse_format
 from gateway.config.problem import WrongValue
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
 from gateway.timing.characters import CharacterFormat
 
 
@@ -16,8 +16,8 @@ def unit_number(text: str) -> int:
     Raises:
         argparse.ArgumentTypeError: it is none.
     """
-    if not text.isdecimal() or not FIRST_UNIT <= int(text) <= LAST_UNIT:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a unit; units are {FIRST_UNIT} to {LAST_UNIT}')
+    if not text.isdecimal() or not FIRST_UNIT <= int(text) <= HIGHEST_UNIT:
+        raise argparse.ArgumentTypeError(f'"{text}" is not a unit; units are {FIRST_UNIT} to {HIGHEST_UNIT}')
     return int(text)
 
 

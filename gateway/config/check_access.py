@@ -10,8 +10,8 @@ from gateway.config.plan import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
 from gateway.config.schema import Access, Config, Line, Listen, Upstream
-from gateway.config.unitset import CLIENT_UNITS, NO_CLIENT_UNIT, show_units
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.config.unitset import show_units
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 from gateway.modbus.functions import only_reads
 from gateway.routing.access import LOOPBACK, Network
 
@@ -166,9 +166,8 @@ def _check_units(row: Access, config: Config) -> Iterator[Problem]:
     if row.units == "all":
         return
     path, answered = (*row.path, "units"), _answered(row, config)
-    strange = set(row.units) - CLIENT_UNITS - answered
-    if strange:
-        yield error(path, f"unit {min(strange)} is {NO_CLIENT_UNIT}")
+    if BROADCAST_UNIT in row.units and BROADCAST_UNIT not in answered:
+        yield error(path, f"unit {BROADCAST_UNIT} is outside {FIRST_UNIT}-{HIGHEST_UNIT}")
     elif not answered & set(row.units):
         remedy = ""
         if not _by_own_numbers(config).isdisjoint(row.listen or ()):

@@ -9,7 +9,7 @@ from gateway.config.resolve_lines import ASKED_AT_ZERO, passing_units
 from gateway.config.schema import Config, Device, Line, Upstream
 from gateway.config.schema_profile import ProfileTable
 from gateway.config.unitset import show_units
-from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +140,7 @@ def check_device_rows(config: Config) -> Iterator[Problem]:
         for row in line.devices or ():
             yield from _check_row(row)
         yield from _check_wire_units(line)
+        yield from _check_reserved(line)
         yield from _check_lone_device(line)
 
 
@@ -206,6 +207,14 @@ def _check_wire_units(line: Line) -> Iterator[Problem]:
                 yield warning(
                     (*row.path, "unit"), f"unit {unit} on the wire already has the unit ID {asked_as[unit]} for clients"
                 )
+
+
+def _check_reserved(line: Line) -> Iterator[Problem]:
+    for row in line.devices or ():
+        reserved = [unit for unit in row.units if unit > LAST_UNIT]
+        if reserved:
+            what = f"unit {show_units(reserved)}: the specification reserves {LAST_UNIT + 1}-{HIGHEST_UNIT}"
+            yield warning((*row.path, "unit"), what, "right if the device is set to it; others are 1-247")
 
 
 def _check_lone_device(line: Line) -> Iterator[Problem]:

@@ -17,8 +17,8 @@ from gateway.config.imported import Imported, ImportedFileError, Taken, address,
 from gateway.config.port import parse_port
 from gateway.config.problem import WrongValue
 from gateway.config.toml_text import TableText, Value
-from gateway.config.unitset import CLIENT_UNITS, show_units
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.config.unitset import show_units
+from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 
 #: What it waits for a device when nothing else is said, in seconds.
 _TIMEOUT: Final = 10.0
@@ -111,7 +111,7 @@ def _tables(table: Any, where: str, taken: Taken, *, may_remap: bool) -> Iterato
             raise ImportedFileError(f"{where}: unit_id_remapping: a gateway can do that for one device only")
         del listen[kind]
         there = range(256) if kind == "upstream" else range(FIRST_UNIT, LAST_UNIT + 1)
-        units = {unit: device.remapped.get(unit, unit) for unit in sorted(CLIENT_UNITS)}
+        units = {unit: device.remapped.get(unit, unit) for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1)}
         units = {unit: to for unit, to in units.items() if to in there}
         keys["units" if kind == "upstream" else "devices"] = _rows(units)
         remarks.append(f"clients cannot ask for units {show_units({*range(256)} - {*units})} any more")

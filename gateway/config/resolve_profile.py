@@ -23,5 +23,6 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
         timing=TimingTable.of(points),
         margin=table.margin,
         timeout=table.timeout,
+        any_coil=table.coil_values == "any",
         quirks=frozenset(table.quirks),
     )

@@ -15,8 +15,6 @@ from gateway.config.schema_profile import PointTable, ProfileTable
 from gateway.config.schema_web import Web
 from gateway.config.table import Count, FunctionNumber, Table
 from gateway.config.values import (
-    ClientUnit,
-    ClientUnits,
     CredentialFile,
     Duration,
     DurationOrAuto,
@@ -32,6 +30,7 @@ from gateway.config.values import (
     Name,
     NetworksOrSites,
     OtherServer,
+    OwnUnit,
     Ranges,
     Role,
     SerialPort,
@@ -39,9 +38,8 @@ from gateway.config.values import (
     SocketPath,
     Unit0,
     Units,
+    UnitsFrom0,
     UnitsOrAll,
-    UpstreamUnits,
-    WireUnits,
 )
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
 from gateway.ports.wire import Wire
@@ -93,8 +91,8 @@ class Listen(Table):
 
     line: Name | None = Field(
         None,
-        description="Makes this a listener for one line: unit IDs 1-247 are addresses on that line, regardless of "
-        "`as`, and nothing else can be reached. If the line has no `devices`, all addresses are passed through. "
+        description="Makes this a listener for one line: unit IDs are addresses on that line, regardless of "
+        "`as`, and nothing else can be reached. If the line has no `devices`, 1-247 are passed through. "
         "`unit0`, and `[[access]]` rows that name this listener, use these addresses too.",
     )
     upstream: Name | None = Field(
@@ -134,15 +132,16 @@ class Listen(Table):
 class Device(Table):
     """A device on a line, or several alike in one row."""
 
-    units: WireUnits = Field(
+    units: UnitsFrom0 = Field(
         alias="unit",
-        description="Its unit ID on the wire, 1-247; a set means several devices. 0: for a single device with an "
-        "unknown address; only its holding registers can be read.",
+        description="Its unit ID on the wire, 1-247; a set means several devices. 248-255 are reserved by the "
+        "specification, but some devices have them. 0: for a single device with an unknown address; only its holding "
+        "registers can be read.",
     )
-    known_as: ClientUnits | None = Field(
+    known_as: Units | None = Field(
         None,
         alias="as",
-        description="Its unit ID for clients, 1-247 or 255; as many as in `unit`. Default: the same.",
+        description="Its unit ID for clients, 1-255; as many as in `unit`. Default: the same.",
     )
     name: Name | None = Field(
         None,
@@ -350,7 +349,7 @@ class Initial(Table):
 class Image(Table):
     """A unit that the gateway answers itself: a register image, or with `of` a mirror of a device."""
 
-    unit: ClientUnit = Field(
+    unit: OwnUnit = Field(
         description="Its unit ID for clients, 1-247; or 255, which many Modbus TCP clients use for the server itself."
     )
     name: Name | None = Field(None, description="Its name in logs. Default: `image-` and the unit ID.")
@@ -387,8 +386,8 @@ class Image(Table):
 class UpstreamUnit(Table):
     """Units behind another server."""
 
-    known_as: ClientUnits = Field(alias="as", description="Their unit IDs for clients, 1-247 and 255.")
-    units: UpstreamUnits = Field(alias="unit", description="The units that the other server knows.")
+    known_as: Units = Field(alias="as", description="Their unit IDs for clients, 1-255.")
+    units: UnitsFrom0 = Field(alias="unit", description="The units that the other server knows.")
 
 
 class Upstream(Table):
@@ -452,7 +451,7 @@ class Upstream(Table):
 class Own(Table):
     """The state of the gateway as a unit with [registers](own-registers.md); without this table there is none."""
 
-    unit: ClientUnit = Field(description="Its unit ID for clients, 1-247 or 255.")
+    unit: OwnUnit = Field(description="Its unit ID for clients, 1-247 or 255.")
 
 
 class Access(Table):
@@ -477,7 +476,7 @@ class Access(Table):
     )
     units: UnitsOrAll = Field(
         "all",
-        description="Unit IDs for clients, 1-247 and 255; in a row that names a listener for one line, addresses on "
+        description="Unit IDs for clients, 1-255; in a row that names a listener for one line, addresses on "
         "that line, and in one that names a listener for one upstream, unit IDs of that server, 0-255. A broadcast "
         "needs the right at every unit.",
     )

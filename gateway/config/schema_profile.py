@@ -103,6 +103,11 @@ class ProfileTable(Table):
     )
     margin: Annotated[float, Field(ge=1, le=100)] = Field(1.5, description="Times are multiplied by it, to be safe.")
     timeout: Duration = Field(1.0, description="The time for functions that are not in `timing`.")
+    coil_values: Literal["checked", "any"] = Field(
+        "checked",
+        description="`any`: function 05 is sent with other values than FF00 and 0000 too, by which relay boards toggle "
+        "or pulse. `checked`: such requests are answered 03.",
+    )
     quirks: Annotated[tuple[Quirk, ...], ListOf] = Field(
         (),
         description="Deviations from the protocol. `moves`: a write to holding register 0x0100 sets the address of the "

@@ -5,32 +5,32 @@ from collections.abc import Iterable
 from typing import Final, Literal
 
 from gateway.config.problem import WrongValue
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, SERVER_UNIT
+from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT, SERVER_UNIT
 
-#: The units that clients of Modbus TCP may ask for, and what is said of any other number.
-CLIENT_UNITS: Final = frozenset({*range(FIRST_UNIT, LAST_UNIT + 1), SERVER_UNIT})
-NO_CLIENT_UNIT: Final = f"neither {FIRST_UNIT}-{LAST_UNIT} nor {SERVER_UNIT}"
+#: The units of the gateway itself, and what is said of any other number.
+_OWN_UNITS: Final = frozenset({*range(FIRST_UNIT, LAST_UNIT + 1), SERVER_UNIT})
+_NO_OWN_UNIT: Final = f"neither {FIRST_UNIT}-{LAST_UNIT} nor {SERVER_UNIT}"
 
 _RANGE = re.compile(r"([0-9]{1,20})(?:\s*-\s*([0-9]{1,20}))?")
 
 
-def parse_units(value: object, first: int = FIRST_UNIT, last: int = LAST_UNIT) -> tuple[int, ...]:
+def parse_units(value: object, first: int = FIRST_UNIT) -> tuple[int, ...]:
     """The units of a set in the order in which they are written.
 
     Raises:
-        WrongValue: `value` is not a valid unit set, names a unit twice, or one outside `first` to `last`.
+        WrongValue: `value` is not a valid unit set, names a unit twice, or one outside `first` to 255.
     """
-    # Where unit 0 is allowed it means something special, and nobody who is wrong is helped by it.
-    return _parse(value, frozenset(range(first, last + 1)), f"outside {max(first, FIRST_UNIT)}-{last}")
-
-
-def parse_client_units(value: object) -> tuple[int, ...]:
-    """The same for units that clients of Modbus TCP may ask for: 255 is one, and none of 248-254.
-
-    Raises:
-        WrongValue: as parse_units.
-    """
-    return _parse(value, CLIENT_UNITS, NO_CLIENT_UNIT)
+    units: list[int] = []
+    for part in value if isinstance(value, list) else [value]:
+        units += _parse_part(part, range(first, HIGHEST_UNIT + 1))
+    if not units:
+        raise WrongValue("names no unit")
+    seen: set[int] = set()
+    for unit in units:
+        if unit in seen:
+            raise WrongValue(f"names unit {unit} twice")
+        seen.add(unit)
+    return tuple(units)
 
 
 def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
@@ -43,19 +43,19 @@ def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
         return "refuse"
     if value == "broadcast":
         return "broadcast"
-    if isinstance(value, int) and not isinstance(value, bool) and value in CLIENT_UNITS:
+    if isinstance(value, int) and not isinstance(value, bool) and value in _OWN_UNITS:
         return value
     raise WrongValue('must be "refuse", "broadcast" or a unit, 1-247 or 255')
 
 
-def check_client_unit(value: int) -> int:
-    """A unit that clients use.
+def check_own_unit(value: int) -> int:
+    """A unit that the gateway answers for itself.
 
     Raises:
         WrongValue: none can have this number.
     """
-    if value not in CLIENT_UNITS:
-        raise WrongValue(f"{value} is {NO_CLIENT_UNIT}")
+    if value not in _OWN_UNITS:
+        raise WrongValue(f"{value} is {_NO_OWN_UNIT}")
     return value
 
 
@@ -65,21 +65,7 @@ def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
     Raises:
         WrongValue: it is neither.
     """
-    return "all" if value == "all" else parse_units(value, 0, 255)
-
-
-def _parse(value: object, allowed: frozenset[int], otherwise: str) -> tuple[int, ...]:
-    units: list[int] = []
-    for part in value if isinstance(value, list) else [value]:
-        units += _parse_part(part, allowed, otherwise)
-    if not units:
-        raise WrongValue("names no unit")
-    seen: set[int] = set()
-    for unit in units:
-        if unit in seen:
-            raise WrongValue(f"names unit {unit} twice")
-        seen.add(unit)
-    return tuple(units)
+    return "all" if value == "all" else parse_units(value, 0)
 
 
 def show_units(units: Iterable[int]) -> str:
@@ -93,15 +79,15 @@ def show_units(units: Iterable[int]) -> str:
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
 
 
-def _parse_part(part: object, allowed: frozenset[int], otherwise: str) -> range:
+def _parse_part(part: object, allowed: range) -> range:
     low, high = _bounds(part)
     if low > high:
         raise WrongValue(f'"{part}" counts backwards', f'write "{high}-{low}"')
-    units = range(low, high + 1)
-    for unit in (low, high, *units[: len(allowed)]):
+    for unit in (low, high):
         if unit not in allowed:
-            raise WrongValue(f"unit {unit} is {otherwise}")
-    return units
+            # Where unit 0 is allowed it means something special, and nobody who is wrong is helped by it.
+            raise WrongValue(f"unit {unit} is outside {FIRST_UNIT}-{HIGHEST_UNIT}")
+    return range(low, high + 1)
 
 
 def _bounds(part: object) -> tuple[int, int]:

@@ -36,7 +36,7 @@ from gateway.config.point_keys import parse_labels, parse_point_addresses, parse
 from gateway.config.port import parse_port
 from gateway.config.ranges import parse_ranges
 from gateway.config.size import parse_size_or_zero, show_size
-from gateway.config.unitset import check_client_unit, parse_client_units, parse_unit0, parse_units, parse_units_or_all
+from gateway.config.unitset import check_own_unit, parse_unit0, parse_units, parse_units_or_all
 from gateway.profiles.point import Writing
 from gateway.profiles.profile import Range
 from gateway.timing.characters import CharacterFormat
@@ -99,10 +99,8 @@ Unit0 = Annotated[
     Kind('`"refuse"`, `"broadcast"` or a unit', '"{}"'.format),
 ]
 Units = Annotated[tuple[int, ...], PlainValidator(parse_units), _UNITS]
-ClientUnit = Annotated[int, AfterValidator(check_client_unit)]
-ClientUnits = Annotated[tuple[int, ...], PlainValidator(parse_client_units), _UNITS]
-WireUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0)), _UNITS]
-UpstreamUnits = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0, last=255)), _UNITS]
+OwnUnit = Annotated[int, AfterValidator(check_own_unit)]
+UnitsFrom0 = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0)), _UNITS]
 UnitsOrAll = Annotated[
     tuple[int, ...] | Literal["all"], PlainValidator(parse_units_or_all), Kind('units or `"all"`', '"{}"'.format)
 ]

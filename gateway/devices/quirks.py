@@ -6,7 +6,7 @@
 |                | response to it comes from the new one                           |                           |
 | `changes_baud` | a float32 written to 0x0200-1 sets its baud rate; it answers,   | weighing transducer, 5, 6 |
 |                | then changes                                                    |                           |
-| (unit = 0)     | it is asked at address 0 and answers from its own address       | weighing transducer, 3    |
+| (unit = 0)     | it is asked at address 0 and answers from its own address, or 0 | weighing transducer, 3    |
 """
 
 from collections.abc import Collection, Mapping
@@ -49,7 +49,7 @@ class QuirkyLine(TakesTransactions, Protocol):
 
 
 class AddressZeroTransaction(Transaction):
-    """A request to address 0, which the only device of the line answers from its own address."""
+    """A request to address 0, which the only device of the line answers from whatever address."""
 
     __slots__ = ()
 
@@ -59,7 +59,7 @@ class AddressZeroTransaction(Transaction):
 
     def accepts(self, frame: Frame) -> bool:
         """Whether `frame` is the response, from any unit."""
-        return frame.unit in _UNITS and self.asked.accepts(frame.pdu)
+        return self.asked.accepts(frame.pdu)
 
 
 class AddressZeroDevice(Device):

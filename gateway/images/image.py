@@ -1,7 +1,7 @@
 """A local register image: a unit that the gateway answers itself."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
@@ -67,7 +67,7 @@ class Image:
         self.counts = Counts()
         self.last_writes = LastWrites()
         self.diagnostics = diagnostics or Diagnostics()
-        self._profile = settings.profile
+        self._profile = replace(settings.profile, any_coil=False)  # a coil of an image is on or off
         self._emit = emit
         self._ring = ring or Ring()
         identity = Identity(settings.name, product)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from gateway.modbus.functions import only_reads
-from gateway.modbus.pdu import Span, parse_request
+from gateway.modbus.pdu import Span, parse_sent
 from gateway.request import Request
 
 #: This many writes are kept, each to other addresses; the oldest are forgotten.
@@ -31,7 +31,7 @@ class LastWrites:
         """A request has succeeded; if it only reads, nothing has changed."""
         if only_reads(request.pdu):
             return
-        span = parse_request(request.pdu).write
+        span = parse_sent(request.pdu).write
         if span is None:
             return
         self._writes.pop(span, None)

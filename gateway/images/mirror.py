@@ -23,7 +23,7 @@ from gateway.images.polling import Counts, MirroredDevice, Poller, Polling
 from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import only_reads
-from gateway.modbus.pdu import Span, parse_request
+from gateway.modbus.pdu import Span, parse_sent
 from gateway.request import DerivedOrigin, Request
 from gateway.trace.ring import Ring
 
@@ -96,7 +96,7 @@ class Mirror:
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
         """A request that was passed on is finished, with this response; None if it has none."""
         if not only_reads(request.pdu) and response is not None and not _has_no_effect(response):
-            self._polling.changed(parse_request(request.pdu).write, now)
+            self._polling.changed(parse_sent(request.pdu).write, now)
             if not response[0] & EXCEPTION_BIT:
                 self.last_writes.done(request)
         self._rows[request.origin.client].under_way -= 1
@@ -188,7 +188,7 @@ class Mirror:
         Raises:
             RequestError: it is malformed.
         """
-        parse_request(row.waiting[0].pdu)
+        parse_sent(row.waiting[0].pdu)
         request = row.take()
         passed_on = Request(request.unit, request.pdu, ForwardedOrigin(request, self._poller), now)
         row.under_way += 1  # until it is over: see `passed`

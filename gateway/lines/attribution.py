@@ -34,7 +34,7 @@ from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import KNOWN_FUNCTIONS, request_size, response_size
-from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.modbus.pdu import RequestPdu, parse_request, parse_sent
 from gateway.modbus.scan import NEVER, Token
 from gateway.timing.budget import AnswerTime
 
@@ -284,7 +284,7 @@ class Attribution:
         """Whether it can be read as a request. One that is not sure proves no other client."""
         frame = token.frame
         try:
-            asked = parse_request(frame.pdu)
+            asked = parse_sent(frame.pdu)
         except RequestError:
             return False
         if asked.function not in KNOWN_FUNCTIONS:

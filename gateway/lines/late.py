@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.modbus.pdu import RequestPdu, parse_sent
 from gateway.modbus.scan import Expected, Token
 from gateway.timing.budget import AnswerTime
 
@@ -37,7 +37,7 @@ class Overdue(NamedTuple):
     @property
     def asked(self) -> RequestPdu:
         """The request."""
-        return parse_request(self.pdu)
+        return parse_sent(self.pdu)
 
     def accepts(self, frame: Frame) -> bool:
         """Whether `frame` is a response: see Transaction."""

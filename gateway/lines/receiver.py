@@ -18,7 +18,7 @@ from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import KNOWN_FUNCTIONS, response_size
-from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.modbus.pdu import RequestPdu, parse_sent
 from gateway.modbus.scan import Expected, Scanner, Token
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
@@ -323,6 +323,6 @@ def _is_response(frame: Frame) -> bool:
     if response_size(frame.pdu) not in {0, len(frame.pdu)}:
         return False
     try:
-        return parse_request(frame.pdu).function not in KNOWN_FUNCTIONS
+        return parse_sent(frame.pdu).function not in KNOWN_FUNCTIONS
     except RequestError:
         return True

@@ -3,7 +3,7 @@
 from gateway.errors import RequestError, ResponseTimeout, Unwanted
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import UnitCounts
-from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
 from gateway.modbus.scan import Expected
@@ -244,6 +244,4 @@ class ScanTransaction(Transaction):
 
     def accepts(self, frame: Frame) -> bool:
         """Whether `frame` is the answer; to a question at address 0 it comes from whatever unit."""
-        if self.unit != BROADCAST_UNIT:
-            return super().accepts(frame)
-        return FIRST_UNIT <= frame.unit <= LAST_UNIT and self.asked.accepts(frame.pdu)
+        return self.asked.accepts(frame.pdu) if self.unit == BROADCAST_UNIT else super().accepts(frame)

@@ -58,9 +58,10 @@ MAX_TCP_ADU: Final = 260
 MAX_RTU_ADU: Final = 256
 MAX_ASCII_ADU: Final = 513
 
-#: Unit identifiers on a serial line (S 2.2).
+#: Unit identifiers on a serial line. Those above LAST_UNIT are reserved (S 2.2), and some devices have them.
 BROADCAST_UNIT: Final = 0
 FIRST_UNIT: Final = 1
 LAST_UNIT: Final = 247
+HIGHEST_UNIT: Final = 255
 #: The unit identifier for the server itself in Modbus TCP (T 4.4.1.2).
 SERVER_UNIT: Final = 255

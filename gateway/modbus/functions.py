@@ -5,7 +5,7 @@ follow from it. A function without a row passes unchecked: only its device knows
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 from gateway.modbus import codes, files
@@ -164,6 +164,9 @@ BROADCAST_FUNCTIONS: Final = frozenset(row.code for row in _ROWS if row.effect =
 TABLE_FUNCTIONS: Final = frozenset(row.code for row in _ROWS if row.reads or row.writes)
 #: The function that reads each area, and the most items in one request.
 READERS: Final = {row.reads.area: (row.code, row.reads.most) for row in _ROWS if row.reads and not row.writes}
+
+#: Function 05 for devices to which other values mean something too: relay boards that toggle, or pulse.
+ANY_COIL: Final = replace(FUNCTIONS[Code.WRITE_SINGLE_COIL], rules={})
 
 _UNKNOWN: Final = Function(0, "5", "write", any_size(1), any_size(1))
 #: An exception response, of two bytes (A 7). No request has such a code.

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gateway.errors import IllegalFunction
-from gateway.modbus.codes import EXCEPTION_BIT, Area
-from gateway.modbus.functions import ALL, Function, Items, row_of
+from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
+from gateway.modbus.functions import ALL, ANY_COIL, Function, Items, row_of
 from gateway.modbus.shapes import need
 
 #: At most this many parsed requests are remembered.
@@ -96,12 +96,25 @@ def parse_request(pdu: bytes) -> RequestPdu:
     return asked
 
 
+def parse_sent(pdu: bytes) -> RequestPdu:
+    """Parse a request PDU that may have been sent to some device: function 05 with any value.
+
+    Raises:
+        RequestError: as parse_request.
+    """
+    return _parse(pdu, ANY_COIL) if pdu[0] == FunctionCode.WRITE_SINGLE_COIL else parse_request(pdu)
+
+
 def parse_anew(pdu: bytes) -> RequestPdu:
     """Parse a request PDU without a look at what is remembered. See parse_request."""
     code = pdu[0]
     if not 0 < code < EXCEPTION_BIT:
         raise IllegalFunction(f"function {code} is not a request")
-    row = row_of(pdu)
+    return _parse(pdu, row_of(pdu))
+
+
+def _parse(pdu: bytes, row: Function) -> RequestPdu:
+    code = pdu[0]
     need(row.request.fits(pdu), pdu, row.request.rule)
     for rule, keeps_to in row.rules.items():
         need(keeps_to(pdu), pdu, rule)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import BROADCAST_FUNCTIONS
-from gateway.modbus.pdu import RequestPdu, Span, parse_request
+from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent
 from gateway.timing.table import TimingTable
 
 #: First and last address of a range.
@@ -18,8 +18,8 @@ class Profile:
     """What a kind of device accepts.
 
     `functions` None allows all; `limits` is the most items for a function; `areas` are the addresses that exist; an
-    area that is not named has all. `idle_chars` is the silence that ends a frame for this device. `quirks` are its
-    deviations from the protocol.
+    area that is not named has all. `idle_chars` is the silence that ends a frame for this device. With `any_coil`, 05
+    may have other values than FF00 and 0000. `quirks` are its other deviations from the protocol.
     """
 
     name: str
@@ -31,6 +31,7 @@ class Profile:
     timing: TimingTable = field(default_factory=TimingTable)
     margin: float = 1.5
     timeout: float = 1.0
+    any_coil: bool = False
     quirks: frozenset[str] = frozenset()
 
     def check(self, pdu: bytes) -> RequestPdu:
@@ -45,7 +46,7 @@ class Profile:
         """
         if not self.knows(pdu[0]):
             raise IllegalFunction(f"profile {self.name} has no function {pdu[0]}")
-        asked = parse_request(pdu)
+        asked = parse_sent(pdu) if self.any_coil else parse_request(pdu)
         limit = self.limits.get(asked.function)
         if limit is not None and asked.items > limit:
             raise IllegalDataValue(f"profile {self.name} allows {limit} items of function {asked.function}")

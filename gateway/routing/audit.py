@@ -5,7 +5,7 @@ from collections.abc import Callable
 from gateway.errors import RequestError
 from gateway.events import Emit, WriteAudit
 from gateway.modbus.codes import EXCEPTION_BIT
-from gateway.modbus.pdu import parse_request
+from gateway.modbus.pdu import parse_sent
 from gateway.request import Origin, Request
 from gateway.routing.identity import ANONYMOUS, Identity
 
@@ -77,7 +77,7 @@ class AuditedOrigin:
 def _written(pdu: bytes) -> tuple[int, int] | tuple[None, None]:
     """Address and number of the coils or registers to write, if the request names them."""
     try:
-        span = parse_request(pdu).write
+        span = parse_sent(pdu).write
     except RequestError:
         span = None
     return (None, None) if span is None else (span.start, span.count)

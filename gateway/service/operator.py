@@ -10,7 +10,7 @@ from gateway.config.problem import did_you_mean
 from gateway.config.reserved import CONTROL
 from gateway.errors import LineDown, RequestError, WrongQuestion
 from gateway.images.image import ImageSettings
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, MAX_PDU, FunctionCode
+from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, MAX_PDU, FunctionCode
 from gateway.modbus.functions import only_reads
 from gateway.ports.port import SiteSettings
 from gateway.profiles.point import Point
@@ -171,7 +171,7 @@ def no_such_line(wanted: object, known: Iterable[str]) -> WrongQuestion:
 def may_read_all(gateway: Gateway) -> bool:
     """Whether an operator may read every unit: who looks for a device asks numbers of which he knows nothing."""
     rights = gateway.control.rights[""]
-    return all(FunctionCode.READ_HOLDING_REGISTERS in rights[unit] for unit in range(FIRST_UNIT, LAST_UNIT + 1))
+    return all(FunctionCode.READ_HOLDING_REGISTERS in rights[unit] for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1))
 
 
 def names(plan: Plan) -> dict[int, str]:

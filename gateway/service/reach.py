@@ -12,7 +12,7 @@ from gateway.devices.device import Device
 from gateway.images.image import Image
 from gateway.images.mirror_driver import MirrorDriver
 from gateway.listeners.session import ListenSettings
-from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, SERVER_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 from gateway.request import NamedTarget
 from gateway.routing.access import AS_NUMBERED, KnownAs
 from gateway.routing.broadcast import Broadcast, Recipient
@@ -93,19 +93,21 @@ def _recipient(image: Image) -> Recipient:
 
 
 def _everything(routes: Mapping[int, NamedTarget], recipients: Collection[Recipient]) -> _Reach:
-    """All units by their own numbers; the target of unit 255 takes broadcasts too."""
-    is_served = SERVER_UNIT in routes
-    return _Reach(routes, recipients, (*AS_NUMBERED[:SERVER_UNIT], (SERVER_UNIT,)) if is_served else AS_NUMBERED)
+    """All units by their own numbers. Those above 247 count for broadcasts only if they exist."""
+    known = [(unit,) if unit in routes else numbers for unit, numbers in enumerate(AS_NUMBERED)]
+    return _Reach(routes, recipients, tuple(known))
 
 
 def _one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mapping[int, NamedTarget]) -> _Reach:
     """The devices of a line by their addresses.
 
     For rows without listeners, an address that other clients cannot reach counts by its own number, unless another
-    target has that. Address 0 stands for devices without an address in the config, and for broadcasts.
+    target has that; above 247 only if there is a device. Address 0 stands for devices without an address in the
+    config, and for broadcasts.
     """
     known = _known_as(devices, elsewhere)
-    for address in range(FIRST_UNIT, LAST_UNIT + 1):
+    reserved = (device.settings.unit for device in devices if device.settings.unit > LAST_UNIT)
+    for address in (*range(FIRST_UNIT, LAST_UNIT + 1), *reserved):
         if not known[address] and address not in elsewhere:
             known[address].append(address)
     routes = {address: device for address, device in _by_own_number(devices).items() if address != BROADCAST_UNIT}

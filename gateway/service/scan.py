@@ -216,14 +216,14 @@ class Scan:
             return Found(unit.unit, "garbled", baud=self._baud)
         frame, elapsed = unit.heard[0]
         code = frame.pdu[1] if frame.pdu[0] & EXCEPTION_BIT else None
+        there = ScannedUnit(frame.unit, unit.answer_time, self._now)
+        answers: dict[bytes, bytes | None] = {_first_question(unit): frame.pdu}
         return Found(
             unit.unit,
             "answers" if code is None else "exception",
             code,
             round(elapsed * 1000, 1),
-            await self._profile_of(
-                ScannedUnit(frame.unit, unit.answer_time, self._now), {_first_question(unit): frame.pdu}
-            ),
+            await self._profile_of(there, answers) if there.unit != BROADCAST_UNIT else "",
             frame.unit if frame.unit != unit.unit else None,
             self._baud,
         )

@@ -8,7 +8,7 @@ from typing import Final
 
 from gateway.errors import RequestError
 from gateway.modbus.codes import EXCEPTION_BIT, FunctionCode
-from gateway.modbus.pdu import RequestPdu, Span, parse_request
+from gateway.modbus.pdu import RequestPdu, Span, parse_sent
 from gateway.registers.bits import unpack_bits
 from gateway.registers.items import has_bits
 from gateway.registers.reference import reference
@@ -93,7 +93,7 @@ def frame_in_words(frame: bytes, *, is_request: bool, word: Word = str) -> str:
 
 def _parsed(pdu: bytes) -> RequestPdu | None:
     try:
-        return parse_request(pdu)
+        return parse_sent(pdu)
     except RequestError:
         return None
 
@@ -116,8 +116,13 @@ def _span(span: Span, word: Word) -> str:
 def _written(asked: RequestPdu, word: Word) -> str:
     if asked.write is None or not asked.values:
         is_coil = asked.function == FunctionCode.WRITE_SINGLE_COIL
-        return f": {word('on') if asked.data[3] else word('off')}" if is_coil else ""
+        return f": {_coil(asked.data[3:], word)}" if is_coil else ""
     return f": {_values(asked.write, asked.values, word)}"
+
+
+def _coil(value: bytes, word: Word) -> str:
+    """The value of function 05. Some devices know others than on and off."""
+    return {b"\xff\0": word("on"), b"\0\0": word("off")}.get(value, value.hex().upper())
 
 
 def _values(span: Span, data: bytes, word: Word) -> str:

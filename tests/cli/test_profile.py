@@ -154,6 +154,7 @@ def test_a_profile_as_json(capsys):
         "functions": [1, 2, 3, 5, 16, 23],
         "limits": {"3": 99},
         "areas": {"holding": [[1, 99]]},
+        "coil_values": "checked",
         "idle_chars": 3.5,
         "margin": 1.5,
         "timeout_ms": 1000.0,

@@ -714,6 +714,16 @@ def test_a_mirror_polls_an_address_at_least():
     ]
 
 
+def test_addresses_that_the_specification_reserves_are_noted():
+    assert problems(LINE.replace("unit = 1", 'unit = "247-250"').replace('name = "one"', 'name = "one-*"')) == [
+        (
+            "warning: line[0].devices[0].unit: unit 248-250: the specification reserves 248-255"
+            " | right if the device is set to it; others are 1-247"
+        )
+    ]
+    assert problems(LINE.replace("unit = 1", "unit = 1, as = 250")) == []
+
+
 def test_a_lone_device_can_be_polled_with_function_3_only():
     text = LINE.replace("unit = 1", "unit = 0, as = 1") + MIRROR
     assert problems(text) == []

@@ -28,8 +28,9 @@ def test_an_upstream_alone_is_something_to_serve():
 
 def test_units_may_be_0_to_255_behind_the_server():
     assert upstream("tcp://10.1.0.5", '[{ as = "1-3", unit = [0, 248, 255] }]') == []
-    assert upstream("tcp://10.1.0.5", "[{ as = 248, unit = 1 }]") == [
-        "error: upstream[0].units[0].as: unit 248 is neither 1-247 nor 255"
+    assert upstream("tcp://10.1.0.5", '[{ as = "248-250", unit = "248-250" }]') == []
+    assert upstream("tcp://10.1.0.5", "[{ as = 256, unit = 1 }]") == [
+        "error: upstream[0].units[0].as: unit 256 is outside 1-255"
     ]
 
 

@@ -63,7 +63,7 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
             "  help: known here: unit, as, name, profile, priority, timeout, points"
         ),
         'gateway.toml:10:33: error: line[0].devices[0].profile: must be text\n  help: put it in quotes: "3"',
-        "gateway.toml:11:12: error: line[0].devices[1].unit: unit 300 is outside 1-247",
+        "gateway.toml:11:12: error: line[0].devices[1].unit: unit 300 is outside 1-255",
         "gateway.toml:11:23: error: line[0].devices[2]: must be a table",
         "gateway.toml:14:1: error: web.bind: bind is missing",
     ]

@@ -69,7 +69,7 @@ def test_the_defaults_of_the_other_tables():
         (Line, {"port": "/dev/x", "turnaround": "0"}, "value_error"),
         (Line, {"port": "/dev/x", "devices": {"unit": 1}}, "tuple_type"),
         (Line, {"port": "/dev/x", "devices": [1]}, "model_type"),
-        (Device, {"unit": 248}, "value_error"),
+        (Device, {"unit": 256}, "value_error"),
         (Device, {"unit": 1, "known_as": 2}, "extra_forbidden"),
         (Device, {"unit": 1, "as": 0}, "value_error"),
         (Device, {"unit": 1, "profile": 3}, "string_type"),

@@ -11,7 +11,7 @@ from gateway.config.names import parse_name
 from gateway.config.networks import parse_networks
 from gateway.config.port import parse_port
 from gateway.config.problem import NotText, WrongValue
-from gateway.config.unitset import check_client_unit, parse_unit0, parse_units_or_all
+from gateway.config.unitset import check_own_unit, parse_unit0, parse_units_or_all
 from gateway.timing.characters import CharacterFormat
 
 
@@ -28,8 +28,8 @@ from gateway.timing.characters import CharacterFormat
         (parse_unit0, "broadcast", "broadcast"),
         (parse_unit0, 5, 5),
         (parse_unit0, 255, 255),
-        (check_client_unit, 247, 247),
-        (check_client_unit, 255, 255),
+        (check_own_unit, 247, 247),
+        (check_own_unit, 255, 255),
         (parse_item, 65535, 65535),
         (parse_item, True, 1),
         (parse_limits, {"3": 99}, {3: 99}),
@@ -58,8 +58,8 @@ def test_what_a_value_means(parse, value, meaning):
         (parse_port, "/dev/x\x1b[2J", "has characters that cannot be seen"),
         (parse_port, "tcp://10.0.0.1:502", "unknown protocol tcp://"),
         (parse_unit0, "ignore", 'must be "refuse", "broadcast" or a unit, 1-247 or 255'),
-        (check_client_unit, 0, "0 is neither 1-247 nor 255"),
-        (check_client_unit, 248, "248 is neither 1-247 nor 255"),
+        (check_own_unit, 0, "0 is neither 1-247 nor 255"),
+        (check_own_unit, 248, "248 is neither 1-247 nor 255"),
         (parse_unit0, 254, 'must be "refuse", "broadcast" or a unit, 1-247 or 255'),
         (parse_unit0, 0, 'must be "refuse", "broadcast" or a unit, 1-247 or 255'),
         (parse_unit0, True, 'must be "refuse", "broadcast" or a unit, 1-247 or 255'),

@@ -250,9 +250,9 @@ def test_a_lone_device_is_asked_at_address_0_and_answers_from_its_own() -> None:
 
 
 @pytest.mark.parametrize(("unit", "pdu"), [(0, ANSWER), (248, ANSWER), (5, "04 02 00 07")])
-def test_there_too_an_answer_has_a_units_number_and_fits_the_question(unit: int, pdu: str) -> None:
+def test_it_may_answer_from_any_address_but_only_what_was_asked(unit: int, pdu: str) -> None:
     bench = Scanning()
     _, asker = bench.scan(unit=0)
     bench.pass_time(0.01)
     bench.respond(pdu, unit=unit)
-    assert asker.answers == []
+    assert asker.answers == ([pdu] if pdu == ANSWER else [])

@@ -72,6 +72,29 @@ def test_a_profile_without_rules_lets_every_function_pass():
     assert ANY.check(b"\x41\x01\x02").function == 0x41
 
 
+@pytest.mark.parametrize("value", ["FF00", "0000", "5500", "0007", "FFFF"])
+def test_with_any_coil_function_05_may_have_any_value_and_is_confirmed_with_it(value):
+    pdu = bytes.fromhex(f"05 0102 {value}")
+    asked = Profile("relays", any_coil=True).check(pdu)
+    assert asked.write == Span(Area.COILS, 0x0102, 1)
+    assert asked.accepts(pdu)
+    assert not asked.accepts(bytes.fromhex("05 0102 1234"))
+
+
+@pytest.mark.parametrize("pdu", ["05 0102 55", "05 0102 5500 00", "0F 0001 0008 02 00", "06 0001"])
+def test_with_any_coil_all_else_is_checked(pdu):
+    with pytest.raises(IllegalDataValue):
+        Profile("relays", any_coil=True).check(bytes.fromhex(pdu))
+
+
+def test_with_any_coil_functions_and_addresses_are_checked():
+    pdu = bytes.fromhex("05 0008 5500")
+    with pytest.raises(IllegalFunction):
+        Profile("relays", functions=frozenset({1}), any_coil=True).check(pdu)
+    with pytest.raises(IllegalDataAddress):
+        Profile("relays", areas={Area.COILS: ((0, 7),)}, any_coil=True).check(pdu)
+
+
 def test_broadcasts_are_the_functions_that_can_be_broadcast_and_the_device_knows():
     assert Profile("any").broadcasts == {5, 6, 15, 16, 22}
     assert Profile("mint", functions=frozenset({1, 2, 3, 5, 16, 23})).broadcasts == {5, 16}

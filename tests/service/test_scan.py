@@ -225,7 +225,7 @@ async def test_one_scan_of_a_line_at_a_time():
     [
         ({"line": "hal"}, 'there is no line "hal"; did you mean "hall"'),
         ({"line": "panel"}, "on panel the gateway is a server"),
-        ({"units": "1-900"}, "outside 1-247"),
+        ({"units": "1-900"}, "outside 1-255"),
         ({"units": "1"}, "1 of hall: configured or in use already"),
         ({"limit_s": 11}, "more than 0 and at most 10 s"),
         ({"limit_s": "1 s"}, "more than 0 and at most 10 s"),

@@ -234,7 +234,7 @@ def test_a_real_port_and_a_folder_that_is_missing_are_refused(tmp_path: Path, ca
     [
         (["nonsense"], 'there is no profile "nonsense" to simulate'),
         (["weihger"], 'did you mean "weigher"?'),
-        (["generic:0"], "unit 0 is outside 1-247"),
+        (["generic:0"], "unit 0 is outside 1-255"),
         (["generic", "--unit", "1,x"], '"x" is not a valid unit'),
         (["generic", "--baud", "fast"], '"fast" is not a valid rate'),
         (["generic", "--noise", "105%"], '"105%" is not a valid percentage'),

@@ -13,6 +13,7 @@ from gateway.trace.pdus import frame_in_words, request_in_words, response_in_wor
         ("01 00 13 00 25", "read coils 19-55 (00020-00056)"),
         ("05 00 AC FF 00", "write coils 172 (00173): on"),
         ("05 00 AC 00 00", "write coils 172 (00173): off"),
+        ("05 00 AC 55 00", "write coils 172 (00173): 5500"),
         ("06 00 87 03 9E", "write holding 135 (40136): 926"),
         ("10 00 01 00 02 04 00 0A 01 02", "write holding 1-2 (40002-40003): 10 258"),
         ("0F 00 13 00 0A 02 CD 01", "write coils 19-28 (00020-00029): 1 0 1 1 0 0 1 1 1 0"),
