@@ -27,6 +27,7 @@ _CAUSES: Final[Mapping[str, str]] = {
 }
 #: Of a unit in place of whose responses frames of others came.
 _OTHER_TRAFFIC: Final = "what came was probably other traffic: check its power, wiring and address"
+_NOT_FITTING: Final = "what came did not fit the request: modbus-gateway doctor says why"
 _MORE_TIME: Final = "modbus-gateway doctor says how to give it more time"
 
 
@@ -94,7 +95,9 @@ def _about_failures(unit: _Row) -> Iterator[str]:
     error = str(unit["last_error"])
     cause = _CAUSES.get(error, "see the log")
     counts = unit["counts"]
-    if error == "bad_frame" and counts["foreign_frames"] >= max(1, counts["bad_frame"]):
+    if error == "bad_frame" and 2 * counts.get("explained", 0) >= max(1, counts["bad_frame"]):
+        cause = _NOT_FITTING
+    elif error == "bad_frame" and counts["foreign_frames"] >= max(1, counts["bad_frame"]):
         cause = _OTHER_TRAFFIC
     if error == "timeout" and not count_ok(unit):
         cause += ", and the unit identifier in the client"

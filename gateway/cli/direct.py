@@ -27,6 +27,7 @@ from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.schema_profile import ProfileTable
 from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
+from gateway.modbus.explain import Mode, explain
 from gateway.modbus.pdu import parse_request
 from gateway.ports.kinds import open_blocking
 from gateway.ports.port import SerialSettings
@@ -57,6 +58,7 @@ class DirectUnit:
         self.limits = place.limits
         self._client = client
         self._frames = place.frames
+        self._framing: Mode = "tcp" if place.is_tcp else place.mode
         self._advice = place.advice
         self._decoder = DecodePDU(is_server=True)
 
@@ -76,13 +78,20 @@ class DirectUnit:
             elapsed = time.monotonic() - started
             answer = bytes((response.function_code, *response.encode()))
         except (ModbusException, OSError, ValueError) as wrong:
-            what = "the response is damaged" if self._frames.get(False) else "no response"
-            raise NoResponseError(f"unit {self.number}: {what}; {self._advice}") from wrong
+            raise NoResponseError(f"unit {self.number}: {self._what_came(pdu)}; {self._advice}") from wrong
         if not parse_request(pdu).accepts(answer):
-            came = answer.hex(" ").upper()
+            came = f"{answer.hex(' ').upper()} ({self._what_came(pdu)})"
             raise NoResponseError(f"unit {self.number}: this is not the response to this request: {came}")
         frames = self._frames
         return Answer(answer, round(elapsed * 1000, 1), "", frames.get(True, b""), frames.get(False, b""))
+
+    def _what_came(self, pdu: bytes) -> str:
+        """What came in place of the response to this request."""
+        came = self._frames.get(False, b"")
+        if not came:
+            return "no response"
+        unknown = "what came is no response" if self._framing == "tcp" else "the response is damaged"
+        return explain(parse_request(pdu), self.number, came, self._framing) or unknown
 
 
 class _Place:
@@ -94,6 +103,7 @@ class _Place:
         self.functions: frozenset[int] | None = None
         self.limits: Mapping[int, int] = {}
         self.mode: Literal["rtu", "ascii"] = args.mode or "rtu"
+        self.is_tcp = bool(args.tcp)
         self._is_mode_given = args.mode is not None
         self.timeout: float = args.timeout or (_TCP_TIMEOUT if args.tcp else _TIMEOUT)
         seconds = f"{self.timeout:g} s"
@@ -180,7 +190,8 @@ def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack)
         raise WrongUsageError(str(wrong), wrong.remedy) from wrong
     if isinstance(port, Address):
         refuse_port_of_gateway(port, which_gateway(args))
-        return _socket_client(port, _FRAMERS[DEVICE_SERVER_MODES[port.scheme]], place, open_parts)
+        place.mode = DEVICE_SERVER_MODES[port.scheme]
+        return _socket_client(port, _FRAMERS[place.mode], place, open_parts)
     if not fits_mode(format_, place.mode):
         raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")
     try:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import groupby, pairwise
 from typing import Final
 
-from gateway.config.address import Address
+from gateway.config.address import DEFAULT_PORTS, Address
 from gateway.config.character_format import fits_mode
 from gateway.config.check_access import check_access
 from gateway.config.check_addresses import check_addresses
@@ -222,6 +222,10 @@ def _check_device_server(line: Line) -> Iterator[Problem]:
     if line.has("mode") and line.mode != line.spoken:
         remedy = f'leave mode out, or write port = "{replace(line.port, scheme=f"{line.mode}+tcp")}"'
         yield error((*line.path, "mode"), f"{line.port.scheme}:// carries {line.spoken.upper()}", remedy)
+    if line.port.port == DEFAULT_PORTS["tcp"]:
+        what = f"port 502 is that of Modbus TCP, and {line.port.scheme}:// sends bare {line.spoken.upper()} frames"
+        remedy = f'if the server speaks Modbus TCP: [[upstream]] with to = "{replace(line.port, scheme="tcp")}"'
+        yield warning((*line.path, "port"), what, remedy)
     if line.rs485 == "kernel":
         remedy = 'set RS-485 in the device server, and leave rs485 out or "adapter"'
         yield error((*line.path, "rs485"), "a device server controls its own driver", remedy)

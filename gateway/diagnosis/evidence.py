@@ -62,8 +62,9 @@ class UnitEvidence:
     `latest_limit`; `behind` ones came within it, behind one that another client may have asked for, and were dropped
     too. `limit` is the longest of the last ones of all functions, 0 before the first request, and `limit_share` what 99
     of 100 answers took of theirs. `twice` are answers that came a second time. `instead` is what was received lately in
-    place of answers. The last `in_a_row` requests failed. The last answer came so many seconds `ago`, None if none did.
-    Of units that are not `is_configured` only clients say that they exist. `last_failed` is the last request without a
+    place of answers. Of the bad frames, so many are `explained`; `why` is that of the last failure, empty if nothing
+    explains it. The last `in_a_row` requests failed. The last answer came so many seconds `ago`, None if none did. Of
+    units that are not `is_configured` only clients say that they exist. `last_failed` is the last request without a
     valid response, `last_bad` that with a bad frame, `last_late` the last late answer and `last_twice` the last one
     that came a second time. If it `has_table`, its limits come from the timing table of its profile. `moved_from` is
     the address in the config, if it is, or may be, at another one.
@@ -87,6 +88,8 @@ class UnitEvidence:
     limit_share: float | None = None
     twice: int = 0
     instead: tuple[bytes, ...] = ()
+    explained: int = 0
+    why: str = ""
     in_a_row: int = 0
     ago: float | None = None
     is_configured: bool = True
@@ -106,6 +109,11 @@ class UnitEvidence:
     def failed(self) -> int:
         """Requests that were sent and got no valid response within their limit."""
         return self.timeouts + self.bad_frames + self.ambiguous
+
+    @property
+    def damaged(self) -> int:
+        """Bad frames that nothing explains."""
+        return self.bad_frames - self.explained
 
     @property
     def is_silent(self) -> bool:
@@ -136,7 +144,9 @@ class Search:
 
 @dataclass(frozen=True, slots=True)
 class LineEvidence:
-    """A client line. `reason` says why it is down, or why it `is_standby`; it is empty while the line is up.
+    """A client line, or an upstream, which gets up to `in_flight` requests at once.
+
+    `reason` says why it is down, or why it `is_standby`; it is empty while the line is up.
 
     `sent` requests have left; `copies` of them came back, of the last `copies_in_a_row` each. `others` are requests of
     other clients that were heard; `last_copy` and `last_other` are the last ones.
@@ -164,6 +174,7 @@ class LineEvidence:
     last_framing: Last = NOW
     units: tuple[UnitEvidence, ...] = ()
     search: Search | None = None
+    in_flight: int = 0
 
     @property
     def is_silent(self) -> bool:

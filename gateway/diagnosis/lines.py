@@ -1,4 +1,4 @@
-"""Rules about a client line."""
+"""Rules about a client line, or an upstream."""
 
 from collections.abc import Callable, Iterator
 from typing import Final
@@ -135,13 +135,22 @@ def _speed(line: LineEvidence) -> Iterator[Finding]:
 
 def _silence(line: LineEvidence) -> Iterator[Finding]:
     if line.search is None and line.is_silent:
-        what = f"none of its {len(line.units)} units answers at {line.baud} {line.format}"
-        remedy = f"{_check_line(line)}; without --passive, doctor {line.name} tries other rates"
+        what = f"none of its {len(line.units)} units answers"
+        if line.in_flight:
+            remedy = (
+                f"check the unit identifiers, and the devices behind the server; {line.source}: timeout, if it is slow"
+            )
+        else:
+            what += f" at {line.baud} {line.format}"
+            remedy = f"{_check_line(line)}; without --passive, doctor {line.name} tries other rates"
         yield Finding("fix", line.name, what, remedy)
     elif line.has_stopped:
         asked = sum(1 for unit in line.units if unit.asked)
         what = f"none of its {asked} units answers any more, though some have answered"
-        yield Finding("fix", line.name, what, "check the power of the line, the adapter and the wires")
+        remedy = "check the server, and what is behind it"
+        if not line.in_flight:
+            remedy = "check the power of the line, the adapter and the wires"
+        yield Finding("fix", line.name, what, remedy)
 
 
 def _check_line(line: LineEvidence) -> str:

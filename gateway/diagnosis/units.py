@@ -80,21 +80,30 @@ def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Fou
         yield _Found(max(unit.bad_frames, unit.twice), _row(last.level, unit, what, remedy))
 
 
+def _does_not_fit(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:  # noqa: ARG001 - a rule as the others
+    """What came was intact, or is of another kind: neither wires nor addresses are wrong."""
+    if unit.why and unit.explained > WRONG * unit.asked:
+        what = f"{unit.explained} of {unit.asked} responses did not fit their requests{unit.last_bad}: {unit.why}"
+        remedy = "compare function, addresses, number and values with what the document of the device allows"
+        level = unit.last_bad.level if unit.explained >= ENOUGH else "note"
+        yield _Found(unit.explained, _row(level, unit, what, remedy))
+
+
 def _is_damaged(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    if unit.bad_frames > WRONG * unit.asked:
+    if unit.damaged > WRONG * unit.asked:
         yield from _damage(unit.last_bad.level, unit, line)
 
 
 def _is_damaged_at_times(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    if unit.bad_frames >= SOME * unit.asked:
+    if unit.damaged >= SOME * unit.asked:
         yield from _damage("note", unit, line)
 
 
 def _damage(level: Level, unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    if unit.bad_frames >= ENOUGH:
-        what = f"{unit.bad_frames} of {unit.asked} responses were damaged{unit.last_bad}"
+    if unit.damaged >= ENOUGH:
+        what = f"{unit.damaged} of {unit.asked} responses were damaged{unit.last_bad}"
         remedy = f"check format ({line.format}), wiring, termination and shield of {line.name}"
-        yield _Found(unit.bad_frames, _row(level, unit, what, remedy))
+        yield _Found(unit.damaged, _row(level, unit, what, remedy))
 
 
 def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -129,7 +138,7 @@ def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
 
 def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     """However many requests were answered before."""
-    if not unit.in_a_row or unit.is_silent or line.has_stopped or _others_tell(unit, line):
+    if not unit.in_a_row or unit.is_silent or unit.why or line.has_stopped or _others_tell(unit, line):
         return
     if any(each.finding.level == "fix" for each in _shares_its_address(unit, line)):
         return
@@ -144,11 +153,13 @@ def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]
 def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if unit.is_silent or line.has_stopped or _others_tell(unit, line):
         return
-    damaged = unit.bad_frames if unit.bad_frames >= max(ENOUGH, SOME * unit.asked) else 0
-    failed = unit.failed - min(damaged + unit.late, unit.failed)  # the others have rows of their own
+    bad = unit.bad_frames if unit.bad_frames >= max(ENOUGH, SOME * unit.asked) else unit.explained
+    failed = unit.failed - min(bad + unit.late, unit.failed)  # the others have rows of their own
     if failed > WRONG * unit.asked and (failed >= ENOUGH or not unit.answered):
         what = f"{failed} of {unit.asked} requests were not answered{unit.last_failed}"
         remedy = "check power and wiring of the device; modbus-gateway status shows if it goes on"
+        if line.in_flight > 1:
+            remedy = f"if it answers when it is polled alone, {line.source}: in_flight = 1; else check the device"
         yield _Found(failed, _row(unit.last_failed.level, unit, what, remedy))
 
 
@@ -186,7 +197,7 @@ def _others_tell(unit: UnitEvidence, line: LineEvidence) -> bool:
 
 
 def _hears_others_only(unit: UnitEvidence, line: LineEvidence) -> bool:
-    has_answered = bool(unit.answered or unit.late or unit.behind)
+    has_answered = bool(unit.answered or unit.late or unit.behind or unit.explained)
     return not has_answered and unit.bad_frames + unit.ambiguous >= ENOUGH and line.others >= ENOUGH
 
 
@@ -199,7 +210,7 @@ def _refuses(unit: UnitEvidence) -> bool:
 
 
 def _is_garbled(unit: UnitEvidence) -> bool:
-    if unit.bad_frames < ENOUGH or unit.bad_frames < 0.3 * unit.asked:
+    if unit.damaged < ENOUGH or unit.damaged < 0.3 * unit.asked:
         return False
     return 2 * len(set(unit.instead)) > len(unit.instead)
 
@@ -231,7 +242,7 @@ _CHECK_DEVICE: Final = "check power, wiring and address of the device"
 #: Of the rules of a row, only the first one that finds anything is told.
 _RULES: Final[Sequence[Sequence[_Rule]]] = (
     (_answers_late, _is_close_to_limit),
-    (_never_answers, _shares_its_address, _is_damaged, _is_damaged_at_times),
+    (_never_answers, _shares_its_address, _does_not_fit, _is_damaged, _is_damaged_at_times),
     (_is_silent, _answers_no_more, _fails),
     (_is_refusing,),
 )

@@ -32,6 +32,7 @@ from gateway.lines.late import LateWindows, Overdue, SentRequest
 from gateway.lines.overheard import Overheard
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
+from gateway.modbus.explain import explain_pdu
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import KNOWN_FUNCTIONS, request_size, response_size
 from gateway.modbus.pdu import RequestPdu, parse_request, parse_sent
@@ -294,7 +295,7 @@ class Attribution:
         if ours is not None and is_copy:
             self.overheard.count_copy(token.at)
             at = max(at, ours.ends_at)  # the response that follows may be ours
-        elif is_sure:
+        elif is_sure and not self._may_be_response(frame):
             self.overheard.count_request(token.at)
         self.is_shared = True
         self._await_response(ForeignRequest(at, token.end, frame, asked))
@@ -304,6 +305,12 @@ class Attribution:
             if self.heard_asker is not None:
                 self.heard_asker()
         return True
+
+    def _may_be_response(self, frame: Frame) -> bool:
+        """Whether it may as well be a response with another value: a device limits what is written."""
+        ours = self._asked
+        is_from_it = ours is not None and self._is_on_line and frame.unit == ours.unit
+        return is_from_it and ours is not None and bool(explain_pdu(ours.asked, frame.pdu))
 
     def _await_response(self, request: ForeignRequest) -> None:
         """Remember another client's request. If there are too many, one that may be a response goes first."""

@@ -44,6 +44,8 @@ class Counts:
     #: Not sent: its client had disconnected.
     unwanted: int = 0
 
+    #: Of the bad frames, those that it is known of why they are no responses.
+    explained: int = 0
     #: Frames sent, including broadcasts and repeated reads, and valid responses within their limits.
     sent: int = 0
     responses: int = 0
@@ -75,17 +77,19 @@ class UnitCounts(dict[int, Counts]):
 
     `codes` counts the unit's exception responses by code. `last_error` is the result of the last request that was sent
     and not `ok`: `timeout`, `exception 02`. That was at `last_error_at`. `received_instead` has the last bytes that
-    came in place of responses. `last_times` has those of what may be repaired: of failed requests by their result, of
-    `late` responses, and of those that came `twice`.
+    came in place of responses, for no known reason. `why` explains the last failure, if that can be explained.
+    `last_times` has those of what may be repaired: of failed requests by their result, of `late` responses, and of
+    those that came `twice`.
     """
 
-    __slots__ = ("codes", "last_error", "last_error_at", "last_times", "received_instead", "times")
+    __slots__ = ("codes", "last_error", "last_error_at", "last_times", "received_instead", "times", "why")
 
     def __init__(self) -> None:
         super().__init__()
         self.times: dict[int, Times] = {}
         self.codes: dict[int, int] = {}
         self.received_instead: deque[bytes] = deque(maxlen=_KEPT)
+        self.why = ""
         self.last_error = ""
         self.last_error_at = NEVER
         self.last_times: dict[str, LastTime] = {}
@@ -113,6 +117,12 @@ class UnitCounts(dict[int, Counts]):
         """Something that may be repaired has happened: see `last_times`."""
         self.last_times[what] = LastTime(now, self.responses)
 
+    def record_instead(self, received: bytes, why: str) -> None:
+        """These bytes came in place of a response; `why` they are none, if they tell."""
+        self.why = why
+        if received and not why:
+            self.received_instead.append(received)
+
     def record_error(self, error: str, now: float) -> None:
         """A request that was sent has failed."""
         self.last_error = error
@@ -122,7 +132,7 @@ class UnitCounts(dict[int, Counts]):
 _NAMES: Final = tuple(field.name for field in fields(Counts))
 _VALUES: Final = attrgetter(*_NAMES)
 #: The names of the first group: the possible results of a request.
-RESULTS: Final = _NAMES[: _NAMES.index("sent")]
+RESULTS: Final = _NAMES[: _NAMES.index("explained")]
 
 
 def total(counts: Iterable[Counts]) -> Counts:

@@ -72,7 +72,7 @@ class Line:
         self.unasked_bytes = 0
         self.spent = TimeSpent()
         self.observer: Observer | None = None
-        self._report = Report(settings.name, settings.source, emit)
+        self._report = Report(settings.name, settings.source, emit, settings.timing.mode)
         recorder = Recorder(settings.name, ring or Ring())
         self._windows = LateWindows(settings.late_window)
         echo = EchoDetector(self._report, is_configured=settings.echo)

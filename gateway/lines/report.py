@@ -6,6 +6,7 @@ from typing import Final
 
 from gateway import events
 from gateway.lines.transaction import Destination, Transaction
+from gateway.modbus.explain import Mode, explain
 from gateway.modbus.frame import Frame
 
 _NO_ANSWER: Final = "no valid answer"
@@ -18,10 +19,11 @@ _NO_WIRE: Final = 'if the device is its own adapter (USB CDC, a virtual machine,
 class Report:
     """Logs events with what a reader needs to find the device: its line, its name, and its place in the config."""
 
-    def __init__(self, line: str, source: str, emit: events.Emit) -> None:
+    def __init__(self, line: str, source: str, emit: events.Emit, mode: Mode) -> None:
         self._line = line
         self._source = source
         self._emit = emit
+        self._mode = mode
 
     def queue_full(self, transaction: Transaction) -> None:
         """A request got 06."""
@@ -30,10 +32,15 @@ class Report:
 
     def given_up(self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool) -> None:
         """No valid response came; `received` came instead, `is_echo` if that is the request."""
+        is_told = bool(received) and not is_echo
+        why = explain(transaction.asked, transaction.answers_from, received, self._mode) if is_told else ""
+        transaction.device.counts.record_instead(received, why)
+        if why:
+            transaction.counts.explained += len(transaction.requests)
         if received:
-            transaction.device.counts.received_instead.append(received)
             hint = f"this is the request itself: {_echo_hint(transaction)}"
-            reason = hint if is_echo else _NO_ANSWER if transaction.outstanding else _DAMAGED
+            is_damaged = self._mode != "tcp" and not transaction.outstanding
+            reason = hint if is_echo else why or (_DAMAGED if is_damaged else _NO_ANSWER)
             self._log(partial(events.BadFrame, heard=received[:64].hex(" ").upper(), reason=reason), transaction, now)
         else:
             self._log(events.RequestTimeout, transaction, now)

@@ -42,7 +42,7 @@ class Arrivals:
 
     __slots__ = (
         "_behind", "_buffer", "_framer", "_heard_at", "_heard_since", "_later_after", "_looked_at", "_pieces",
-        "_stopped_at", "_together_until", "_uncut", "noise",
+        "_stopped_at", "_together_until", "_uncut", "latest", "noise",
     )  # fmt: skip
 
     def __init__(self, scheme: str, now: float) -> None:
@@ -52,8 +52,9 @@ class Arrivals:
         self._uncut = b""
         #: The pieces with bytes that are not part of a complete frame, and when each arrived, as in `Arrived`.
         self._pieces: deque[tuple[bytes, float, float]] = deque()
-        #: Bytes since the last request.
+        #: Bytes since the last request, and those that were cut last.
         self.noise = 0
+        self.latest = b""
         #: What had arrived then was cut.
         self._looked_at = now
         #: When the last bytes arrived, as in `Arrived`.
@@ -99,6 +100,7 @@ class Arrivals:
         if not data:
             return []
         self._uncut = b""
+        self.latest = data
         self._heard_at = now
         self._heard_since = self._looked_at
         self.noise += len(data)

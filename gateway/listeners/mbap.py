@@ -2,9 +2,11 @@
 
 from typing import Final
 
+from gateway.errors import IllegalFunction, NoRoute, NotModbus, RequestError
 from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import GONE, HALF_CLOSED, Connection, ListenSettings, Session
 from gateway.modbus import mbap
+from gateway.modbus.framings import likeness
 from gateway.request import Request, Target
 
 #: In place of the transaction identifier of a request that another one has replaced.
@@ -86,6 +88,10 @@ class MbapSession(Session):
         return super().wants(request) and request.transaction != _GIVEN_UP
 
     @property
+    def _hint(self) -> str:
+        return self._framer.hint
+
+    @property
     def _takes_more(self) -> bool:
         return (self._in_flight < self._limit or self._limit == 0) and not self._back_pressure.is_on
 
@@ -111,8 +117,21 @@ class MbapSession(Session):
             self._router.submit(request, now)
             if not request.is_over:
                 self._under_way[adu.transaction] = request
+            elif request.error is not None:
+                self._check_framing(request, request.error)
         self._rises = _READ_AHEAD
         self._pause()
+
+    def _check_framing(self, request: Request, error: RequestError) -> None:
+        """The address 0 in an RTU frame looks like the protocol identifier: then unit or function are wrong.
+
+        Raises:
+            NotModbus: the client has sent RTU frames.
+        """
+        if isinstance(error, NoRoute | IllegalFunction):
+            words = likeness(mbap.encode(request.transaction, request.unit, request.pdu), "Modbus TCP")
+            if words:
+                raise NotModbus(f"what it sends is not Modbus TCP{words}")
 
     def _close_when_done(self) -> None:
         """See Session; what was read before the client closed its side is processed first."""

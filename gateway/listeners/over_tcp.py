@@ -16,6 +16,7 @@ from gateway.listeners.arrivals import Arrivals, Arrived, Relation
 from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import GONE, Connection, ListenSettings, Session
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_RTU_ADU
+from gateway.modbus.framings import Framing, likeness
 from gateway.request import Request, Target
 
 # What the client waits for:
@@ -220,8 +221,21 @@ class OverTcpSession(Session):
             raise NotModbus(f"{self._arrivals.noise} bytes without a request")
         if arrived:
             self._queue(arrived, now)
+        elif not self.asked and self._arrivals.noise:
+            self._check_framing()
         if self._awaited is not None or self._waiting:
             self._notice(self._arrivals.noise_relation)
+
+    def _check_framing(self) -> None:
+        """Look at the first bytes of a client, in which there is no request.
+
+        Raises:
+            NotModbus: they are of another framing.
+        """
+        own: Framing = "ASCII" if self._settings.scheme == "ascii+tcp" else "RTU"
+        words = likeness(self._arrivals.latest, own)
+        if words:
+            raise NotModbus(f"what it sends is not {own}{words}")
 
     def _queue(self, arrived: list[Arrived], now: float) -> None:
         for each in arrived:

@@ -302,7 +302,7 @@ class Session(ABC):
         waits_for_us = self._back_pressure.is_paused or blocked_at is not None
         self._whole_at = now if waits_for_us or not self.has_begun else max(self._whole_at, self.last_asked)
         if now - self._whole_at >= SENDING_DEADLINE:
-            return f"sent no whole request within {SENDING_DEADLINE:g} s"
+            return f"sent no whole request within {SENDING_DEADLINE:g} s{self._hint}"
         return ""
 
     def closed(self) -> None:
@@ -313,6 +313,11 @@ class Session(ABC):
         self._life = GONE
         self._connection = _Gone()
         self._out.clear()
+
+    @property
+    def _hint(self) -> str:
+        """The words to add if what it has sent looks like another framing."""
+        return ""
 
     @property
     def _takes_more(self) -> bool:

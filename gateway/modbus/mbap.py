@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from gateway.errors import NotModbus
-from gateway.modbus.codes import MAX_TCP_ADU
+from gateway.modbus.codes import BROADCAST_UNIT, MAX_TCP_ADU, SERVER_UNIT
+from gateway.modbus.framings import likeness
 
 #: Transaction, protocol and length, which the length field does not count.
 _UNCOUNTED: Final = 6
@@ -18,6 +19,8 @@ _PROTOCOL: Final = bytes((0, _MODBUS))
 _HEAD: Final = 7
 #: Receive buffer of one connection: a burst of 64 reads, four of the largest ADUs.
 _BUFFER: Final = 4 * MAX_TCP_ADU
+#: The unit identifiers in responses of servers that have only one unit (T 4.4.1.2).
+NO_UNIT: Final = (BROADCAST_UNIT, SERVER_UNIT)
 #: It holds at most this many requests.
 MOST_AT_ONCE: Final = _BUFFER // (_UNCOUNTED + _SHORTEST)
 
@@ -96,17 +99,18 @@ class MbapFramer:
         """The next complete ADU, or None. ADUs of other protocols are skipped (T 4.4.2.2).
 
         Raises:
-            NotModbus: the length field is outside 2 to 254, so that no later ADU can be found; or see `strict`.
+            NotModbus: the length field is outside 2 to 254, so that no later ADU can be found; there is an RTU or ASCII
+                frame; or see `strict`.
         """
         data = self._data
         while len(data) - self._at >= _UNCOUNTED:
             at = self._at
             protocol = data[at + 2] << 8 | data[at + 3]
             length = data[at + 4] << 8 | data[at + 5]
-            if protocol != _MODBUS and self._strict:
-                raise NotModbus(f"a protocol identifier of {protocol}; that of Modbus is 0")
+            if protocol != _MODBUS:
+                self._check_protocol(protocol)
             if not _SHORTEST <= length <= _LONGEST:
-                raise NotModbus(f"an MBAP length of {length}; 2 to 254 are possible")
+                raise NotModbus(f"an MBAP length of {length}; 2 to 254 are possible{self.hint}")
             end = at + _UNCOUNTED + length
             if end > len(data):
                 return None
@@ -148,3 +152,13 @@ class MbapFramer:
     def unfinished(self) -> int:
         """Bytes of an ADU that is not complete yet."""
         return len(self._data) - self._at
+
+    @property
+    def hint(self) -> str:
+        """The words to add to a message if what comes next looks like another framing; else none."""
+        return likeness(self._data[self._at :], "Modbus TCP")
+
+    def _check_protocol(self, protocol: int) -> None:
+        """See `next`. In RTU and ASCII frames there is no such field."""
+        if self._strict or self.hint:
+            raise NotModbus(f"a protocol identifier of {protocol}; that of Modbus is 0{self.hint}")

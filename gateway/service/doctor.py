@@ -23,7 +23,14 @@ from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.service.build import Gateway
 from gateway.service.control import IsThere
-from gateway.service.evidence import client_evidence, line_evidence, shown_devices, unit_evidence, units_evidence
+from gateway.service.evidence import (
+    client_evidence,
+    line_evidence,
+    shown_devices,
+    unit_evidence,
+    units_evidence,
+    upstream_evidence,
+)
 from gateway.service.expiry import about_certificates
 from gateway.service.operator import may_read_all, no_such_line
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
@@ -31,6 +38,9 @@ from gateway.service.questions import harmless_read, outcome_of
 from gateway.service.running import Running
 from gateway.service.search import search
 from gateway.timing.measured import NEVER
+
+#: What has units that can be asked.
+_Asked = GatewayLine | GatewayUpstream
 
 #: A unit with fewer requests than this is asked until it has this many, or until it has failed to answer this often.
 SAMPLES: Final = 4
@@ -45,7 +55,7 @@ LISTENING: Final = 3.0
 
 
 async def examine(running: Running, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
-    """Findings about one `line` or about all, and the ports to look at. Without `ask` nothing is sent for it.
+    """Findings about one `line`, or upstream, or about all, and the ports to look at. Without `ask` nothing is sent.
 
     Raises:
         WrongQuestion: there is no such line.
@@ -65,19 +75,19 @@ async def examined(
     gateway = running.gateway
     lines = [line for line in gateway.lines if wanted in (None, line.name)]
     servers = [server for server in gateway.servers if wanted in (None, server.name)]
-    if wanted is not None and not lines and not servers:
-        names = [line.name for line in gateway.lines] + [server.name for server in gateway.servers]
-        raise no_such_line(wanted, names)
+    upstreams = [upstream for upstream in gateway.upstreams if wanted in (None, upstream.name)]
+    if wanted is not None and not (lines or servers or upstreams):
+        raise no_such_line(wanted, [part.name for part in gateway.parts])
+    asked: tuple[_Asked, ...] = (*lines, *upstreams)
     if asks:
-        about_lines = await asyncio.gather(*(_about(running, line, is_there, asks=True) for line in lines))
+        found_about = await asyncio.gather(*(_about(running, part, is_there, asks=True) for part in asked))
     else:  # one after the other, each with pauses
-        about_lines = [await _about(running, line, is_there, asks=False) for line in lines]
-    groups = [(line.name, found) for line, found in zip(lines, about_lines, strict=True)]
+        found_about = [await _about(running, part, is_there, asks=False) for part in asked]
+    about = {part.name: found for part, found in zip(asked, found_about, strict=True)}
+    groups = [(line.name, about[line.name]) for line in lines]
     groups += [(server.name, _about_server(server)) for server in servers]
+    groups += [(upstream.name, about[upstream.name]) for upstream in upstreams]
     if wanted is None:
-        nats = gateway.fleet.status()
-        has_nats = nats is None or not nats.reason
-        groups += [(each.name, _about_upstream(each, has_nats=has_nats)) for each in gateway.upstreams]
         outwards = (*_about_publishing(gateway), *_about_fleet(gateway), *_about_state(running))
         groups.append(("", [*about_certificates(gateway.contexts, time.time()), *outwards]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.only in ("", wanted)]
@@ -117,56 +127,78 @@ def _about_state(running: Running) -> Iterator[Finding]:
         yield about_state_file(each.file, each.reason, was_damaged=each.state == "damaged")
 
 
-async def _about(running: Running, line: GatewayLine, is_there: IsThere, *, asks: bool) -> list[Finding]:
-    now = asyncio.get_running_loop().time
+async def _about(running: Running, part: _Asked, is_there: IsThere, *, asks: bool) -> list[Finding]:
+    if isinstance(part, GatewayUpstream):
+        return await _about_upstream(running, part, is_there, asks=asks)
+    line, now = part, asyncio.get_running_loop().time
     began, found, said = now(), None, []
     if asks and line.reconnector.is_open:
         asked, is_cut_short = await _ask_units(running, line, is_there)
         if asked:
             await asyncio.sleep(max(0.0, began + LISTENING - now()))  # other clients may ask now and then
-            limit = f" in {LONGEST_ASKING:g} s, which was too short for all" if is_cut_short else ""
-            said.append(
-                ("one read of a configured unit" if asked == 1 else f"{asked} reads of configured units") + limit
-            )
+            said.append(_told_of_reads(asked, is_cut_short=is_cut_short))
         found = await _look_for_silent_units(running, line, is_there)
         if found is not None:
             said += _told(found)
     units = await units_evidence(line)
     findings = list(about_line(line_evidence(line, now(), running.recent, units, found)))
     if said:
-        findings.append(Finding("note", line.name, f"doctor has sent {', and '.join(said)}"))
+        findings.append(_has_sent(line, said))
     return findings
 
 
-async def _ask_units(running: Running, line: GatewayLine, is_there: IsThere) -> tuple[int, bool]:
+async def _about_upstream(
+    running: Running, upstream: GatewayUpstream, is_there: IsThere, *, asks: bool
+) -> list[Finding]:
+    if upstream.reconnector.error is not None:
+        return _why_down(upstream, running.gateway)
+    asked, is_cut_short = await _ask_units(running, upstream, is_there) if asks else (0, False)
+    findings = list(about_line(upstream_evidence(upstream, await units_evidence(upstream))))
+    if asked:
+        findings.append(_has_sent(upstream, [_told_of_reads(asked, is_cut_short=is_cut_short)]))
+    return findings
+
+
+def _told_of_reads(asked: int, *, is_cut_short: bool) -> str:
+    limit = f" in {LONGEST_ASKING:g} s, which was too short for all" if is_cut_short else ""
+    return ("one read of a configured unit" if asked == 1 else f"{asked} reads of configured units") + limit
+
+
+def _has_sent(part: _Asked, said: list[str]) -> Finding:
+    return Finding("note", part.name, f"doctor has sent {', and '.join(said)}")
+
+
+async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple[int, bool]:
     """Read the units of which too little is known; the number of requests, and whether LONGEST_ASKING was too short."""
 
     def is_wanted() -> bool:
-        return is_there() and running.keeps(line)
+        return is_there() and running.keeps(part)
 
     asked = 0
     try:
         async with asyncio.timeout(LONGEST_ASKING):
-            for device in _doubtful_first(line):
+            for device in _doubtful_first(part):
                 await asyncio.sleep(0)  # let others run: a line may have hundreds
                 settings, before = device.settings, asked
                 pdu = harmless_read(settings.profile)
-                while pdu is not None and is_wanted() and _needs_more(line, device, asked - before):
+                while pdu is not None and is_wanted() and _needs_more(part, device, asked - before):
                     error, _ = await outcome_of(running.gateway.control, settings.known_as, pdu, is_there)
                     if error is not None and not _was_sent(error.result):
                         break  # it rests, or the operator may not read
                     asked += 1
-                    if error is not None:
-                        await _wait_for_late_answer(line)
+                    if error is not None and isinstance(part, GatewayLine):
+                        await _wait_for_late_answer(part)
     except TimeoutError:
         return asked, True
     return asked, False
 
 
-def _doubtful_first(line: GatewayLine) -> list[Device]:
+def _doubtful_first(part: _Asked) -> list[Device]:
     """The units to ask: if one of them does not answer, the others must answer after that."""
-    shared = {settings.known_as for settings in line.plan.shared}
-    devices = [device for device in shown_devices(line) if device.settings.known_as in shared]
+    devices = shown_devices(part)
+    if isinstance(part, GatewayLine):
+        shared = {settings.known_as for settings in part.plan.shared}
+        devices = [device for device in devices if device.settings.known_as in shared]
     return sorted(devices, key=_has_answered)
 
 
@@ -208,21 +240,21 @@ def _told(found: Search) -> list[str]:
     return told
 
 
-def _needs_more(line: GatewayLine, device: Device, asked_here: int) -> bool:
-    unit = unit_evidence(line, device)
+def _needs_more(part: _Asked, device: Device, asked_here: int) -> bool:
+    unit = unit_evidence(part, device)
     if unit.answered and unit.in_a_row:  # did it lose a few requests, does it answer again?
         return not asked_here or max(unit.in_a_row, asked_here) < ENOUGH_IN_A_ROW
-    if unit.ago is not None and unit.ago > min(RECENT, _failed_ago(line)):
+    if unit.ago is not None and unit.ago > min(RECENT, _failed_ago(part)):
         return asked_here < ENOUGH_IN_A_ROW
     if unit.bad_frames and not unit.answered:  # are two devices there, or is the line disturbed?
         return asked_here < SAMPLES
     return unit.asked < SAMPLES and unit.timeouts < FAILURES and not unit.late
 
 
-def _failed_ago(line: GatewayLine) -> float:
+def _failed_ago(part: _Asked) -> float:
     """How long ago a unit of the line has failed that has not answered since, in seconds."""
-    failing = (device.counts.last_error_at for device in line.devices.values() if device.breaker.failures)
-    return line.now() - max(failing, default=NEVER)
+    failing = (device.counts.last_error_at for device in part.devices.values() if device.breaker.failures)
+    return part.now() - max(failing, default=NEVER)
 
 
 def _was_sent(result: str) -> bool:
@@ -237,14 +269,13 @@ def _about_server(server: GatewayServer) -> list[Finding]:
     return [Finding("ok", server.name, f"responses to its client: {counts.responses}")]
 
 
-def _about_upstream(upstream: GatewayUpstream, *, has_nats: bool) -> list[Finding]:
+def _why_down(upstream: GatewayUpstream, gateway: Gateway) -> list[Finding]:
     port, error = upstream.plan.port, upstream.reconnector.error
-    if error is None:
-        return []
     place = place_of(upstream.plan.upstream.source, "to")
     remedy = f'{place}: check to = "{upstream.reconnector.port_path}", and the server there'
     if isinstance(port, SiteSettings):
-        if not has_nats:
+        nats = gateway.fleet.status()
+        if nats is not None and nats.reason:
             return []  # the row about NATS says it
         remedy = f"check the gateway of {port.site}, and its connection to NATS: modbus-gateway status --fleet"
     return [Finding("fix", upstream.name, f"is down: {error}", remedy)]

@@ -4,7 +4,7 @@ from gateway.devices.device import Device
 from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
 from gateway.diagnosis.last import NOW, Last
 from gateway.lines.counts import UnitCounts, total
-from gateway.lines.overheard import Belated
+from gateway.lines.overheard import Belated, Overheard
 from gateway.listeners.tcp import TcpListener
 from gateway.ports.port import SerialSettings
 from gateway.service.build import Gateway, Listener
@@ -15,9 +15,17 @@ from gateway.timing.histogram import SHARES, merged
 from gateway.timing.measured import NEVER
 
 
-async def units_evidence(line: GatewayLine) -> tuple[UnitEvidence, ...]:
-    """The evidence about the devices of a line, with pauses for the lines."""
-    return tuple(await in_slices(unit_evidence(line, device) for device in shown_devices(line)))
+async def units_evidence(part: GatewayLine | GatewayUpstream) -> tuple[UnitEvidence, ...]:
+    """The evidence about the devices of a line or an upstream, with pauses for the lines."""
+    return tuple(await in_slices(unit_evidence(part, device) for device in shown_devices(part)))
+
+
+def upstream_evidence(upstream: GatewayUpstream, units: tuple[UnitEvidence, ...]) -> LineEvidence:
+    """The evidence about an upstream that is not down, with that about its `units`."""
+    settings = upstream.plan.upstream
+    return LineEvidence(
+        settings.name, settings.source, 0, "", is_serial=False, units=units, in_flight=settings.in_flight
+    )
 
 
 def line_evidence(
@@ -51,18 +59,22 @@ def line_evidence(
     )
 
 
-def shown_devices(line: GatewayLine) -> list[Device]:
-    """The devices of a line; of a line that passes all units through, those that got requests."""
-    return [device for device in line.devices.values() if device.counts or not line.plan.passes_through]
+def shown_devices(part: GatewayLine | GatewayUpstream) -> list[Device]:
+    """The devices of a line or an upstream; of a line that passes all units through, those that got requests."""
+    return [device for device in part.devices.values() if device.counts or not _passes_through(part)]
 
 
-def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
-    """The evidence about a device of the line."""
+def _passes_through(part: GatewayLine | GatewayUpstream) -> bool:
+    return isinstance(part, GatewayLine) and part.plan.passes_through
+
+
+def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEvidence:
+    """The evidence about a device of the line, or of the upstream."""
     settings, counts = device.settings, device.counts
     whole = total(counts.values())
     times = tuple(counts.times[function] for function in counts)
     late = sum(each.late for each in times)
-    overheard = line.driver.line.overheard
+    overheard = part.driver.line.overheard if isinstance(part, GatewayLine) else Overheard()
     belated = overheard.belated.get(device.unit, Belated())
     slowest = [(each.latest, each.latest_limit) for each in times]
     latest, latest_limit = max([(belated.longest, belated.limit), *slowest])
@@ -71,7 +83,7 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
         unit=settings.known_as,
         on_the_wire=device.unit,
         name=settings.name,
-        source=device.source,
+        source=device.source if isinstance(part, GatewayLine) else part.plan.upstream.source,
         profile=settings.profile.name,
         answered=whole.ok + whole.exception,
         exceptions=whole.exception,
@@ -86,15 +98,17 @@ def unit_evidence(line: GatewayLine, device: Device) -> UnitEvidence:
         limit_share=merged(SHARES, (each.share for each in times)).quantile(0.99),
         twice=overheard.second_responses.get(device.unit, 0),
         instead=tuple(counts.received_instead),
+        explained=whole.explained,
+        why=counts.why,
         in_a_row=device.breaker.failures,
-        ago=None if answered_at == NEVER else line.now() - answered_at,
-        is_configured=not line.plan.passes_through,
+        ago=None if answered_at == NEVER else part.now() - answered_at,
+        is_configured=not _passes_through(part),
         has_table=device.answer_time.has_table,
         moved_from=device.moved_from,
-        last_failed=_last(counts, line.now(), "timeout", "bad_frame", "ambiguous"),
-        last_bad=_last(counts, line.now(), "bad_frame"),
-        last_late=_last(counts, line.now(), "late"),
-        last_twice=_last(counts, line.now(), "twice"),
+        last_failed=_last(counts, part.now(), "timeout", "bad_frame", "ambiguous"),
+        last_bad=_last(counts, part.now(), "bad_frame"),
+        last_late=_last(counts, part.now(), "late"),
+        last_twice=_last(counts, part.now(), "twice"),
     )
 
 

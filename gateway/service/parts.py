@@ -228,6 +228,7 @@ class GatewayUpstream:
         self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, open_port: OpenPort, emit: Emit, ring: Ring
     ) -> None:
         self.plan = plan
+        self.now = loop.time
         self.name = plan.upstream.name
         upstream = Upstream(plan.upstream, emit, ring)
         self.driver: TcpDriver | Asker = (

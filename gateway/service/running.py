@@ -126,9 +126,9 @@ class Running:
         for listener in (*self.gateway.listeners, *self._going):
             listener.close()
 
-    def keeps(self, line: GatewayLine) -> bool:
-        """Whether the line is still part of the gateway, and the gateway does not stop."""
-        return not self._is_ending and line in self.gateway.lines
+    def keeps(self, part: Part) -> bool:
+        """Whether the line or upstream is still part of the gateway, and the gateway does not stop."""
+        return not self._is_ending and part in self.gateway.parts
 
     def is_lent(self, line: GatewayLine) -> bool:
         """Whether the port of a line is lent."""

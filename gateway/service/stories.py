@@ -3,8 +3,10 @@
 import textwrap
 from collections.abc import Callable, Mapping
 from datetime import datetime
-from typing import Any, Final
+from typing import Any, Final, Literal
 
+from gateway.modbus.explain import Mode, explain
+from gateway.modbus.pdu import parse_sent
 from gateway.service.capture import count_frames, heard_frame
 from gateway.trace.pdus import exception_in_words, request_in_words
 
@@ -78,8 +80,14 @@ def _bad_frame(story: Story, limit: str) -> str:
     heard = bytes.fromhex(story["heard"])
     is_text = story.get("mode") == "ascii" and heard.isascii()
     shown = heard.decode("ascii").strip() if is_text else story["heard"]
-    why = _why_not_valid(heard, story.get("mode", "rtu"))
+    why = _explained(story, heard) or _why_not_valid(heard, story.get("mode", "rtu"))
     return f"What came within {limit} was no valid response: {shown} ({why})."
+
+
+def _explained(story: Story, heard: bytes) -> str:
+    """Why what came is not the response, if it tells. Gateways of earlier versions may have a line no longer there."""
+    mode: Mode | Literal[""] = story.get("mode", "rtu")
+    return explain(parse_sent(bytes.fromhex(story["request"])), story["address"] or None, heard, mode) if mode else ""
 
 
 def _why_not_valid(heard: bytes, mode: str) -> str:

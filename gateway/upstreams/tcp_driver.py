@@ -53,7 +53,8 @@ class TcpDriver(UpstreamDriver):
 
     def _tick(self) -> None:
         if self._framer.unfinished and self._is_stuck():
-            self._renew(f"a response was cut, or its length is wrong: {self._framer.unfinished} bytes came of it")
+            came = f"{self._framer.unfinished} bytes came of it{self._framer.hint}"
+            self._renew(f"a response was cut, or its length is wrong: {came}")
         super()._tick()
 
     def _step(self, step: Callable[..., None], *arguments: Any) -> None:

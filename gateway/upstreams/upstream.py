@@ -22,9 +22,8 @@ from gateway.lines.recorder import Recorder
 from gateway.lines.reopening import Reopening
 from gateway.lines.report import Report
 from gateway.lines.transaction import Destination, Transaction
-from gateway.modbus.codes import BROADCAST_UNIT, SERVER_UNIT
 from gateway.modbus.frame import Frame
-from gateway.modbus.mbap import TcpFrame, encode
+from gateway.modbus.mbap import NO_UNIT, TcpFrame, encode
 from gateway.ports.port import OpenAgain
 from gateway.trace.ring import Ring
 
@@ -35,8 +34,6 @@ MAX_OUTSTANDING: Final = 4096
 Send = Callable[[int, Transaction], None]
 
 _IDENTIFIERS: Final = 0x10000
-#: The unit identifiers in responses of servers that have only one unit (T 4.4.1.2).
-_NO_UNIT: Final = (BROADCAST_UNIT, SERVER_UNIT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +62,7 @@ class Upstream:
         self.settings = settings
         #: Responses without a request on their connection.
         self.unasked_frames = 0
-        self._report = Report(settings.name, settings.source, emit)
+        self._report = Report(settings.name, settings.source, emit, "tcp")
         self._recorder = Recorder(settings.name, ring or Ring())
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
         self._reopening = Reopening(self._queue, settings.max_wait, lambda _: settings.timeout)
@@ -238,12 +235,14 @@ class Upstream:
             self._recover(late.device)
             return None
         expected = asked or late
+        identifier: int | None = frame.transaction
         if expected is None:
             self.unasked_frames += 1
+            identifier = next((each for each, one in self._under_way.items() if _answers(frame, one)), None)
         else:
             self._report.foreign(Frame(frame.unit, frame.pdu), expected)
-        if asked is not None:
-            self._instead.setdefault(frame.transaction, encode(*frame))
+        if identifier in self._under_way:
+            self._instead.setdefault(identifier, encode(*frame))
         return None
 
     def _give_up(self, identifier: int, transaction: Transaction, now: float) -> RequestError:
@@ -357,4 +356,4 @@ class Upstream:
 
 def _answers(frame: TcpFrame, asked: Transaction) -> bool:
     """Whether `frame`, which has the identifier of `asked`, is its response."""
-    return (frame.unit == asked.unit or frame.unit in _NO_UNIT) and asked.asked.accepts(frame.pdu)
+    return (frame.unit == asked.unit or frame.unit in NO_UNIT) and asked.asked.accepts(frame.pdu)

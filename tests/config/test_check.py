@@ -714,6 +714,18 @@ def test_a_mirror_polls_an_address_at_least():
     ]
 
 
+@pytest.mark.parametrize(("scheme", "frames"), [("rtu+tcp", "RTU"), ("ascii+tcp", "ASCII")])
+def test_a_device_server_at_the_port_of_modbus_tcp_is_noted(scheme, frames):
+    line = f'[[line]]\nport = "{scheme}://10.1.0.9:502"\n'
+    assert problems(line) == [
+        (
+            f"warning: line[0].port: port 502 is that of Modbus TCP, and {scheme}:// sends bare {frames} frames"
+            ' | if the server speaks Modbus TCP: [[upstream]] with to = "tcp://10.1.0.9:502"'
+        )
+    ]
+    assert problems(line.replace("502", "4001")) == []
+
+
 def test_addresses_that_the_specification_reserves_are_noted():
     assert problems(LINE.replace("unit = 1", 'unit = "247-250"').replace('name = "one"', 'name = "one-*"')) == [
         (

@@ -5,7 +5,9 @@ import pytest
 from gateway.errors import (
     AccessDenied,
     IllegalDataValue,
+    IllegalFunction,
     LineDown,
+    NoRoute,
     QueueFull,
     RequestError,
     ResponseTimeout,
@@ -14,6 +16,8 @@ from gateway.errors import (
 from gateway.listeners.back_pressure import LONGEST_HOLD, SHORTEST_HOLD
 from gateway.listeners.mbap import MbapSession
 from gateway.listeners.session import SENDING_DEADLINE, TAKING_DEADLINE, ListenSettings
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
 from gateway.request import Request
 
@@ -181,6 +185,46 @@ def test_what_is_no_modbus_is_rejected_after_the_good_responses_have_left(client
     assert client.connection.log[0] == "send"
     assert client.connection.log[1].startswith("reject: an MBAP length of ")
     assert client.session.gone
+
+
+#: RTU requests from address 0, 5 and 600 on: what is read as an MBAP header differs.
+RTU_READS = [f"03 {address:04X} {count:04X}" for address in (0, 5, 600) for count in (1, 2, 10, 100)]
+
+
+@pytest.mark.parametrize("read", RTU_READS)
+@pytest.mark.parametrize("error", [NoRoute(), IllegalFunction()])
+def test_a_client_that_sends_rtu_is_rejected_and_told_what_is_for_it(
+    client: Client, read: str, error: RequestError
+) -> None:
+    client.target.error = error
+    for now in range(14):  # the header of the longest promises 106 bytes
+        if not client.session.gone:
+            client.send(rtu.encode(1, bytes.fromhex(read)), float(now))
+    rejected = [each for each in client.connection.log if each.startswith("reject")]
+    assert len(rejected) == 1
+    assert rejected[0].endswith(": this looks like RTU, which rtu+tcp:// is for")
+
+
+@pytest.mark.parametrize("read", RTU_READS)
+def test_the_same_goes_for_ascii(client: Client, read: str) -> None:
+    client.send(ascii_framing.encode(1, bytes.fromhex(read)))
+    assert client.connection.log[0].startswith("reject: ")
+    assert client.connection.log[0].endswith(": this looks like ASCII, which ascii+tcp:// is for")
+
+
+def test_what_an_rtu_client_has_begun_is_named_when_it_takes_too_long(client: Client) -> None:
+    client.send(rtu.encode(1, bytes.fromhex("03 0000 0010")))
+    assert client.session.find_fault(2.0) == ""
+    fault = client.session.find_fault(2.0 + SENDING_DEADLINE)
+    assert fault == "sent no whole request within 10 s: this looks like RTU, which rtu+tcp:// is for"
+
+
+@pytest.mark.parametrize("error", [NoRoute(), IllegalFunction(), LineDown()])
+def test_a_refusal_is_no_reason_to_reject_a_client_of_modbus_tcp(client: Client, error: RequestError) -> None:
+    client.target.error = error
+    for transaction in range(0x10000):
+        client.ask(transaction, unit=transaction & 0xFF)
+        assert not client.session.gone
 
 
 def test_an_adu_of_another_protocol_is_passed_over(client: Client) -> None:

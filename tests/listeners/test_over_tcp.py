@@ -12,7 +12,7 @@ from gateway.listeners.back_pressure import LONGEST_HOLD
 from gateway.listeners.over_tcp import MOST_BROADCASTS, MOST_NOISE, OverTcpSession
 from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
 from gateway.modbus import ascii as ascii_framing
-from gateway.modbus import rtu
+from gateway.modbus import mbap, rtu
 from gateway.request import Request
 
 READ = bytes.fromhex("03 00 10 00 01")
@@ -382,6 +382,37 @@ def test_what_arrives_while_a_response_is_kept_is_looked_at_in_order(client: Cli
     assert client.target.asked == [READ, OTHER_READ]
     client.respond(1, OTHER_RESPONSE)
     assert client.heard(OTHER_RESPONSE)
+
+
+@pytest.mark.parametrize("scheme", ENCODE)
+@pytest.mark.parametrize("address", [0, 5, 600])
+def test_a_client_that_sends_modbus_tcp_is_rejected_and_told_what_is_for_it(scheme: str, address: int) -> None:
+    client = Client(scheme)
+    client.send(mbap.encode(0, 1, b"\x03" + address.to_bytes(2) + b"\0\x0a"))
+    own = scheme.partition("+")[0].upper()
+    assert client.connection.log == [
+        f"reject: what it sends is not {own}: this looks like Modbus TCP, which tcp:// is for"
+    ]
+    assert client.target.asked == []
+
+
+def test_a_client_that_has_asked_once_is_not_rejected_for_what_noise_looks_like(client: Client) -> None:
+    client.ask(READ)
+    client.respond(0)
+    client.wait(TIME_OUT)
+    client.send(mbap.encode(0, 1, READ))
+    assert not any(each.startswith("reject") for each in client.connection.log)
+
+
+@pytest.mark.parametrize("scheme", ENCODE)
+def test_damage_in_the_first_request_is_no_other_framing(scheme: str) -> None:
+    client = Client(scheme)
+    for pdu in ("03 0000 0001", "03 0000 0002", "03 0000 0006", "06 0000 0006"):
+        adu = bytearray(ENCODE[scheme](1, bytes.fromhex(pdu)))
+        adu[-3] ^= 1
+        client.send(bytes(adu))
+        client.wait(TIME_OUT)
+    assert not any(each.startswith("reject") for each in client.connection.log)
 
 
 def test_nothing_is_sent_to_a_client_of_whom_only_noise_has_arrived(client: Client) -> None:

@@ -238,7 +238,7 @@ async def test_units_behind_another_server() -> None:
         await asyncio.sleep(5)
         (plant,) = snapshot(bench).upstreams
         assert (plant.queue, plant.under_way, plant.overdue, plant.unasked_frames) == (0, 0, 2, 1)
-        assert plant.counts == Counts(timeout=2, sent=2)
+        assert plant.counts == Counts(timeout=1, bad_frame=1, explained=1, sent=2)
         behind = unit(bench, 37)
         assert (behind.line, behind.on_the_wire, behind.state) == ("plant-1", 7, "failing")
         assert (behind.counts, behind.longest_wait_ms) == (plant.counts, 3000)

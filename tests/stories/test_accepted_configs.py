@@ -131,7 +131,7 @@ class Printed:
     def _all_devices(self) -> Iterator[tuple[int, str, Place]]:
         for line in self.picture["lines"]:
             for row in line["units"] if line["shared"] else ():
-                units = parse_units(row["unit"].split(", "), last=255)
+                units = parse_units(row["unit"].split(", "))
                 on_the_wire = units if row["on_the_wire"] == "same" else [int(row["on_the_wire"])]
                 for unit, wire_unit in zip(units, on_the_wire, strict=True):
                     name = row["device"] if len(units) == 1 else f"{line['name']}/{unit}"

@@ -1,0 +1,86 @@
+"""Why something is not the response to a request, in words. Only asked when there was no response."""
+
+from typing import Final, Literal
+
+from gateway.modbus import mbap
+from gateway.modbus.ascii import AsciiFramer
+from gateway.modbus.checks import crc_fits
+from gateway.modbus.codes import Area
+from gateway.modbus.codes import FunctionCode as Code
+from gateway.modbus.framings import Framing, looks_like
+from gateway.modbus.functions import response_size
+from gateway.modbus.pdu import RequestPdu
+from gateway.modbus.rtu import SHORTEST
+
+Mode = Literal["rtu", "ascii", "tcp"]
+
+#: What each mode is called, and what a device that speaks another one needs.
+_NAMES: Final[dict[Mode, Framing]] = {"rtu": "RTU", "ascii": "ASCII", "tcp": "Modbus TCP"}
+_REMEDIES: Final[dict[Framing, str]] = {
+    "RTU": 'mode = "rtu", or rtu+tcp:// in port, is for that',
+    "ASCII": 'mode = "ascii", or ascii+tcp:// in port, is for that',
+    "Modbus TCP": "[[upstream]] is for that",
+}
+#: Functions whose responses repeat the address, and the values behind it.
+_REPEATING: Final = (Code.WRITE_SINGLE_COIL, Code.WRITE_SINGLE_REGISTER, Code.MASK_WRITE_REGISTER)
+_CONFIRMING: Final = (Code.WRITE_MULTIPLE_COILS, Code.WRITE_MULTIPLE_REGISTERS)
+
+
+def explain(asked: RequestPdu, unit: int | None, heard: bytes, mode: Mode) -> str:
+    """Why `heard` is not the response of `unit`, or of any, to `asked`; empty if it tells nothing.
+
+    On a line, frames of other units and functions tell nothing: they may be for others.
+    """
+    if mode == "tcp":
+        return _explain_adu(asked, unit, mbap.decode(heard))
+    frame = _only_frame(heard, mode)
+    if frame is not None:
+        return explain_pdu(asked, frame[1]) if unit in (None, frame[0]) else ""
+    framing = looks_like(heard)
+    return "" if framing in (None, _NAMES[mode]) else f"this looks like {framing}: {_REMEDIES[framing]}"
+
+
+def explain_pdu(asked: RequestPdu, pdu: bytes) -> str:
+    """Why the PDU of an intact frame is not the response, if it has the function; else empty."""
+    data = asked.data
+    if pdu[0] != asked.function or response_size(pdu) not in (0, len(pdu)) or asked.accepts(pdu):
+        return ""
+    if asked.read is not None:
+        came, expected = len(pdu) - 2, (asked.response_size or 2) - 2
+        is_double = came == 2 * expected and asked.read.area in (Area.HOLDING, Area.INPUT)
+        hint = " (32-bit registers?)" if is_double else ""
+        return f"intact, {came} data bytes where {expected} were expected{hint}"
+    if asked.function in _REPEATING and pdu[1:3] == data[1:3]:
+        hint = " (limited by the device)" if asked.function == Code.WRITE_SINGLE_REGISTER else ""
+        return f"echoed {_hex(pdu[3:])}, sent {_hex(data[3:])}{hint}"
+    if asked.function in _CONFIRMING:
+        return f"intact, confirms {_items(pdu)} where {_items(data)} were sent"
+    return ""
+
+
+def _explain_adu(asked: RequestPdu, unit: int | None, adu: mbap.TcpFrame | None) -> str:
+    if adu is None:
+        return ""
+    if adu.unit not in (unit, *mbap.NO_UNIT):
+        return f"intact, but from unit {adu.unit}"
+    if asked.accepts(adu.pdu):
+        return f"intact, but its transaction identifier {adu.transaction:04X} is not that of the request"
+    return explain_pdu(asked, adu.pdu) or f"intact, but of function {adu.pdu[0] & 0x7F:02}"
+
+
+def _only_frame(heard: bytes, mode: Mode) -> tuple[int, bytes] | None:
+    """Unit and PDU, if that is all that was heard."""
+    if mode == "ascii":
+        framer = AsciiFramer()
+        frames = framer.received(heard, 0.0)
+        return (frames[0].unit, frames[0].pdu) if len(frames) == 1 and not framer.behind else None
+    return (heard[0], heard[1:-2]) if len(heard) >= SHORTEST and crc_fits(heard) else None
+
+
+def _hex(data: bytes) -> str:
+    return data.hex().upper()
+
+
+def _items(pdu: bytes) -> str:
+    """The address and the quantity behind the function code."""
+    return f"{int.from_bytes(pdu[3:5])} from {int.from_bytes(pdu[1:3])} on"

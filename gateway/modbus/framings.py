@@ -1,0 +1,46 @@
+"""What bytes look like that are not what they should be. Only asked when something is wrong."""
+
+from typing import Final, Literal
+
+from gateway.modbus.ascii import END, decode
+from gateway.modbus.checks import crc_fits
+from gateway.modbus.functions import request_size, response_size
+
+#: The framings, as messages name them.
+Framing = Literal["Modbus TCP", "RTU", "ASCII"]
+
+#: The schemes of addresses where they are spoken.
+_SCHEMES: Final[dict[Framing, str]] = {"Modbus TCP": "tcp", "RTU": "rtu+tcp", "ASCII": "ascii+tcp"}
+#: All of a TCP ADU before its PDU; all but the PDU of an RTU frame.
+_HEADER: Final = 7
+_OVERHEAD: Final = 3
+#: A request or response with less tells too little.
+_SHORTEST_PDU: Final = 2
+
+
+def looks_like(data: bytes) -> Framing | None:
+    """The framing of which `data` begins with a whole frame, if any."""
+    if _is_tcp(data):
+        return "Modbus TCP"
+    if decode(data[: data.find(END) + len(END)]) is not None:
+        return "ASCII"
+    return "RTU" if _is_rtu(data) else None
+
+
+def likeness(data: bytes, own: Framing) -> str:
+    """The words to add to a message if `data` begins with a whole frame of another framing than `own`."""
+    framing = looks_like(data)
+    return "" if framing in (None, own) else f": this looks like {framing}, which {_SCHEMES[framing]}:// is for"
+
+
+def _is_tcp(data: bytes) -> bool:
+    """Whether there is a header with the protocol identifier 0, and a PDU of its length that fits its function."""
+    pdu = data[_HEADER : 6 + int.from_bytes(data[4:6])]
+    if data[2:4] != b"\0\0" or len(data) < 6 + int.from_bytes(data[4:6]) or len(pdu) < _SHORTEST_PDU:
+        return False
+    return len(pdu) in (request_size(pdu), response_size(pdu))
+
+
+def _is_rtu(data: bytes) -> bool:
+    sizes = {size_of(data[1:]) for size_of in (request_size, response_size)}
+    return any(_SHORTEST_PDU <= size <= len(data) - _OVERHEAD and crc_fits(data[: size + _OVERHEAD]) for size in sizes)
