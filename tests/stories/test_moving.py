@@ -13,8 +13,8 @@ from soak.worlds.moving import play
 pytestmark = pytest.mark.search
 
 
-async def played(seed: int = 1) -> Tally:
-    return await play(transactions=15_000, share=0.2, seed=seed)
+async def played(seed: int = 1, transactions: int = 15_000) -> Tally:
+    return await play(transactions, share=0.2, seed=seed)
 
 
 async def test_fifteen_thousand_transactions_and_no_wrong_answer() -> None:
@@ -60,4 +60,4 @@ async def test_it_notices_a_restart_that_forgets_an_unanswered_move(monkeypatch)
 @pytest.mark.interpreted
 async def test_it_notices_a_broadcast_of_an_address(monkeypatch) -> None:
     monkeypatch.setattr(EveryQuirkyDevice, "submit", EveryDevice.submit)
-    assert (await played()).wrong_count > 0
+    assert (await played(transactions=2000)).wrong_count > 0
