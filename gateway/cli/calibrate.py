@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from gateway.cli.active_calibration import ask_actively, parse_registers
 from gateway.cli.columns import align
-from gateway.cli.daemon import Conversation, add_control_argument, tell_way, which_gateway
+from gateway.cli.daemon import Conversation, add_control_argument, tell_which, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.measured_profile import profile_text
 from gateway.cli.progress import progress
@@ -87,7 +87,7 @@ def _run(args: argparse.Namespace) -> int:
         if args.active or args.seconds is not None:
             source.forget()
         if args.write:
-            tell_way(unit.way)
+            tell_which(daemon.gateway)
         if args.active:
             _ask(source, unit, args)
         elif args.seconds is not None:

@@ -103,9 +103,9 @@ def ask(verb: str, gateway: Meant) -> dict[str, Any]:
         return daemon.ask(verb)
 
 
-def tell_way(way: Path | str) -> None:
-    """Say through which control socket, port or server something is changed, beside the output for programs."""
-    print(f"through {way}", file=sys.stderr)
+def tell_which(gateway: Path) -> None:
+    """Say which gateway is asked to change something, by its control socket, beside the output for programs."""
+    print(f"through {gateway}", file=sys.stderr)
 
 
 class Conversation:

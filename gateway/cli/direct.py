@@ -49,11 +49,11 @@ class DirectUnit:
     """A unit behind a client of pymodbus."""
 
     name = ""
+    gateway: Path | None = None
 
     def __init__(self, client: _Client, number: int, points: tuple[Point, ...], place: "_Place") -> None:
         self.number = number
         self.points = points
-        self.way = place.way
         self.functions = place.functions
         self.limits = place.limits
         self._client = client
@@ -98,7 +98,6 @@ class _Place:
     """Where the unit is, and its profile. `frames` are the last ones sent (True) and received (False)."""
 
     def __init__(self, args: argparse.Namespace) -> None:
-        self.way: str = args.tcp or args.port
         self.frames: dict[bool, bytes] = {}
         self.functions: frozenset[int] | None = None
         self.limits: Mapping[int, int] = {}

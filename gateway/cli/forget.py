@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from gateway.cli.daemon import Conversation, add_control_argument, tell_way, which_gateway
+from gateway.cli.daemon import Conversation, add_control_argument, tell_which, which_gateway
 from gateway.cli.main import FINE
 from gateway.devices.quirks import show_units
 
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     """
     device = int(args.device) if args.device.isdecimal() else args.device
     with Conversation(which_gateway(args)) as daemon:
-        tell_way(daemon.gateway)
+        tell_which(daemon.gateway)
         answer = {**daemon.ask("forget", device=device), "through": str(daemon.gateway)}
         if args.json:
             print(json.dumps(answer, indent=2, ensure_ascii=False))

@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import Any
 
-from gateway.cli.daemon import UNKNOWN, Conversation, add_control_argument, tell_way, which_gateway
+from gateway.cli.daemon import UNKNOWN, Conversation, add_control_argument, tell_which, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
 
 _CHANGES = {
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
         DaemonError: no gateway answers.
     """
     with Conversation(which_gateway(args)) as daemon:
-        tell_way(daemon.gateway)
+        tell_which(daemon.gateway)
         answer = {**daemon.ask("reload"), "through": str(daemon.gateway)}
     if args.json:
         print(json.dumps(answer, indent=2, ensure_ascii=False))

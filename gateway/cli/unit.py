@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, Protocol
 
 from gateway.cli.daemon import Conversation, add_control_argument
@@ -67,13 +68,13 @@ class Answer:
 class Unit(Protocol):
     """A unit that can be read and written. `number` is its unit ID for clients; `name` is empty if it is not known.
 
-    `way` is the control socket, port or server through which it is asked. `functions` is None for all or unknown;
-    `limits` is the most items for a function.
+    `gateway` is the control socket through which it is asked, None without a gateway. `functions` is None for all or
+    unknown; `limits` is the most items for a function.
     """
 
     number: int
     name: str
-    way: str
+    gateway: Path | None
     points: tuple[Point, ...]
     functions: frozenset[int] | None
     limits: Mapping[int, int]
@@ -113,7 +114,7 @@ class DaemonUnit:
         functions = unit.get("functions")
         self.number: int = unit["unit"]
         self.name: str = unit.get("name", "")
-        self.way = str(daemon.gateway)
+        self.gateway: Path | None = daemon.gateway
         self.functions = None if functions is None else frozenset(functions)
         self.areas = {Area(area): ranges for area, ranges in unit.get("areas", {}).items()}
         self.limits: Mapping[int, int] = {int(function): most for function, most in unit.get("limits", {}).items()}

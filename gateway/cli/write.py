@@ -4,9 +4,9 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
-from gateway.cli.daemon import NOT_UNDERSTOOD, tell_way
+from gateway.cli.daemon import NOT_UNDERSTOOD, tell_which
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.mbpoll import add_habits
 from gateway.cli.on_unit import run_on_unit
@@ -65,7 +65,8 @@ def run(args: argparse.Namespace) -> int:
 
     def act(unit: Unit, command: Command, words: Sequence[str]) -> int:
         wanted = _readings(find_assignments(command, words))
-        tell_way(unit.way)
+        if unit.gateway is not None:
+            tell_which(unit.gateway)
         outcome = _write(unit, wanted, args)
         _print(unit, outcome, args)
         return PROBLEM_FOUND if outcome.failures else FINE
@@ -151,8 +152,9 @@ def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace) -> None:
     if args.json:
         first = next((each.point for each in outcome.readings), None)
         area = outcome.failures[0].span.area if first is None else None if first.name else first.area
-        frames = {"frames": frames_as_json(outcome.answers)} if args.raw else {}
-        print(as_json({**picture(unit, area, outcome), "through": unit.way, **frames}, one_line=False))
+        more: dict[str, Any] = {} if unit.gateway is None else {"through": str(unit.gateway)}
+        more |= {"frames": frames_as_json(outcome.answers)} if args.raw else {}
+        print(as_json({**picture(unit, area, outcome), **more}, one_line=False))
         return
     if args.raw:
         print(frames_as_text(outcome.answers))

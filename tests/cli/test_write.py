@@ -178,3 +178,10 @@ def test_a_type_before_the_value_is_put_behind_it(daemon, capsys):
     assert capsys.readouterr().err.endswith(
         "the type is the last word\n  help: modbus-gateway write 41 holding 0 1.5 float32\n"
     )
+
+
+def test_it_says_which_gateway_it_asks(daemon, capsys):
+    assert main(["write", "41", "holding", "3", "1"]) == 0
+    assert capsys.readouterr().err == "through /run/gw.sock\n"
+    assert main(["write", "41", "holding", "3", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["through"] == "/run/gw.sock"
