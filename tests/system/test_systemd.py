@@ -154,8 +154,6 @@ class TestOneStart:
         start(system)
         assert "hall-a" in system.done("modbus-gateway", "status")
 
-    assert "hall-a" in system.done("modbus-gateway", "status", "--config", FILE)
-
     def test_events_are_entries_of_the_journal_with_fields(self, system: BootedSystem) -> None:
         start(system)
         with system.connect() as client:
