@@ -114,7 +114,7 @@ def _tables(table: Any, where: str, taken: Taken, *, may_remap: bool) -> Iterato
         units = {unit: device.remapped.get(unit, unit) for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1)}
         units = {unit: to for unit, to in units.items() if to in there}
         keys["units" if kind == "upstream" else "devices"] = _rows(units)
-        remarks.append(f"clients cannot ask for unit {show_units({*range(256)} - {*units})} any more")
+        remarks.append(f"clients cannot ask for units {show_units({*range(256)} - {*units})} any more")
     taken.take(bind, target, where)
     yield TableText("[[listen]]", listen, (where, *remarks))
     yield TableText(f"[[{kind}]]", keys)

@@ -102,8 +102,8 @@ def test_remapped_units_keep_their_numbers_for_clients_and_it_is_said_which_are_
     assert leads_to(plan) == [("tcp", 9000, "", ""), ("tcp", 9001, "", "plc2.acme.org-502")]
     remapped, other = plan.upstreams
     units = {device.known_as: device.unit for device in remapped.devices}
-    assert units == {1: 0} | {unit: unit for unit in range(2, 256)}
-    assert "# clients cannot ask for unit 0 any more\n" in text
+    assert units == {unit: unit for unit in range(2, 256)} | {1: 0, 250: 7}
+    assert "# clients cannot ask for units 0 any more\n" in text
     assert other.devices == ()
     assert left_out == ()
 
