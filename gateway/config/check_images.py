@@ -6,6 +6,7 @@ from gateway.config.check_units import claims, client_lines, profile_of_row
 from gateway.config.duration import show_duration
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.ranges import show_ranges
+from gateway.config.resolve_lines import units_without_devices
 from gateway.config.schema import Config, Image
 from gateway.config.schema_profile import ProfileTable
 from gateway.images.polls import polling_function
@@ -23,11 +24,21 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             continue
         yield from _check_mirror(image)
         if image.of not in profiles and not failed & {"line", "upstream"}:
-            remedy = _name_of_unit(image.of, config) or did_you_mean(image.of, profiles)
+            remedy = _owner_of(image.of, config) or _name_of_unit(image.of, config) or did_you_mean(image.of, profiles)
             yield error((*image.path, "of"), f'there is no device "{image.of}"', remedy)
         profile = profiles.get(image.of)
         if profile is not None:
             yield from _check_polled(image, image.of, profile)
+
+
+def _owner_of(name: str, config: Config) -> str:
+    """Why this unit of a line without devices does not pass through; empty if it is none."""
+    lines = [line for line in client_lines(config) if line.devices is None]
+    taken = ((claim, unit) for claim in claims(config) for unit in claim.units)
+    found = (
+        f"unit {unit} is {claim.owner}" for claim, unit in taken for line in lines if name == f"{line.label}/{unit}"
+    )
+    return next(found, "")
 
 
 def _name_of_unit(text: str, config: Config) -> str:
@@ -42,7 +53,9 @@ def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
     """Each device's profile by name of the device; None if unknown, as behind other servers."""
     profiles: dict[str, ProfileTable | None] = {}
     for line in client_lines(config):
-        profiles |= dict.fromkeys(line.all_device_names, config.profile.get(line.profile))
+        if line.devices is None:
+            names = (f"{line.label}/{unit}" for unit in units_without_devices(line, config))
+            profiles |= dict.fromkeys(names, config.profile.get(line.profile))
         for row in line.devices or ():
             profiles |= dict.fromkeys(line.device_names(row), profile_of_row(config, line, row))
     for upstream in config.upstream:

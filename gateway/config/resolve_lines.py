@@ -38,9 +38,8 @@ ASKED_AT_ZERO: Final = frozenset({FunctionCode.READ_HOLDING_REGISTERS})
 def line_plan(line: Line, profiles: dict[str, Profile], config: Config) -> LinePlan:
     """A line where the gateway is the client."""
     timing = _timing(line)
-    passing = passing_units(config)
-    own = _own_units(line, config, passing)
-    devices = tuple(_devices(line, profiles, sorted({*passing, *own})))
+    own = _own_units(line, config)
+    devices = tuple(_devices(line, profiles, config))
     settings, lease = _line_settings(line, timing, devices), _lease(line, config)
     return LinePlan(_port(line, timing), settings, devices, line.devices is None, own, lease)
 
@@ -92,6 +91,11 @@ def passing_units(config: Config) -> list[int]:
     return [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
 
 
+def units_without_devices(line: Line, config: Config) -> list[int]:
+    """The units of a line without devices: those that pass through, and those that only listeners for it lead to."""
+    return sorted({*passing_units(config), *_own_units(line, config)})
+
+
 def _timing(line: Line) -> LineTiming:
     """The timing of `line`: mode, rate and character format."""
     return LineTiming(line.spoken, line.baud, line.format or DEFAULT_FORMATS[line.spoken])
@@ -104,12 +108,12 @@ def _lease(line: Line, config: Config) -> LeasePlan | None:
     )
 
 
-def _own_units(line: Line, config: Config, passing: list[int]) -> frozenset[int]:
+def _own_units(line: Line, config: Config) -> frozenset[int]:
     """The units of a line without devices that only the listeners for it lead to."""
     if line.devices is not None or not config.listeners_for(line):
         return frozenset()
     every_unit = frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
-    return every_unit if config.is_apart(line) else every_unit.difference(passing)
+    return every_unit if config.is_apart(line) else every_unit.difference(passing_units(config))
 
 
 def _port(line: Line, timing: LineTiming) -> PortSettings:
@@ -155,9 +159,9 @@ def _turnaround(devices: Iterable[DeviceSettings]) -> float:
     return max([_SHORTEST_TURNAROUND, *times])
 
 
-def _devices(line: Line, profiles: dict[str, Profile], passing: list[int]) -> Iterator[DeviceSettings]:
+def _devices(line: Line, profiles: dict[str, Profile], config: Config) -> Iterator[DeviceSettings]:
     if line.devices is None:
-        row = Device.model_validate({"unit": passing}).placed(line.path, line.source)
+        row = Device.model_validate({"unit": units_without_devices(line, config)}).placed(line.path, line.source)
         return _of_row(line, row, profiles)
     return (one for row in line.devices for one in _of_row(line, row, profiles))
 

@@ -674,6 +674,18 @@ def test_a_mirror_of_a_device_that_passes_through():
     assert problems(line + MIRROR.replace("one", "xyz")) == ['error: image[0].of: there is no device "xyz"']
 
 
+def test_a_mirror_of_a_unit_that_does_not_pass_through():
+    line = '[[line]]\nname = "a"\nport = "/dev/a"\n'
+    upstream = '[[upstream]]\nname = "x"\nto = "tcp://10.0.0.1"\nunits = [{ as = 17, unit = 1 }]\n'
+    assert problems(line + upstream + MIRROR.replace("one", "a/17")) == [
+        'error: image[0].of: there is no device "a/17" | unit 17 is of upstream "x"'
+    ]
+    image = "[[image]]\nunit = 17\nholding = 4\n"
+    assert problems(line + MIRROR.replace("one", "a/17") + image) == [
+        'error: image[0].of: there is no device "a/17" | unit 17 is of image "image-17"'
+    ]
+
+
 def test_a_mirror_of_a_device_whose_line_failed_may_exist():
     assert problems('[[line]]\nport = "a"\n' + MIRROR) == [
         'error: line[0].port: "a" is not an absolute path | did you mean "/dev/a"?'
