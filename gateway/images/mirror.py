@@ -93,12 +93,16 @@ class Mirror:
         self._polling.polled(poll, response, now)
         self._settle(now)
 
-    def passed(self, request: Request, response: bytes | None, now: float) -> None:
-        """A request that was passed on is finished, with this response; None if it has none."""
+    def wrote(self, request: Request, response: bytes | None, now: float) -> None:
+        """A request that was passed on, here or by the mirror before this one, is finished: values may have changed."""
         if not only_reads(request.pdu) and response is not None and not _has_no_effect(response):
             self._polling.changed(parse_sent(request.pdu).write, now)
             if not response[0] & EXCEPTION_BIT:
                 self.last_writes.done(request)
+
+    def passed(self, request: Request, response: bytes | None, now: float) -> None:
+        """A request that was passed on is finished, with this response; None if it has none."""
+        self.wrote(request, response, now)
         self._rows[request.origin.client].under_way -= 1
         if response is None:
             request.end()

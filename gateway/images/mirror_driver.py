@@ -1,7 +1,7 @@
 """Connects a mirror to the clock: the only part of it that uses the event loop."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from gateway.events import Emit, PartFailed
@@ -37,15 +37,20 @@ class MirrorDriver:
         self._time = loop.time
         self._timer = LazyTimer(loop, self._wake)
         self._is_open = False
+        self._successors: tuple[MirrorDriver, ...] = ()
 
     def start(self) -> None:
         """Start polling."""
         self._is_open = True
         self._timer.set(self.mirror.deadline())
 
-    def close(self) -> None:
-        """Stop polling; waiting polls are not sent, and reads that wait for one fail."""
+    def close(self, successors: Iterable["MirrorDriver"] = ()) -> None:
+        """Stop polling; waiting polls are not sent, and reads that wait for one fail.
+
+        `successors` mirror the same device after a reload: writes that are under way here change their values too.
+        """
         self._is_open = False
+        self._successors = tuple(successors)
         self._timer.close()
         self._run(self.mirror.close, self._time())
 
@@ -64,7 +69,17 @@ class MirrorDriver:
 
     def passed(self, request: Request, response: bytes | None) -> None:
         """Take the response to a request that was passed on to the device."""
+        self._tell_successors(request, response)
         self._run(self.mirror.passed, request, response, self._time())
+
+    def wrote(self, request: Request, response: bytes | None) -> None:
+        """A request that the mirror before this one has passed on is finished; its client is answered after this."""
+        self._tell_successors(request, response)
+        self._run(self.mirror.wrote, request, response, self._time())
+
+    def _tell_successors(self, request: Request, response: bytes | None) -> None:
+        for successor in self._successors:
+            successor.wrote(request, response)
 
     def _wake(self) -> None:
         self._run(self.mirror.tick, self._time())

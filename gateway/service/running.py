@@ -208,8 +208,7 @@ class Running:
         new.publishing.rerouted(new)
         self.gateway = new
         show_itself(self)
-        for mirror in set(old.mirrors).difference(new.mirrors):
-            mirror.close()
+        _close_mirrors(old, new)
         heard_by = [listener for listener in new.listeners if isinstance(listener, UdpListener)]
         for listener in old.listeners:
             if isinstance(listener, UdpListener):
@@ -321,6 +320,13 @@ async def _keep(part: Part, emit: events.Emit) -> None:
             emit(events.PartFailed.of(f"line {part.name}", error))
             reconnector.failed(PortError(f"a defect in the gateway: {error!r}"))
         await asyncio.sleep(_RESTART_PAUSE)
+
+
+def _close_mirrors(old: Gateway, new: Gateway) -> None:
+    """Close the mirrors that are gone; those of the same device in `new` learn of writes that are under way."""
+    for mirror in old.mirrors:
+        if mirror not in new.mirrors:
+            mirror.close(each for each in new.mirrors if each.device is mirror.device)
 
 
 def _any_under_way(listeners: Iterable[Listener], drivers: Iterable[Driver]) -> bool:

@@ -12,7 +12,9 @@ from gateway.config.resolve import resolve
 from gateway.errors import ListenError
 from gateway.events import ConfigApplied, ConfigRejected, ConfigWarning, LineLost, LineUp, PartFailed
 from gateway.images.store import Store
+from gateway.modbus import mbap
 from gateway.modbus.codes import Area
+from gateway.modbus.mbap import TcpFrame
 from gateway.modbus.rtu import encode
 from gateway.routing.access import READING
 from gateway.service.build import build
@@ -458,6 +460,36 @@ async def test_a_mirror_follows_its_device_to_the_new_line(serving):
         assert after is not before
         await asyncio.sleep(2.0)
         assert await service.client().asks(241, READ) == "03 02 00 00"
+
+
+async def test_a_mirror_that_is_replaced_while_a_write_is_under_way_shows_it_once_it_is_acknowledged(serving):
+    upstream = '[[upstream]]\nname = "plant"\nto = "tcp://10.0.0.1:502"\nunits = [{ as = 71, unit = 1 }]\n'
+    mirror = '[[image]]\nunit = 241\nof = "plant/71"\nread = [{ holding = "0-0", every = "10 s" }]\nstale = "60 s"\n'
+    async with serving(LISTEN + upstream + mirror) as service:
+        loop, server, register = asyncio.get_running_loop(), service.bench.lines["tcp://10.0.0.1:502"], bytes(2)
+
+        def read(asked: TcpFrame) -> None:
+            server.deliver(mbap.encode(asked.transaction, asked.unit, b"\3\2" + register))
+
+        def write(asked: TcpFrame) -> None:
+            nonlocal register
+            register = asked.pdu[3:]
+            server.deliver(mbap.encode(asked.transaction, asked.unit, asked.pdu))
+
+        def answer(data: bytes) -> None:
+            for asked in mbap.MbapFramer().cut(data):
+                loop.call_later(*((0.5, write) if asked.pdu[0] == 6 else (0.01, read)), asked)
+
+        server.on_write = answer
+        writer, reader = service.client(), service.client()
+        assert await reader.asks(71, READ) == "03 02 00 00"
+        writer.ask(241, WRITE)
+        for stale in ("50 s", "40 s"):
+            await service.reload(LISTEN + upstream + mirror.replace("60 s", stale))
+            await asyncio.sleep(0.1)
+            assert await reader.asks(241, READ) == "03 02 00 00"
+        assert await writer.answer() == WRITE
+        assert await reader.asks(241, READ) == "03 02 00 07"
 
 
 def answered_late(service: Service, unit: int, first: float, later: float) -> None:
