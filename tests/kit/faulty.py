@@ -41,7 +41,7 @@ OWN_FUNCTION: Final = 65
 
 _READS = frozenset({1, 2, 3, 4})
 _FOREIGN_FUNCTIONS = (1, 2, 3, 4, 5, 6, 15, 16)
-_EXCEPTION_CODES = (2, 4, 5, 6, 8)
+EXCEPTION_CODES = (2, 4, 5, 6, 8)
 #: The longest time a device thinks, and the longest pause between two chunks of a frame that is not late, in seconds.
 _THINKING = 0.005
 _PAUSE = 0.004
@@ -209,7 +209,10 @@ class FaultyLine:
             for device in self._devices.values():
                 device.respond(frame.pdu)
             return [Answer(left, data)] if self._echo else []
-        device = self._devices[frame.unit]
+        device = self._devices.get(frame.unit)
+        if device is None:
+            self.last = Injection(Fault.SILENT)
+            return [Answer(left, data)] if self._echo else []
         asked = parse_request(frame.pdu)
         self.chance.asked = bytes((frame.unit, frame.pdu[0]))
         limit, _ = self.limit(device, asked)
@@ -250,7 +253,7 @@ class FaultyLine:
         return self._whole(exchange, response)
 
     def _refusal(self, exchange: _Exchange) -> bytes:
-        code = self._dice.choice(_EXCEPTION_CODES)
+        code = self._dice.choice(EXCEPTION_CODES)
         self.last = Injection(self.last.fault, code)
         return self._whole(exchange, bytes((exchange.asked.function | 0x80, code)))
 

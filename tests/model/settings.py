@@ -42,7 +42,7 @@ ALPHABETS: Final[dict[str, tuple[str, ...]]] = {
         "other foreign read of coils", "foreign answer", "foreign exception", "silence", "limit", "window", "rest",
     ),
     "reload": (
-        "read", "read coils", "answer", "reload", "foreign read", "foreign read of coils",
+        "read", "read from other unit", "read coils", "answer", "reload", "foreign read", "foreign read of coils",
         "other foreign read of coils", "foreign answer", "silence", "limit", "window",
     ),
     "together": (

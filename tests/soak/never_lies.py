@@ -22,24 +22,29 @@ if __name__ == "__main__":
 
 from kit.virtual_time import VirtualTimeLoop
 from soak.tally import Tally
-from soak.worlds import lines, moving, over_tcp
+from soak.worlds import lines, mirrors, moving, over_tcp, reloads, upstreams, writers
 
 #: Plays one run of so many transactions, this share of them with a fault, from a seed; in virtual time.
 World = Callable[[int, float, int], Awaitable[Tally]]
 WORLDS: Final[dict[str, World]] = {
     "lines": lines.play,
+    "mirrors": mirrors.play,
     "moving": moving.play,
     "over_tcp": over_tcp.play,
+    "reloads": reloads.play,
+    "upstreams": upstreams.play,
+    "writers": writers.play,
 }
 
 LEFT_OUT: Final = """\
-Left out, because nobody can detect it on RTU and ASCII:
+Left out, because nobody can detect it:
   - a response of the same shape that comes later than the late window
   - a duplicate that falls inside the next transaction of the same shape, of ours or of another client
   - the answer to another client whose request was not heard whole
   - pieces of two messages whose check sum fits
   - a device server that stalls after something was heard since a request, or answers a new connection for the old one
   - a gateway that stands still between its last look at a connection over TCP and the sending
+  - a response of another Modbus TCP server with the identifier of another request that it fits too
 and damage that the check sum itself cannot show (random damage: 1 in 65536 on RTU, 1 in 256 on ASCII)"""
 
 

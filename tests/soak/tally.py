@@ -1,9 +1,10 @@
 """What came of a soak: faults, outcomes, events and counts."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from gateway.events import Event, PartFailed
 from kit.faulty import Fault
 
 
@@ -44,39 +45,47 @@ class Tally:
         self.wrong += other.wrong
         self.slowest = max(self.slowest, other.slowest)
 
-    @property
-    def _share_answered(self) -> float:
-        """How many of the requests without a fault were answered with data."""
-        return self.outcomes[Fault.NONE, "right data"] / max(self.injected[Fault.NONE], 1)
-
     def complain(self, text: str) -> None:
         """Something was wrong or lost."""
         self.wrong_count += 1
         if len(self.wrong) < 20:
             self.wrong.append(text)
 
+    def take_events(self, events: list[Event]) -> None:
+        """Count them, and take them off the list."""
+        for event in events:
+            self.events[event.name] += 1
+            if isinstance(event, PartFailed):
+                self.complain(f"a defect: {event.error}\n{event.traceback}")
+        events.clear()
+
     def __str__(self) -> str:
         columns = ("right data", "device's exception", "0B", "06", "0A", "WRONG")
-        rows = [_row("fault", "injected", columns)]
-        of_lines = [*(each.value for each in Fault), "(not sent)"]
-        for fault in of_lines + sorted(set(self.injected) - set(of_lines)):
-            cells = [self.outcomes[fault, column] for column in columns]
-            if self.injected[fault] or any(cells):
-                rows.append(_row(fault, self.injected[fault] or "", cells))
+        kinds = [*(each.value for each in Fault), "(not sent)"]
+        kinds += sorted({*self.injected, *(kind for kind, _ in self.outcomes)}.difference(kinds))
+        rows = [_row("fault, or question", "injected", columns)]
+        for kind in kinds:
+            cells = [self.outcomes[kind, column] for column in columns]
+            if self.injected[kind] or any(cells):
+                rows.append(_row(kind, self.injected[kind] or "", cells))
         totals = [sum(count for (_, name), count in self.outcomes.items() if name == column) for column in columns]
         rows.append(_row("all", self.injected.total(), totals))
         faults = self.injected.total() - self.injected[Fault.NONE]
         rows += [
             "",
             f"{self.questions} requests of clients, {self.abandoned} of which they left; {self.broadcasts} broadcasts",
-            f"{self.transactions} transactions on lines, {faults} of them with a fault",
-            f"{self.other_clients} of other clients; {self._share_answered:.1%} of ours without a fault were answered",
-            "lines: " + ", ".join(f"{name} {count}" for name, count in sorted(self.counts.items()) if count),
-            "events: " + ", ".join(f"{name} {count}" for name, count in sorted(self.events.items())),
+            f"{totals[0] / max(self.questions, 1):.1%} of them got data",
+            f"{self.transactions} transactions on lines, {faults} of them with a fault; {self.other_clients} of others",
+            "lines: " + _listed(self.counts),
+            "events: " + _listed(self.events),
             f"{self.virtual_seconds:.0f} s of the lines' time; slowest answer {1000 * self.slowest:.0f} ms",
             f"wrong or lost: {self.wrong_count}",
         ]
-        return "\n".join(rows)
+        return "\n".join(row for row in rows if not row.endswith(": "))
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in sorted(counts.items()) if count)
 
 
 def _row(fault: str, injected: object, cells: Sequence[object]) -> str:

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Final
 
-from gateway.events import PartFailed
 from gateway.lines.transaction import Transaction
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
@@ -196,14 +195,6 @@ class World:
             f"    {at:.6f} {kind.name} {way} {show(data)} {fault}" for at, way, data, fault in self.passed[kind.name]
         )
 
-    def take_events(self) -> None:
-        """Count the events so far."""
-        for event in self.bench.events:
-            self.tally.events[event.name] += 1
-            if isinstance(event, PartFailed):
-                self.tally.complain(f"a defect: {event.error}\n{event.traceback}")
-        self.bench.events.clear()
-
 
 class Client:
     """A connection that always has some requests under way, and checks every answer."""
@@ -357,10 +348,10 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
         adapters = asyncio.create_task(world.pull_adapters())
         while not world.is_over:
             await asyncio.sleep(1.0)
-            world.take_events()
+            world.tally.take_events(bench.events)
         await adapters
         await asyncio.sleep(2 * PATIENCE)
-        world.take_events()
+        world.tally.take_events(bench.events)
     tally = world.tally
     for client in clients:
         for question in client.open.values():

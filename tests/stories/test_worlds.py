@@ -1,0 +1,73 @@
+"""The worlds of the soak with devices that tell when they held what: no answer is wrong, and each notices a lie."""
+
+from collections.abc import Callable, Iterable
+
+import pytest
+
+from gateway.images.polled_range import PolledRange
+from gateway.images.polling import Polling
+from gateway.lines.late import LateWindows
+from gateway.modbus.mbap import TcpFrame
+from gateway.service.parts import GatewayLine
+from gateway.upstreams.upstream import Upstream
+from soak.never_lies import run
+
+Lie = Callable[[pytest.MonkeyPatch], None]
+
+
+@pytest.mark.search
+@pytest.mark.parametrize("world", ["mirrors", "reloads", "upstreams", "writers"])
+def test_no_answer_is_wrong(world: str) -> None:
+    tally = run(world, 2500, 0.2, seed=1)
+    assert tally.wrong == []
+    assert sum(count for (_, outcome), count in tally.outcomes.items() if outcome == "right data") > 1500
+    assert min(tally.injected[fault] for fault in ("late", "silent", "exception")) > 20
+
+
+def writes_leave_a_mirror_as_it_is(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Polling, "changed", lambda *_: None)
+
+
+def a_mirror_has_no_stale_values(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(PolledRange, "is_lost", lambda polled, now, stale, writes: False)
+
+
+def a_line_that_keeps_its_name_keeps_its_devices(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(GatewayLine, "means", lambda line, plan: (line.name, line.plan.port) == (plan.line.name, plan.port))
+
+
+def an_upstream_takes_answers_in_the_order_of_requests(patch: pytest.MonkeyPatch) -> None:
+    received = Upstream.received
+
+    def in_order(upstream: Upstream, frames: Iterable[TcpFrame], now: float) -> None:
+        for frame in frames:
+            frame.transaction = next(iter(upstream._under_way), frame.transaction)
+            received(upstream, [frame], now)
+
+    patch.setattr(Upstream, "received", in_order)
+
+
+def a_line_awaits_no_late_answers(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(LateWindows, "forbid_until", lambda *_: None)
+
+
+def an_equal_read_overtakes_its_clients_write(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr("gateway.lines.queue._Row.holds_back", lambda *_: False)
+
+
+@pytest.mark.search
+@pytest.mark.interpreted
+@pytest.mark.parametrize(
+    ("world", "lie"),
+    [
+        ("mirrors", writes_leave_a_mirror_as_it_is),
+        ("mirrors", a_mirror_has_no_stale_values),
+        ("reloads", a_line_that_keeps_its_name_keeps_its_devices),
+        ("upstreams", an_upstream_takes_answers_in_the_order_of_requests),
+        ("writers", a_line_awaits_no_late_answers),
+        ("writers", an_equal_read_overtakes_its_clients_write),
+    ],
+)
+def test_it_notices(world: str, lie: Lie, monkeypatch: pytest.MonkeyPatch) -> None:
+    lie(monkeypatch)
+    assert run(world, 1500, 0.2, seed=1).wrong_count > 0
