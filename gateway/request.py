@@ -18,18 +18,24 @@ class Origin(Protocol):
         """Its address, `10.2.0.7`, on which its rights depend; empty if it has none."""
 
     @property
-    def address(self) -> str:
-        """Its address for fair shares between clients: see `listeners.origin`; empty if it has none."""
+    def share(self) -> str:
+        """What has one share of a line: its address, see `listeners.origin`; its name if it has none.
 
-    @property
-    def row(self) -> str:
-        """The name of its row in the queue of a line: its own name, or with UDP its address, whatever the port."""
+        All of one name have the same.
+        """
 
     def wants(self, request: "Request") -> bool:
         """Whether a waiting request should still be sent: not for a client that has disconnected."""
 
     def answer(self, request: "Request", pdu: bytes | None) -> None:
         """Take the one response to `request`; None ends it without one. Never raises."""
+
+
+class Place(Protocol):
+    """Where a request waits; of one that was passed on, where what was made of it waits."""
+
+    def give_up(self) -> None:
+        """See Request."""
 
 
 class Request:
@@ -39,7 +45,7 @@ class Request:
     what it failed with; `is_over` is true from then on.
     """
 
-    __slots__ = ("error", "is_over", "origin", "pdu", "received_at", "transaction", "unit")
+    __slots__ = ("error", "is_over", "origin", "pdu", "place", "received_at", "transaction", "unit")
 
     def __init__(self, unit: int, pdu: bytes, origin: Origin, received_at: float, transaction: int = 0) -> None:
         """`unit` is the client's number for it; `transaction` is for the origin."""
@@ -50,6 +56,8 @@ class Request:
         self.transaction = transaction
         self.error: RequestError | None = None
         self.is_over = False
+        #: Where it waits, while it does.
+        self.place: Place | None = None
 
     def respond(self, pdu: bytes) -> None:
         """Answer with a response PDU."""
@@ -67,6 +75,11 @@ class Request:
         self.is_over = True
         self.origin.answer(self, None)
 
+    def give_up(self) -> None:
+        """Perhaps its origin does not want it any more. It is asked before others are refused for it."""
+        if self.place is not None:
+            self.place.give_up()
+
     def __repr__(self) -> str:
         return f"<Request unit={self.unit} {self.pdu.hex(' ').upper()} from {self.origin.client}>"
 
@@ -78,8 +91,7 @@ class DerivedOrigin:
         self.original = original
         self.client = original.origin.client
         self.host = original.origin.host
-        self.address = original.origin.address
-        self.row = original.origin.row
+        self.share = original.origin.share
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - they are wanted as long as the original is
         """See Origin."""

@@ -40,13 +40,13 @@ class SiteRouter(Protocol):
 class SiteOrigin:
     """The origin of one request of another site. `expires_at` is its deadline, `hops` how many sites it has passed."""
 
-    __slots__ = ("_owner", "address", "client", "expires_at", "hops", "host", "reply", "row", "slot")
+    __slots__ = ("_owner", "client", "expires_at", "hops", "host", "reply", "share", "slot")
 
     def __init__(self, owner: "Owner", slot: Slot, reply: str, expires_at: float, hops: int) -> None:
         self._owner = owner
-        self.host = self.address = slot.sender
+        self.host = self.share = slot.sender
         #: As an address has a port: what a sender says of its clients is no name that may be trusted.
-        self.client = self.row = f"{slot.sender}:{slot.number}"
+        self.client = f"{slot.sender}:{slot.number}"
         self.slot = slot
         self.reply = reply
         self.expires_at = expires_at

@@ -103,6 +103,7 @@ class Mirror:
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
         """A request that was passed on is finished, with this response; None if it has none."""
         self.wrote(request, response, now)
+        request.place = None
         self._rows[request.origin.client].under_way -= 1
         if response is None:
             request.end()
@@ -195,6 +196,7 @@ class Mirror:
         parse_sent(row.waiting[0].pdu)
         request = row.take()
         passed_on = Request(request.unit, request.pdu, ForwardedOrigin(request, self._poller), now)
+        request.place = passed_on
         row.under_way += 1  # until it is over: see `passed`
         try:
             self._device.submit(passed_on, now)

@@ -19,7 +19,7 @@ class MirrorDriver:
     An unexpected error ends here: it is logged, the request that met it fails, and polling goes on.
     """
 
-    host = address = ""
+    host = ""
 
     def __init__(
         self,
@@ -32,7 +32,7 @@ class MirrorDriver:
         self.device = device
         self.name = settings.name
         self.mirror = Mirror(settings, device, self, emit, ring)
-        self.client = self.row = f"mirror {settings.name}"
+        self.client = self.share = f"mirror {settings.name}"
         self._emit = emit
         self._time = loop.time
         self._timer = LazyTimer(loop, self._wake)

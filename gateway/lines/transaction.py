@@ -41,8 +41,8 @@ class Transaction:
     """A request that has passed its device's checks. Equal reads of several clients share one transaction."""
 
     __slots__ = (
-        "asked", "counts", "device", "ends_at", "expected", "expects_answer", "gives_up_at", "limit",
-        "outstanding", "requests", "retries", "row", "sent_at", "times", "unit", "yields",
+        "asked", "counts", "device", "ends_at", "expected", "expects_answer", "failures", "gives_up_at", "limit",
+        "outstanding", "requests", "retries", "sent_at", "times", "unit", "yields",
     )  # fmt: skip
 
     #: Whether it is for all units.
@@ -51,9 +51,8 @@ class Transaction:
     is_scan = False
 
     def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
-        #: Those that it answers, and the row of the queue that the first of them waits in.
+        #: Those that it answers.
         self.requests = [request]
-        self.row = request.origin.row
         self.asked = asked
         self.device = device
         function = asked.function
@@ -68,9 +67,10 @@ class Transaction:
         self.sent_at = 0.0
         self.ends_at = 0.0
         self.limit = 0.0
-        #: How often it was sent again, and the latest time to do that once more.
+        #: How often the unit has not responded, how often it was sent again, and the latest time to do that once more.
+        self.failures = 0
         self.retries = 0
-        self.gives_up_at: float
+        self.gives_up_at = 0.0
         #: How many responses may still come, and what they look like.
         self.outstanding = 0
         self.expected: Expected
@@ -88,12 +88,19 @@ class Transaction:
 
     def again(self) -> "Transaction":
         """A copy to send once more. This one stays as it is, because a late response to it may come."""
-        again = type(self)(self.requests[0], self.asked, self.device)
-        again.requests = self.requests
-        again.yields = self.yields
-        again.retries = self.retries + 1
-        again.gives_up_at = self.gives_up_at
+        again = self.part(self.requests)
+        again.retries += 1
         return again
+
+    def part(self, requests: list[Request]) -> "Transaction":
+        """A copy for these of its requests."""
+        part = type(self)(requests[0], self.asked, self.device)
+        part.requests = requests
+        part.yields = self.yields
+        part.failures = self.failures
+        part.retries = self.retries
+        part.gives_up_at = self.gives_up_at
+        return part
 
     @property
     def answers_from(self) -> int | None:

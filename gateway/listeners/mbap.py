@@ -1,5 +1,6 @@
 """Sessions of Modbus TCP clients. Their ADUs carry a transaction identifier, so many requests can be in progress."""
 
+from collections.abc import Iterable
 from typing import Final
 
 from gateway.errors import IllegalFunction, NoRoute, NotModbus, RequestError
@@ -87,6 +88,9 @@ class MbapSession(Session):
         """See Session; also False if another request with its identifier has replaced it."""
         return super().wants(request) and request.transaction != _GIVEN_UP
 
+    def _awaited_requests(self) -> Iterable[Request]:
+        return self._under_way.values()
+
     @property
     def _hint(self) -> str:
         return self._framer.hint
@@ -103,6 +107,7 @@ class MbapSession(Session):
                 return
             if self._under_way and (earlier := self._under_way.pop(adu.transaction, None)) is not None:
                 earlier.transaction = _GIVEN_UP
+                earlier.give_up()
             if self._out:
                 self._withdraw(adu.transaction)
             if self._limit == 0:  # no more requests are taken

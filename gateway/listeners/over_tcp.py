@@ -9,6 +9,7 @@ response is sent only after everything that has arrived was read.
 """
 
 from collections import deque
+from collections.abc import Iterable
 from typing import Final
 
 from gateway.errors import NotModbus
@@ -153,6 +154,9 @@ class OverTcpSession(Session):
             self._in_flight -= 1
         self._go_on()
 
+    def _awaited_requests(self) -> Iterable[Request]:
+        return [] if self._awaited is None else [self._awaited]
+
     @property
     def _takes_more(self) -> bool:
         """Whether reading goes on. It does while the client is held back: otherwise its time-out would not be seen."""
@@ -292,6 +296,7 @@ class OverTcpSession(Session):
     def _abandon_all(self) -> None:
         """Drop all requests in progress or waiting; broadcasts are still handed out."""
         if self._awaited is not None:
+            self._awaited.give_up()
             self._awaited = None
             self._in_flight -= 1
         if self._waiting:

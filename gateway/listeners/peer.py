@@ -37,8 +37,8 @@ class Peer:
     role: None = None
 
     __slots__ = (
-        "_is_finishing", "_path", "_router", "_settings", "_under_way", "address", "asked", "client", "gone", "host",
-        "last_asked", "row",
+        "_is_finishing", "_path", "_router", "_settings", "_under_way", "asked", "client", "gone", "host", "last_asked",
+        "share",
     )  # fmt: skip
 
     def __init__(
@@ -50,9 +50,7 @@ class Peer:
         """
         self.client = client
         self.host = host
-        self.address = address or host
-        #: The same for all of its ports.
-        self.row = f"udp {self.address}"
+        self.share = address or host
         self.gone = False
         self.last_asked = NEVER
         self.asked = 0
@@ -81,6 +79,7 @@ class Peer:
         if (earlier.unit, earlier.pdu) == (adu.unit, adu.pdu):
             return True
         del self._under_way[adu.transaction]
+        earlier.give_up()
         return False
 
     def received(self, adu: mbap.TcpFrame, now: float, *, is_repeated: bool = False) -> None:
@@ -128,6 +127,8 @@ class Peer:
     def closed(self) -> None:
         """The peer is forgotten; its responses are dropped."""
         self.gone = True
+        for request in self._under_way.values():
+            request.give_up()
 
     def __repr__(self) -> str:
         return f"<Peer {self.client} in_flight={len(self._under_way)}>"

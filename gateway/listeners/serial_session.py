@@ -106,7 +106,6 @@ class SerialSession:
 
     #: A client on a line has no address.
     host = ""
-    address = ""
 
     def __init__(
         self,
@@ -135,7 +134,7 @@ class SerialSession:
         self._tune(latency=0.0)
 
     @property
-    def row(self) -> str:
+    def share(self) -> str:
         """See Origin."""
         return self.client
 
@@ -297,6 +296,8 @@ class SerialSession:
             self._ring.add(Answered(now, line, "", line, unit, asked, response, request.received_at, reason))
 
     def _drop(self) -> None:
+        if self._current is not None:
+            self._current.give_up()
         self._current = None
         self._answer = b""
 

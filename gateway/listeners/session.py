@@ -4,6 +4,7 @@ What all TCP clients have in common; their framings are in `mbap.py` and `over_t
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import inf
 from typing import Final, Literal, Protocol
@@ -206,18 +207,17 @@ class Session(ABC):
         """Whether a part of an ADU has arrived."""
 
     @abstractmethod
+    def _awaited_requests(self) -> Iterable[Request]:
+        """The requests that were submitted and have no response yet."""
+
+    @abstractmethod
     def _drain(self, now: float) -> None:
         """Submit the requests that have arrived, within the bounds. Raises NotModbus."""
 
     @property
-    def address(self) -> str:
+    def share(self) -> str:
         """See Origin."""
         return self._connection.address
-
-    @property
-    def row(self) -> str:
-        """See Origin."""
-        return self.client
 
     @property
     def gone(self) -> bool:
@@ -281,6 +281,7 @@ class Session(ABC):
         """The client has closed its side; it still gets its responses, then the connection is closed."""
         if self._life != GONE:
             self._life = HALF_CLOSED
+            self._give_up_all()
             self._close_when_done()
 
     def finish(self) -> None:
@@ -311,8 +312,13 @@ class Session(ABC):
         The connection refers to the session: as a cycle, both would never be freed after a reload (`service.garbage`).
         """
         self._life = GONE
+        self._give_up_all()
         self._connection = _Gone()
         self._out.clear()
+
+    def _give_up_all(self) -> None:
+        for request in self._awaited_requests():
+            request.give_up()
 
     @property
     def _hint(self) -> str:

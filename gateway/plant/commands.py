@@ -141,8 +141,8 @@ class Commands:
 class _Writer:
     """The Origin of a command's request, which is not sent after `until`."""
 
-    client = row = CLIENT
-    host = address = ""
+    client = share = CLIENT
+    host = ""
 
     def __init__(self, origin: PlantOrigin, command: Command, clock: Callable[[], float], until: float | None) -> None:
         self._origin = origin

@@ -19,8 +19,8 @@ class PublisherDriver:
     `wake` is set when there is something to publish. An unexpected error ends here: it is logged, and reading goes on.
     """
 
-    client = row = CLIENT
-    host = address = ""
+    client = share = CLIENT
+    host = ""
 
     def __init__(
         self,

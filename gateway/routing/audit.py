@@ -17,7 +17,7 @@ class AuditedOrigin:
     """
 
     __slots__ = (
-        "_clock", "_emit", "_is_broadcast", "_listener", "address", "client", "host", "identity", "origin", "row",
+        "_clock", "_emit", "_is_broadcast", "_listener", "client", "host", "identity", "origin", "share",
     )  # fmt: skip
 
     def __init__(
@@ -32,8 +32,7 @@ class AuditedOrigin:
     ) -> None:
         self.client = origin.client
         self.host = origin.host
-        self.address = origin.address
-        self.row = origin.row
+        self.share = origin.share
         #: The client's.
         self.origin = origin
         self._listener = listener

@@ -38,18 +38,28 @@ class Broadcast:
             request.fail(error)
             return
         targets = [target for target, functions in self._recipients if request.pdu[0] in functions]
-        copies = _Copies(request, len(targets))
+        request.place = copies = _Copies(request, len(targets))
         for target in targets:
-            target.submit(Request(BROADCAST_UNIT, request.pdu, copies, now), now)
+            target.submit(copies.another(now), now)
         copies.one_done()
 
 
 class _Copies(DerivedOrigin):
-    """The origin of a broadcast's copies: ends the original after all of them."""
+    """The origin of a broadcast's copies, and where it waits itself: it ends after all of them."""
 
     def __init__(self, original: Request, count: int) -> None:
         super().__init__(original)
         self._open = count + 1
+        self._copies: list[Request] = []
+
+    def another(self, now: float) -> Request:
+        copy = Request(BROADCAST_UNIT, self.original.pdu, self, now)
+        self._copies.append(copy)
+        return copy
+
+    def give_up(self) -> None:
+        for copy in self._copies:
+            copy.give_up()
 
     def answer(self, request: Request, pdu: bytes | None) -> None:  # noqa: ARG002 - a broadcast has no response
         self.one_done()
@@ -57,4 +67,6 @@ class _Copies(DerivedOrigin):
     def one_done(self) -> None:
         self._open -= 1
         if self._open == 0:
+            self._copies.clear()
+            self.original.place = None
             self.original.end()

@@ -45,8 +45,9 @@ class AwaitedOrigin:
 
     def __init__(self, is_there: Callable[[], bool], client: str = CONTROL, host: str = "") -> None:
         """`is_there` tells whether the `client` at the address `host` is still connected."""
-        self.client = self.row = client
-        self.host = self.address = host
+        self.client = client
+        self.host = host
+        self.share = host or client
         self.outcome: asyncio.Future[tuple[RequestError | None, bytes | None]] = (
             asyncio.get_running_loop().create_future()
         )

@@ -21,7 +21,7 @@ class Answers:
     """The origin of the requests; keeps what comes back, None for a request that ended without a response."""
 
     client = row = "test"
-    host = address = "127.0.0.1"
+    host = share = "127.0.0.1"
 
     def __init__(self) -> None:
         self.came: list[bytes | None] = []

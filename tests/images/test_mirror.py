@@ -17,7 +17,7 @@ SIX = "03 02 00 06"
 class Bench:
     """A mirror, its device, its poller and its clients in one: whoever asks is written beside what was asked."""
 
-    host = address = "127.0.0.1"
+    host = share = "127.0.0.1"
     client = row = "mirror"
 
     def __init__(self, *polls: Poll, stale: float = 2.0, profile: Profile | None = None) -> None:
@@ -77,10 +77,10 @@ class Bench:
 
 
 class Client:
-    host = address = "127.0.0.1"
+    host = share = "127.0.0.1"
 
     def __init__(self, bench: Bench, client: str = "10.0.0.9:1") -> None:
-        self.client = self.row = client
+        self.client = client
         self.is_there = True
         #: What it asks as soon as it has an answer.
         self.next: list[str] = []

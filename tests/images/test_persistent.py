@@ -11,10 +11,10 @@ from images.disk import Disk
 
 
 class Client:
-    host = address = "127.0.0.1"
+    host = share = "127.0.0.1"
 
     def __init__(self, image: PersistentImage, client: str = "10.0.0.9:1") -> None:
-        self.client = self.row = client
+        self.client = client
         self.came: list[str] = []
         self._image = image
 

@@ -6,19 +6,29 @@ from gateway.request import Request
 class Asker:
     """An Origin. `answers` holds the response PDUs in hex, in the order they came; None for a broadcast that ended."""
 
-    def __init__(
-        self, client: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", address: str = "", row: str = ""
-    ) -> None:
-        """`address` is `host` unless it is given, and `row` is `client`."""
+    def __init__(self, client: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", share: str = "") -> None:
+        """`share` is `host` unless it is given."""
         self.client = client
         self.host = host
-        self.address = address or host
-        self.row = row or client
-        self.gone = False
+        self.share = share or host
         self.answers: list[str | None] = []
+        self._asked: list[Request] = []
+        self._gone = False
+
+    @property
+    def gone(self) -> bool:
+        """Whether it has left. When it leaves, it gives up what it has asked."""
+        return self._gone
+
+    @gone.setter
+    def gone(self, gone: bool) -> None:
+        self._gone = gone
+        for request in self._asked:
+            request.give_up()
 
     def ask(self, pdu: str, *, unit: int = 1, now: float = 0.0) -> Request:
-        return Request(unit, bytes.fromhex(pdu), self, now)
+        self._asked.append(Request(unit, bytes.fromhex(pdu), self, now))
+        return self._asked[-1]
 
     def wants(self, request: Request) -> bool:
         return not self.gone

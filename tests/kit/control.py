@@ -21,9 +21,9 @@ PROFILE = Profile("generic", limits={3: 4})
 class FakeDaemon:
     """Stands in for `Conversation`. `asked` are the requests that came, `silent` what the gateway says of them."""
 
-    client = row = "control"
+    client = share = "control"
     gateway = Path("/run/gw.sock")
-    host = address = ""
+    host = ""
 
     def __init__(self, points: Iterable[Point] = (), *, functions: tuple[int, ...] | None = None) -> None:
         settings = ImageSettings(41, "silo-1", PROFILE, dict.fromkeys(Area, ((0, 19),)))

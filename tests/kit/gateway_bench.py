@@ -30,12 +30,11 @@ PATIENCE = 30.0
 class Client:
     """A Modbus TCP client without a socket. `responses` holds (transaction, unit, PDU in hex) as they came."""
 
-    address = "127.0.0.1"
-
     def __init__(
         self, gateway: Gateway, name: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", listener: int = 0
     ) -> None:
         self._loop = asyncio.get_running_loop()
+        self.address = host
         door = gateway.listeners[listener]
         self.session = MbapSession(
             name,

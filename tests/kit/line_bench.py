@@ -135,6 +135,5 @@ def is_empty(line: Line) -> bool:
     """Whether nothing is left behind in a line: no transaction, no window, nothing that waits."""
     queue = line._scheduler._queue
     queue.expired(0.0)  # forgets those that wait no more
-    rows = [row for row in queue._rows.values() if row.waiting]
-    left = (queue._waiting, queue._reads, queue._urgent, queue._plain, queue._expiries, rows)
+    left = (len(queue), queue._reads, queue._expiries, queue._given_up, queue._repeats)
     return not any(left) and line._current is None

@@ -34,8 +34,8 @@ class Client:
     """An Origin that checks each answer against its request."""
 
     def __init__(self, name: str) -> None:
-        self.client = self.row = name
-        self.host = self.address = "127.0.0.1"
+        self.client = name
+        self.host = self.share = "127.0.0.1"
         self.gone = False
         self.answers: dict[Request, str | None] = {}
 

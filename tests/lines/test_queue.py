@@ -4,7 +4,7 @@ import pytest
 
 from gateway.devices.device import Device, EveryDevice
 from gateway.lines.counts import total
-from gateway.lines.queue import _EMPTY_ROWS, OVERTAKES, YIELDS, WaitingQueue
+from gateway.lines.queue import YIELDS, WaitingQueue
 from gateway.lines.transaction import BroadcastTransaction, Transaction
 from gateway.modbus.pdu import parse_request
 from gateway.request import Request
@@ -73,9 +73,9 @@ class Waiting:
         """Whether nothing is left behind."""
         queue = self.queue
         queue.expired(self.now)
-        rows = [row for row in queue._rows.values() if row.waiting]
-        left = (queue._waiting, queue._expiries, queue._reads, queue._urgent, queue._plain, rows)
-        return not any(left) and len(queue) == 0 and queue.next_expiry() is None
+        rows = [row for row in queue._rows() if row.places]
+        left = (len(queue), queue._expiries, queue._reads, queue._given_up, queue._repeats, rows)
+        return not any(left) and queue.next_expiry() is None
 
 
 def name(transaction: Transaction) -> str:
@@ -113,17 +113,25 @@ def test_clients_take_turns_whatever_they_have_queued(waiting: Waiting) -> None:
     assert waiting.take_all() == ["A1", "B5", "C7", "A2", "B6", "A3", "A4"]
 
 
-def test_clients_of_one_row_take_one_turn_and_share_nothing_among_themselves(waiting: Waiting) -> None:
-    """The ports of one UDP host."""
-    for client in ("U1", "U2", "U3"):
-        waiting.clients[client] = Asker(client, host="U", row="udp U")
+def test_addresses_take_turns_and_the_connections_of_each_take_turns_in_its_turns() -> None:
+    waiting = Waiting(coalesce=False)
     for unit in (1, 2):
-        for client in ("U1", "U2", "U3"):
+        for client in ("A1", "A2", "A3"):
             waiting.put(client, unit=unit)
-    for unit in (4, 5, 6):
-        waiting.put("B", unit=unit)
-    assert waiting.take_all() == ["U11", "B4", "U21", "B5", "U31", "B6", "U12", "U22", "U32"]
+    for unit in (4, 5, 6, 7):
+        waiting.put("B1", unit=unit)
+    assert waiting.take_all() == ["A11", "B14", "A21", "B15", "A31", "B16", "A12", "B17", "A22", "A32"]
     assert waiting.is_empty()
+
+
+def test_a_host_has_no_more_turns_for_31_connections_than_another_for_one() -> None:
+    waiting = Waiting()
+    for number in range(31):
+        waiting.put(f"A{number}", f"03 00 {number:02X} 00 01")
+    for number in range(4):
+        waiting.put("B", unit=2 + number)
+    went = waiting.take_all()
+    assert [each[0] for each in went[:8]] == ["A", "B"] * 4
 
 
 def test_who_comes_back_goes_behind_those_who_wait(waiting: Waiting) -> None:
@@ -146,14 +154,48 @@ def test_a_request_that_expires_does_not_cost_its_client_the_turn() -> None:
     assert waiting.take_all() == ["A2", "B3"]
 
 
+def test_who_comes_back_in_the_round_after_its_turn_has_not_lost_its_place(waiting: Waiting) -> None:
+    for client in "ABC":
+        waiting.put(client, unit=ord(client))
+    assert waiting.take() == "A65"
+    waiting.put("D", unit=4)
+    waiting.put("A", unit=1)
+    assert waiting.take_all() == ["B66", "C67", "A1", "D4"]
+
+
 # --- urgency ---
 
 
-def test_writes_go_before_reads_of_other_clients(waiting: Waiting) -> None:
+def test_a_write_goes_before_reads_of_other_clients(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("B", unit=3)
+    waiting.put("C", WRITE, unit=2)
+    assert waiting.take_all() == ["C2!", "A1", "B3"]
+
+
+def test_of_those_who_come_in_a_round_one_goes_before_the_others(waiting: Waiting) -> None:
     waiting.put("A")
     waiting.put("B", WRITE, unit=2)
     waiting.put("C", "41 01", unit=3)
-    assert waiting.take_all() == ["B2!", "C3!", "A1"]
+    waiting.put("A", unit=4)
+    assert waiting.take_all() == ["B2!", "A1", "C3!", "A4"]
+
+
+@pytest.mark.parametrize("host", ["A", "B"])
+def test_programs_that_connect_anew_for_each_write_leave_others_their_turns(host: str) -> None:
+    """There is always a connection that has not had its turn yet."""
+    waiting = Waiting()
+    waiting.put("A0")
+    for number in range(1, 3):
+        waiting.put(f"{host}{number}", WRITE, unit=2)
+    went = []
+    for number in range(3, 63):
+        went.append(waiting.take())
+        if went[-1] == "A01":
+            waiting.put("A0")
+        else:
+            waiting.put(f"{host}{number}", WRITE, unit=2)
+    assert went.count("A01") >= len(went) // 4
 
 
 @pytest.mark.parametrize("pdu", READS)
@@ -177,13 +219,22 @@ def test_a_clients_own_write_does_not_overtake_its_older_read_of_another_unit(wa
     assert waiting.take_all() == ["B3!", "A1", "A2!"]
 
 
-def test_a_plain_request_waits_for_so_many_urgent_ones_and_no_more(waiting: Waiting) -> None:
-    waiting.put("A")
-    waiting.put("A", unit=2)
-    for _ in range(2 * OVERTAKES + 2):
-        waiting.put("B", WRITE, unit=3)
-    urgent = ["B3!"] * OVERTAKES
-    assert waiting.take_all() == [*urgent, "A1", *urgent, "A2", "B3!", "B3!"]
+def test_who_writes_is_the_first_in_each_round_and_has_one_turn_in_it() -> None:
+    waiting = Waiting(coalesce=False)
+    for unit in (1, 2, 3):
+        waiting.put("A", unit=unit)
+        waiting.put("B", unit=unit)
+        waiting.put("C", WRITE, unit=4)
+    assert waiting.take_all() == ["C4!", "A1", "C4!", "B1", "A2", "C4!", "B2", "A3", "B3"]
+
+
+def test_so_has_a_connection_among_those_of_its_host() -> None:
+    waiting = Waiting(coalesce=False)
+    for unit in (1, 2):
+        waiting.put("A1", unit=unit)
+        waiting.put("A2", WRITE, unit=4)
+        waiting.put("B", unit=unit)
+    assert waiting.take_all() == ["A24!", "B1", "A11", "A24!", "B2", "A12"]
 
 
 def test_a_poll_lets_every_client_go_first() -> None:
@@ -220,10 +271,19 @@ def test_nobody_joins_a_poll_but_a_poll_joins_others(waiting: Waiting) -> None:
 
 def test_a_plain_request_that_is_held_does_not_stop_the_urgent_ones(waiting: Waiting) -> None:
     waiting.put("A")
-    for _ in range(OVERTAKES + 2):
+    for _ in range(6):
         waiting.put("B", WRITE, unit=3)
-    assert waiting.take_all(1) == ["B3!"] * (OVERTAKES + 2)
+    assert waiting.take_all(1) == ["B3!"] * 6
     assert waiting.take_all() == ["A1"]
+
+
+def test_who_is_held_keeps_its_turn(waiting: Waiting) -> None:
+    waiting.put("A", unit=1)
+    for unit in (2, 3):
+        waiting.put("B", unit=unit)
+        waiting.put("C", WRITE, unit=unit)
+    assert [waiting.take(1) for _ in range(3)] == ["C2!", "C3!", "B2"]
+    assert waiting.take_all() == ["A1", "B3"]
 
 
 # --- order of one client's requests ---
@@ -430,6 +490,18 @@ def test_while_the_clients_turn_is_held_another_one_may_go_with_what_is_shared(w
     assert waiting.take_all() == ["A2"]
 
 
+def test_who_is_parted_from_a_repeat_has_been_sent_as_often(waiting: Waiting) -> None:
+    """Otherwise it is sent once too often, or gets 06 for what was sent."""
+    for client, pdu in (("A", READ), ("B", READ), ("A", OTHER)):
+        waiting.put(client, pdu)
+    for sent in (waiting.queue.take(), waiting.queue.take()):
+        sent.gives_up_at = 10.0
+        waiting.queue.put_back(sent.again())
+    part = waiting.queue.take(lambda transaction: transaction.asked.data == bytes.fromhex(OTHER))
+    assert (name(part), part.retries, part.gives_up_at) == ("B1", 1, 10.0)
+    assert [transaction.retries for transaction in waiting.queue.clear()] == [1, 1]
+
+
 # --- expiry, departure, room ---
 
 
@@ -513,18 +585,6 @@ def test_who_has_most_waiting_gives_up_its_newest_request() -> None:
     assert waiting.is_empty()
 
 
-def test_of_a_row_with_most_waiting_the_newest_request_is_given_up_whosever_it_is() -> None:
-    waiting = Waiting(size=4)
-    for unit, client in enumerate(("U1", "U2"), 1):
-        waiting.clients[client] = Asker(client, host="U", row="udp U")
-        waiting.put(client, unit=unit)
-    waiting.clients["U3"] = Asker("U3", host="U", row="udp U")
-    for unit in (3, 4):
-        waiting.put("B", unit=unit)
-    assert waiting.refused_for("C", unit=5) == "U22"
-    assert waiting.refused_for("U3", unit=6) == "U36"
-
-
 def test_who_would_have_most_waiting_is_refused_itself() -> None:
     waiting = Waiting(size=4)
     for unit in (1, 2):
@@ -547,14 +607,14 @@ def test_of_connections_with_equally_much_the_address_with_most_gives_up() -> No
         waiting.put(client, unit=int(client[1:]))
     assert waiting.refused_for("C1", unit=4) == "A11"
     assert waiting.refused_for("A4", unit=5) == "A45"
-    assert waiting.take_all() == ["B11", "A22", "A33", "C14"]
+    assert waiting.take_all() == ["B11", "A22", "C14", "A33"]
 
 
 def test_what_counts_as_one_address_does_here_too() -> None:
     """Of IPv6, the network of one customer."""
     waiting = Waiting(size=4)
     for number, client in enumerate(("B1", "A1", "A2", "A3")):
-        waiting.clients[client] = Asker(client, host=f"2001:db8::{number}", address=client[0])
+        waiting.clients[client] = Asker(client, host=f"2001:db8::{number}", share=client[0])
         waiting.put(client, unit=number + 1)
     assert waiting.refused_for("C1", unit=9) == "A12"
 
@@ -596,7 +656,8 @@ def test_what_was_given_up_leaves_nothing_behind() -> None:
     for number in range(500):
         waiting.refused_for(f"C{number}", unit=3)
         waiting.clients[f"C{number}"].gone = True
-    assert len(waiting.queue._expiries) <= 3
+    assert len(waiting.queue._expiries) <= 4 * 2
+    assert len(list(waiting.queue._rows())) <= 3
 
 
 def test_what_is_to_be_dropped_is_and_the_rest_keeps_its_turn(waiting: Waiting) -> None:
@@ -619,17 +680,19 @@ def test_clear_drops_everything(waiting: Waiting) -> None:
 
 def test_a_dropped_write_makes_its_clients_next_read_plain_again(waiting: Waiting) -> None:
     waiting.put("A", WRITE)
-    waiting.put("A", unit=2)
     waiting.put("B", WRITE, unit=3)
+    waiting.put("A", unit=2)
     waiting.queue.drop(lambda transaction: transaction.client == "A" and transaction.asked.function == 6)
     assert waiting.take_all() == ["B3!", "A2"]
 
 
-def test_rows_of_many_clients_that_came_once_do_not_pile_up(waiting: Waiting) -> None:
-    for number in range(3 * _EMPTY_ROWS):
-        waiting.put(f"client-{number}", OTHER)
+@pytest.mark.parametrize("host", ["", "A"])
+def test_nothing_is_kept_of_clients_that_came_once(waiting: Waiting, host: str) -> None:
+    for number in range(100):
+        waiting.clients[f"{number}"] = Asker(f"{number}", host=host or f"{number}")
+        waiting.put(f"{number}", OTHER)
         waiting.take()
-    assert len(waiting.queue._rows) <= _EMPTY_ROWS + 1
+    assert len(list(waiting.queue._rows())) <= 2
     assert waiting.is_empty()
 
 

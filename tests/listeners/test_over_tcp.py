@@ -14,6 +14,7 @@ from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.request import Request
+from kit.waiting import Waiting
 
 READ = bytes.fromhex("03 00 10 00 01")
 OTHER_READ = bytes.fromhex("03 00 20 00 01")
@@ -441,9 +442,11 @@ def test_a_request_given_up_while_the_client_takes_no_responses_is_not_handed_on
 def test_what_has_been_given_up_need_not_be_sent_any_more(client: Client) -> None:
     client.ask(WRITE)
     assert client.session.wants(client.target.requests[0])
+    waiting = Waiting(client.target.requests[0])
     client.wait(TIME_OUT)
     client.ask(READ)
     assert [client.session.wants(request) for request in client.target.requests] == [False, True]
+    assert waiting.is_given_up
 
 
 @pytest.mark.parametrize("scheme", ENCODE)

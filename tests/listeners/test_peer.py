@@ -9,6 +9,7 @@ from gateway.listeners.peer import Path, Peer
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.mbap import TcpFrame, encode
 from gateway.request import Request
+from kit.waiting import Waiting
 
 READ = bytes.fromhex("03 00 10 00 01")
 OTHER_READ = bytes.fromhex("03 00 20 00 01")
@@ -62,6 +63,16 @@ def test_a_response_carries_the_requests_own_transaction_and_unit(client: Client
     assert client.sent == [encode(0x1234, 7, RESPONSE)]
     assert client.peer.is_idle
     assert client.peer.last_asked == 5.0
+
+
+def test_who_replaces_a_request_or_is_forgotten_has_given_it_up(client: Client) -> None:
+    client.ask(1)
+    client.ask(2)
+    replaced, other = map(Waiting, client.target.requests)
+    client.ask(1, OTHER_READ)
+    assert (replaced.is_given_up, other.is_given_up) == (True, False)
+    client.peer.closed()
+    assert other.is_given_up
 
 
 def test_requests_are_counted_and_those_without_a_response(client: Client) -> None:

@@ -8,6 +8,7 @@ from gateway.errors import IllegalFunction, LineDown, ResponseTimeout, WaitedToo
 from gateway.events import AnswerWithheld
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.server_bench import ASCII, LATENCY, RTU, ServerBench
+from kit.waiting import Waiting
 
 READ = "03 00 00 00 02"
 RESPONSE = bytes.fromhex("03 04 45 9C 3D 51")
@@ -15,6 +16,15 @@ OTHER = "03 00 10 00 01"
 WRITE = "06 00 01 00 05"
 
 BOTH = pytest.mark.parametrize("timing", [RTU, ASCII], ids=["rtu", "ascii"])
+
+
+def test_a_client_that_sends_something_else_has_given_its_request_up() -> None:
+    bench = ServerBench()
+    waiting = Waiting(bench.ask(READ))
+    bench.pass_time(0.1)
+    assert not waiting.is_given_up
+    bench.ask(OTHER)
+    assert waiting.is_given_up
 
 
 @BOTH

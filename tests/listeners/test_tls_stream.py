@@ -547,7 +547,7 @@ def test_what_counts_as_a_clients_address_is_what_did_for_its_handshake() -> Non
         host = "2001:db8:1:2::7"
         listener._secured(stream, ConnectingClient(host, f"[{host}]:1", "2001:db8:1:2::/64"))  # type: ignore[arg-type]
         (connection,) = begun
-        assert (connection.host, connection.session.address) == (host, "2001:db8:1:2::/64")
+        assert (connection.host, connection.session.share) == (host, "2001:db8:1:2::/64")
 
     asyncio.run(scenario())
 

@@ -70,12 +70,12 @@ class Setting:
 class Question:
     """A client's request, as its Origin; `then` is what the client does when it is answered."""
 
-    host = address = "127.0.0.1"
+    host = share = "127.0.0.1"
 
     def __init__(
         self, world: "World", client: str, unit: int, pdu: bytes, then: Callable[["World"], None] | None
     ) -> None:
-        self.client = self.row = client
+        self.client = client
         self.unit = unit
         self.pdu = pdu
         self.asked_at = world.now

@@ -25,11 +25,11 @@ HERE, ELSEWHERE = "127.0.0.1", "10.9.9.9"
 class Bench:
     """A client with a certificate: what arrives at the units, what it is answered, and what is told of it."""
 
-    client = row = "10.9.9.9:1"
+    client = "10.9.9.9:1"
     name = "bench"
 
     def __init__(self, rows: tuple[Row, ...], role: str, host: str = ELSEWHERE, entry: EntryPoint = REMOTE) -> None:
-        self.host = self.address = host
+        self.host = self.share = host
         self.reached: list[Request] = []
         self.answers: list[bytes | None] = []
         self.events: list[Event] = []

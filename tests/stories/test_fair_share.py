@@ -1,7 +1,8 @@
-"""Clients that ask without end, and one that asks now and then: it neither stands behind them nor is refused (C11)."""
+"""Clients that ask without end, and others: each has its share of the line, and is not refused for them (C11)."""
 
 import asyncio
 import itertools
+from statistics import median
 
 import pytest
 
@@ -13,8 +14,76 @@ CONFIG = """
 [[line]]
 port    = "/dev/hall-a"
 baud    = 9600
-devices = [{ unit = 1 }]
+devices = [{ unit = 1 }, { unit = 2, priority = "high" }]
+
+[[access]]
+from  = ["127.0.0.0/8"]
+units = "all"
+allow = ["read", "write"]
 """
+WRITE = (1, "06 0001 0005")
+READ_OF_HIGH_PRIORITY = (2, "03 0001 0001")
+
+
+class Asking:
+    """A client that asks again as soon as it is answered; a network takes a millisecond."""
+
+    def __init__(self, client: Client, unit: int, pdu: str) -> None:
+        self.times: list[float] = []
+        self.failed = 0
+        self._client = client
+        self._question = (unit, pdu)
+        self._task = asyncio.create_task(self._ask())
+
+    def stop(self) -> int:
+        """How often it was answered."""
+        self._task.cancel()
+        return len(self.times)
+
+    async def _ask(self) -> None:
+        while True:
+            begin = self._client.now()
+            answer = await self._client.asks(*self._question)
+            self.failed += int(answer[:2], 16) >= 0x80
+            self.times.append(self._client.now() - begin)
+            await asyncio.sleep(0.001)
+
+
+async def reading(bench: GatewayBench, number: int, also: tuple[int, str] | None = None) -> tuple[list[Asking], int]:
+    """So many readers, each from its own address, and what else is asked `also`; how often that was answered."""
+    asking = [Asking(bench.client(f"127.0.1.{n}:1", host=f"127.0.1.{n}"), 1, f"03 {n:04X} 000A") for n in range(number)]
+    others = [Asking(bench.client("127.0.2.1:1", host="127.0.2.1"), *also)] if also else []
+    await asyncio.sleep(20)
+    for each in asking:
+        each.stop()
+    return asking, sum(each.stop() for each in others)
+
+
+@pytest.mark.parametrize("also", [WRITE, READ_OF_HIGH_PRIORITY], ids=["write", "high"])
+async def test_who_writes_without_end_has_a_turn_in_each_round_like_the_others(also: tuple[int, str]) -> None:
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall-a", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(2)))
+        undisturbed, _ = await reading(bench, 8)
+        disturbed, count = await reading(bench, 8, also)
+        shares = [len(each.times) / count for each in disturbed]
+        assert 0.95 < min(shares) <= max(shares) < 1.05
+        assert median(disturbed[0].times) < 9 / 8 * median(undisturbed[0].times) + 0.002
+
+
+async def test_a_writer_costs_none_of_many_readers_its_answer() -> None:
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall-a", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(2)))
+        readers, _ = await reading(bench, 48, WRITE)
+        assert [each.failed for each in readers] == [0] * 48
+
+
+async def test_a_host_has_no_larger_share_for_more_connections() -> None:
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall-a", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(2)))
+        many = [Asking(bench.client(f"127.0.1.1:{n}", host="127.0.1.1"), 1, f"03 {n:04X} 0001") for n in range(31)]
+        modest = Asking(bench.client("127.0.2.1:1", host="127.0.2.1"), 1, "03 0064 0001")
+        await asyncio.sleep(20)
+        assert modest.stop() == pytest.approx(sum(each.stop() for each in many), rel=0.05)
 
 
 async def test_a_modest_client_waits_for_no_more_turns_than_there_are_clients() -> None:

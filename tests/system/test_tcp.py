@@ -433,8 +433,8 @@ async def test_a_request_knows_what_counts_as_the_address_of_its_client() -> Non
         client.ask(PATIENT)
         await until(lambda: bench.plant.waiting)
         origin = bench.plant.waiting[0].origin
-        assert (origin.host, origin.address) == ("127.0.0.1", "the network of 127.0.0.1")
-        assert origin.row == origin.client == client.name
+        assert (origin.host, origin.share) == ("127.0.0.1", "the network of 127.0.0.1")
+        assert origin.client == client.name
         bench.plant.answer_all()
 
 

@@ -336,9 +336,9 @@ async def test_the_ports_of_one_address_take_turns_as_one() -> None:
             bench.client(own=own).ask(PATIENT)
         await until(lambda: len(bench.plant.requests) == 3)
         one, same, other = (request.origin for request in bench.plant.requests)
-        assert one.row == same.row == "udp 127.0.0.1"
+        assert one.share == same.share == "127.0.0.1"
         assert one.client != same.client
-        assert (other.row, other.address, other.host) == ("udp 127.0.0", "127.0.0", "127.0.0.9")
+        assert (other.share, other.host) == ("127.0.0", "127.0.0.9")
 
 
 async def test_many_forged_senders_leave_no_more_than_the_bound() -> None:
