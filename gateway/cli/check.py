@@ -23,6 +23,7 @@ from gateway.config.forecast import (
     longest_wait,
     longest_wait_behind,
     longest_wait_outside,
+    times_for_repeats,
     waits_behind,
 )
 from gateway.config.json_schema import json_schema
@@ -36,7 +37,6 @@ from gateway.config.unitset import show_units
 from gateway.devices.device import DeviceSettings
 from gateway.errors import StateError
 from gateway.events import AddressRemembered, BaudRemembered
-from gateway.lines.settings import LineSettings
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.sockets import url
 from gateway.service.file_troubles import with_file_troubles
@@ -179,7 +179,7 @@ def _line(plan: LinePlan, whole: Plan) -> str:
         [
             f"Line {plan.line.name}: {plan.port.port}",
             f"  {timing.mode} {timing.baud} {timing.format}, gap {_gap(plan)}, latency {_latency(plan)}, wire {wire}",
-            *_failures(plan.line),
+            *_failures(plan),
             align([("UNIT", "ON THE WIRE", "DEVICE", "PROFILE", "LONGEST WAIT"), *map(_row, units)], "  "),
             *_list_listeners(plan, whole),
             *polls_as_text(plan, whole),
@@ -188,12 +188,21 @@ def _line(plan: LinePlan, whole: Plan) -> str:
     )
 
 
-def _failures(line: LineSettings) -> Iterator[str]:
+def _failures(plan: LinePlan) -> Iterator[str]:
     """What happens after a failure, where that is not the default."""
+    line = plan.line
     if line.retries:
-        yield f"  retries {line.retries}, retry_within {show_duration(line.retry_within)}"
+        yield f"  retries {line.retries}, retry_within {_retry_within(plan)}"
     if line.rest is not None:
         yield f"  rest {show_duration(line.rest) if line.rest else 'off'}"
+
+
+def _retry_within(plan: LinePlan) -> str:
+    """How long a read may take with its repeats."""
+    if plan.line.retry_within is not None:
+        return show_duration(plan.line.retry_within)
+    least, most = map(show_duration, times_for_repeats(plan))
+    return f"auto: {least}" if least == most else f"auto: {least} to {most}, by the size of the read"
 
 
 def _list_listeners(plan: LinePlan, whole: Plan) -> Iterator[str]:

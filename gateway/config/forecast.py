@@ -110,13 +110,18 @@ def _longest_transaction(plan: LinePlan) -> float:
 
 def least_for_repeat(plan: LinePlan) -> float:
     """The shortest `retry_within` with which any read can be sent again after silence; 0 if there are no reads."""
-    needed = (
-        _needed_for_repeat(one, plan.line, device)
-        for device in one_of_each_kind(plan)
-        for one in function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
-        if one.function in READING_FUNCTIONS
-    )
+    needed = (_needed_for_repeat(limits, plan.line, device) for limits, device in _reads(plan))
     return min(needed, default=0.0)
+
+
+def times_for_repeats(plan: LinePlan) -> tuple[float, float]:
+    """How long a read may take with its repeats, at least and at most; 0 if there are no reads."""
+    times = [
+        plan.line.time_for_repeats(limits.request, limit, _late_window(limit, plan.line, device))
+        for limits, device in _reads(plan)
+        for limit in (limits.one_item, limits.most_items)
+    ]
+    return min(times, default=0.0), max(times, default=0.0)
 
 
 def longest_wait_behind(plan: UpstreamPlan) -> float:
@@ -162,6 +167,14 @@ def longest_wait_outside(server: ServerPlan) -> float:
     return answer + line.silence_before_response + server.latency + line.timing.longest_frame
 
 
+def _reads(plan: LinePlan) -> Iterator[tuple[FunctionLimits, DeviceSettings]]:
+    """The limits of the reading functions of each kind of device."""
+    for device in one_of_each_kind(plan):
+        for limits in function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency):
+            if limits.function in READING_FUNCTIONS:
+                yield limits, device
+
+
 def _limiting(device: DeviceSettings) -> tuple[int, int]:
     """What its limits depend on, told apart as objects: the units of a row of the config have the same."""
     return id(device.profile), id(device.answer_time)
@@ -174,10 +187,8 @@ def _is_repeated(function: int | None) -> bool:
 
 def _add_repeats(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
     """The time from the first attempt of a read until its last one has failed."""
-    within = line.retry_within
-    if within is not None:
-        return within
-    return 2 * (limits.most_items + _late_window(limits.most_items, line, device))
+    limit = limits.most_items
+    return line.time_for_repeats(limits.request, limit, _late_window(limit, line, device))
 
 
 def _late_window(limit: float, line: LineSettings, device: DeviceSettings) -> float:

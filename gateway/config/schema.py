@@ -149,7 +149,9 @@ class Device(Table):
     )
     profile: str | None = Field(None, description="The kind of device. Default: the `profile` of the line.")
     priority: Literal["normal", "high"] = Field(
-        "normal", description="Waiting requests to a device with high priority are sent first."
+        "normal",
+        description="Who waits for a device with high priority is the first in each round of those who wait for its "
+        "line, like who waits with a write.",
     )
     timeout: Duration | None = Field(
         None, description="How long it may take to begin its response, regardless of its profile."
@@ -248,7 +250,8 @@ class Line(Table):
         None,
         description="The longest that a read with its repeats may take, counted from the first attempt. A repeat that "
         "cannot end by then is not sent: the client gets 0B at once. A repeat after silence needs at least limit + "
-        'late window + limit. `max_wait` does not apply to repeats. `"auto"`: twice the sum of limit and late window.',
+        'late window + limit. `max_wait` does not apply to repeats. `"auto"`: twice the sum of limit and late window, '
+        "or more where that is too short for one repeat; `check` shows how long.",
     )
     rest: DurationOrOffOrAuto = Field(
         None,

@@ -2,8 +2,10 @@
 
 After three failures in a row a unit rests: its requests get 0B at once. The rest counts from the end of the last late
 window. The next request after it is the probe; the gateway sends none of its own. If it fails too, the next rest is
-twice as long. A rest lasts at least nine time limits, so that an unresponsive unit uses at most a tenth of the line,
-unless a shorter maximum is configured. Any valid response ends the back-off, even a late or an unexpected one.
+twice as long. A request is one failure, however often it is repeated, and a rest does not stop its repeats: a unit may
+need a second request to wake up. A rest lasts at least nine time limits for each time the request was sent, so that an
+unresponsive unit uses at most a tenth of the line, unless a shorter maximum is configured. Any valid response ends the
+back-off, even a late or an unexpected one.
 """
 
 from typing import Final
@@ -36,20 +38,23 @@ class Breaker:
         """How much longer the unit rests, in seconds."""
         return max(0.0, self._until - now)
 
-    def record_failure(self, limit: float, window_end: float, longest: float | None = None) -> bool:
-        """A request has failed after `limit` seconds; True if a rest begins.
+    def record_failure(
+        self, limit: float, window_end: float, longest: float | None = None, *, failed_before: int = 0
+    ) -> bool:
+        """A request has failed after `limit` seconds, and so often before that; True if a rest begins.
 
         `longest` is the maximum in seconds: 0 for no rest at all, None for the default.
         """
-        self.failures += 1
+        self.failures += not (failed_before and self.failures)
         if self.failures < FAILURES or longest == 0:
             return False
-        least = LIMITS_PER_REST * limit
+        least = LIMITS_PER_REST * limit * (1 + failed_before)
         if longest is None:
             longest = max(LONGEST_REST, least)
-        self.rest = min(max(FIRST_REST, least, 2 * self.rest), longest)
+        rest = self.rest if failed_before else 2 * self.rest
+        self.rest = min(max(FIRST_REST, least, rest), longest)
         self._until = window_end + self.rest
-        return True
+        return not failed_before
 
     def record_success(self) -> bool:
         """The unit has responded; True if that ends its back-off."""

@@ -17,16 +17,19 @@ OTHERS: Final = 16
 
 
 class IdleTime:
-    """When the one `question` that waits here may be sent. `held_until` is when no late window forbids it any more."""
+    """When the one `question` that waits here may be sent.
+
+    `held_until` is when no late window forbids it any more, `others` how many were sent while it waits.
+    """
 
     def __init__(self, queue: WaitingQueue, windows: LateWindows) -> None:
         self.question: ScanTransaction | None = None
         self.held_until = 0.0
         self._queue = queue
         self._windows = windows
-        #: The question that was sent last, and how many others were since.
+        self.others = 0
+        #: The question that was sent last.
         self._last: ScanTransaction | None = None
-        self._others = 0
 
     def put(self, question: ScanTransaction) -> None:
         """Let a question wait here, in place of one that nobody wants any more."""
@@ -40,14 +43,13 @@ class IdleTime:
         question = self.question
         if question is None:
             return None
-        self._others += 1
         if len(self._queue) and not self._has_its_turn():
             return None
         until = self._windows.forbid_until(question, now) if self._windows.windows else None
         if until is not None:
             self.held_until = until
             return None
-        self.question, self._last, self._others = None, question, 0
+        self.question, self._last, self.others = None, question, 0
         return question
 
     def deadline(self, sends_at: float) -> float | None:
@@ -63,4 +65,4 @@ class IdleTime:
 
     def _has_its_turn(self) -> bool:
         ended_at = -inf if self._last is None else self._last.fails_at
-        return self._others > OTHERS and self._queue.waits_since() >= ended_at
+        return self.others >= OTHERS and self._queue.waits_since() >= ended_at

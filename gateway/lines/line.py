@@ -381,6 +381,7 @@ class Line:
             self._refuse(transaction, error, now)
             return
         transaction.count_sent(now)
+        self._scheduler.sent()
         transaction.outstanding += not transaction.is_broadcast
         if transaction.expects_answer:
             self._quiet_at = transaction.ends_at + self._gap
@@ -457,7 +458,7 @@ class Line:
         if current.outstanding:  # else the response was damaged
             self._record_failure(current, diagnosis.text, now)
         at_once = diagnosis.verdict == "broken" and not self._receiver.attribution.may_be_others(current)
-        if not self._may_repeat(current, now, now if at_once else self._windows.end_of(current, now)):
+        if not self._may_repeat(current, now if at_once else self._windows.end_of(current, now)):
             self._fail(current, now)
         elif at_once:
             self._scheduler.recorder.failed(current, None, now, diagnosis.text)
@@ -474,17 +475,17 @@ class Line:
         if not (current.is_scan or self._receiver.may_have_collided(current.unit, text)):
             self._scheduler.record_failure(current, now)
 
-    def _may_repeat(self, current: Transaction, now: float, at: float) -> bool:
+    def _may_repeat(self, current: Transaction, at: float) -> bool:
         """Whether the request may be sent once more, not before `at`."""
         if current.retries >= self.settings.retries or not current.asked.only_reads or current.is_scan:
             return False
-        if self._write is None or not current.is_wanted or current.device.breaker.is_resting(now):
+        if self._write is None or not current.is_wanted:
             return False
         if not current.retries:
-            within = self.settings.retry_within
-            if within is None:
-                within = 2 * (self._windows.end_of(current, current.fails_at) - current.ends_at)
-            current.gives_up_at = current.sent_at + within - (current.fails_at - current.sent_at)
+            window = self._windows.end_of(current, current.fails_at) - current.fails_at
+            request = current.ends_at - current.sent_at
+            within = self.settings.time_for_repeats(request, current.limit, window)
+            current.gives_up_at = current.sent_at + within - request - current.limit
         return at <= current.gives_up_at
 
     def _stop_repeating(self, current: Transaction, now: float) -> None:

@@ -105,6 +105,11 @@ class Scheduler:
         """When the next request will have waited too long, or earlier."""
         return self._queue.next_expiry()
 
+    def sent(self) -> None:
+        """A request is sent, for the first time or again."""
+        if self._idle.question is not None:
+            self._idle.others += 1
+
     def next(self, now: float) -> Transaction | None:
         """Take out the next transaction; None if none may be sent now."""
         if self._stall.is_over(now):
@@ -123,7 +128,7 @@ class Scheduler:
 
     def rejection(self, transaction: Transaction, now: float) -> RequestError | None:
         """Why a transaction must not be sent, or None."""
-        if self._resting and transaction.device.breaker.is_resting(now):
+        if self._resting and not transaction.retries and transaction.device.breaker.is_resting(now):
             return errors.UnitResting()
         if self._echo.is_suspected and transaction.expects_answer and transaction.asked.accepts(transaction.asked.data):
             return errors.EchoSuspected()
@@ -153,7 +158,11 @@ class Scheduler:
     def record_failure(self, transaction: Transaction, now: float) -> None:
         """The unit has not responded."""
         device, window_end = transaction.device, self._windows.end_of(transaction, now)
-        if device.breaker.record_failure(transaction.limit, window_end, self._longest_rest):
+        failed_before = transaction.failures
+        transaction.failures += 1
+        if device.breaker.record_failure(
+            transaction.limit, window_end, self._longest_rest, failed_before=failed_before
+        ):
             self._resting.add(device)
             self._report.resting(device, now)
 

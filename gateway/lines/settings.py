@@ -1,9 +1,13 @@
 """The settings of a line."""
 
 from dataclasses import dataclass, field
+from typing import Final
 
 from gateway.ports.wire import Wire
 from gateway.timing.characters import LineTiming
+
+#: How long devices usually need for an answer, in seconds.
+_ANSWER: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,7 +17,7 @@ class LineSettings:
     `idle_chars` is the silence that ends an RTU frame, in characters. `gap` is the silence before each request, None
     for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a late response may
     come, None for what the device's answer times say. A read and its repeats take at most `retry_within`; None for
-    twice the sum of its limit and late window. `rest` is the longest rest of a unit, None for the default, 0 for none.
+    what `time_for_repeats` says. `rest` is the longest rest of a unit, None for the default, 0 for none.
     """
 
     name: str
@@ -32,6 +36,17 @@ class LineSettings:
     coalesce: bool = True
     broadcast: bool = True
     source: str = field(default="", compare=False)
+
+    def time_for_repeats(self, request: float, limit: float, window: float) -> float:
+        """How long a read and its repeats may take: on the wire, its limit, and its late window are this long.
+
+        By default twice the limit and the window. If that is too short for a repeat after silence, it is longer by a
+        short request of others, behind which the repeat may have to wait.
+        """
+        if self.retry_within is not None:
+            return self.retry_within
+        others = 2 * request + _ANSWER
+        return max(2 * (limit + window), 2 * (request + limit) + window + others)
 
     @property
     def frame_end(self) -> float:

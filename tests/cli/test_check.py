@@ -572,7 +572,13 @@ on_failure = "silent"
     ("keys", "shown", "retries", "retry_within", "rest"),
     [
         ('retries = 2\nretry_within = "9 s"\nrest = "5 s"', ["retries 2, retry_within 9 s", "rest 5 s"], 2, 9000, 5000),
-        ('retries = 1\nrest = "off"', ["retries 1, retry_within auto", "rest off"], 1, None, 0),
+        (
+            'retries = 1\nrest = "off"',
+            ["retries 1, retry_within auto: 6.05 s to 6.91 s, by the size of the read", "rest off"],
+            1,
+            None,
+            0,
+        ),
         ("", [], 0, None, None),
     ],
 )

@@ -139,6 +139,7 @@ def test_the_longest_wait_is_in_the_queue_and_on_the_line_and_for_the_answer():
     [
         ('retry_within = "7 s"', 7.0),
         ('late_window = "500 ms"', 2 * (255 * CHARACTER + 1.0 + LATENCY + 0.5)),
+        ('late_window = "5 ms"', 2 * (263 * CHARACTER + 1.0 + LATENCY) + 0.005 + 16 * CHARACTER + 0.05),
         ("", 6 * (255 * CHARACTER + 1.0 + LATENCY)),
     ],
 )

@@ -183,6 +183,20 @@ def test_on_a_line_that_is_never_free_it_goes_behind_so_many_others() -> None:
     assert bench.written.index(frame(9, QUESTION)) == 1 + OTHERS
 
 
+def test_looking_often_is_no_turn_of_others() -> None:
+    """While what waits must not be sent yet."""
+    bench = Scanning()
+    bench.ask(unit=1)
+    bench.pass_time(REQUEST_TIME + 2 * LIMIT + 0.05)
+    bench.ask(unit=1, client=Asker("10.0.0.7:1"))
+    bench.scan(unit=9)
+    for _ in range(2 * OTHERS):
+        bench.line.tick(bench.now)
+    assert bench.written == [frame(1, READ)]
+    bench.pass_time(LIMIT)
+    assert bench.written == [frame(1, READ), frame(1, READ)]
+
+
 def test_a_read_that_is_to_be_repeated_goes_before_it() -> None:
     bench = Scanning(retries=1)
     bench.scan(unit=8)

@@ -1,11 +1,13 @@
 """A read that nobody has answered is sent again once no answer to it can come any more: `retries`, `retry_within`."""
 
+from dataclasses import replace
+
 import pytest
 
-from gateway.events import LateResponse, RequestTimeout, UnitResting
+from gateway.events import LateResponse, RequestTimeout, UnitRecovered, UnitResting
 from gateway.lines.breaker import FAILURES
 from kit.asker import Asker
-from kit.line_bench import ASCII, LIMIT, READ, REQUEST_TIME, RESPONSE, TIMING, Bench, is_empty
+from kit.line_bench import ASCII, LATENCY, LIMIT, READ, REQUEST_TIME, RESPONSE, TIMING, Bench, is_empty
 
 OTHER = "03 00 20 00 01"
 WRITE = "06 00 01 00 05"
@@ -142,13 +144,98 @@ def test_who_shares_it_gets_its_answer(bench: Bench) -> None:
     assert (first.answers, second.answers) == ([RESPONSE], [RESPONSE])
 
 
-def test_not_when_the_unit_rests_by_then() -> None:
+# --- a unit that rests ---
+
+
+def fails(bench: Bench, times: int) -> None:
+    """So many reads fail, each with its repeat; the rest of the unit, if there is one, is over."""
+    for _ in range(times):
+        bench.ask()
+        bench.pass_time(70.0)
+    assert bench.client.answers == ["83 0B"] * times
+    bench.client.answers.clear()
+    bench.written.clear()
+
+
+def test_with_its_repeats_a_read_is_one_failure() -> None:
     bench = Bench(retries=FAILURES, retry_within=10.0)
+    fails(bench, FAILURES - 1)
+    assert bench.told(UnitResting) == []
     bench.ask()
-    bench.pass_time(10.0)
+    bench.pass_time(0.3)
+    assert len(bench.told(UnitResting)) == 1
+    until_sent_again(bench, 1 + FAILURES)
+    assert len(bench.told(UnitResting)) == 1
+
+
+def test_a_unit_that_needs_a_second_request_is_reached_after_it_has_rested(bench: Bench) -> None:
+    """A device that sleeps is awake only for a moment after each request. The probe is one read with its repeats."""
+    fails(bench, FAILURES)
+    assert len(bench.told(UnitResting)) == 1
+    for number in range(1, 13):
+        bench.ask()
+        until_sent_again(bench, 2 * number)
+        bench.respond()
+        bench.pass_time(60.0)
+    assert bench.client.answers == [RESPONSE] * 12
+    assert len(bench.told(UnitRecovered)) == 1
+
+
+def test_meanwhile_others_of_the_unit_get_0b_at_once(bench: Bench) -> None:
+    fails(bench, FAILURES)
+    bench.ask()
+    bench.pass_time(0.3)
+    other = Asker("10.0.0.10:1")
+    bench.ask(OTHER, client=other)
+    bench.ask("04 00 10 00 01", client=other)
+    assert other.answers == ["83 0B", "84 0B"]
+
+
+@pytest.mark.parametrize("retries", [0, 1, 3])
+def test_a_unit_that_does_not_answer_takes_a_tenth_of_the_line_with_repeats_too(retries: int) -> None:
+    bench = Bench(retries=retries, retry_within=10.0)
+    fails(bench, FAILURES)
+    bench.pass_time(1000.0)
+    begin, stop = bench.now, bench.now + 3600.0
+    while bench.now < stop:
+        bench.ask()
+        bench.pass_time(0.1)
+    busy = (REQUEST_TIME + LIMIT) * sent(bench)
+    assert busy / (bench.now - begin) <= 0.1
+
+
+def test_a_rest_is_nine_limits_for_each_time_the_read_was_sent() -> None:
+    bench = Bench(retries=1, rest=1000.0)
+    bench.device(1, timeout=2.0)
+    limit = 2.0 + LIMIT - 0.2
+    for _ in range(FAILURES):
+        bench.pass_time(20.0)
+        bench.ask()
+        bench.pass_time(2 * (REQUEST_TIME + limit) + 2 * limit + 0.01)
+    left = bench.devices[1].breaker.rest_left(bench.now)
+    assert left == pytest.approx(2 * limit + 18 * limit, abs=0.02)
+
+
+def test_a_unit_whose_clients_leave_before_the_repeat_rests_too(bench: Bench) -> None:
+    for number in range(FAILURES):
+        client = Asker(f"10.0.0.10:{number}")
+        bench.ask(client=client)
+        bench.pass_time(0.3)
+        client.gone = True
+        bench.pass_time(1.0)
     assert sent(bench) == FAILURES
     assert len(bench.told(UnitResting)) == 1
-    assert bench.client.answers == ["83 0B"]
+
+
+def test_a_repeat_that_fails_after_another_request_was_answered_counts(bench: Bench) -> None:
+    bench.ask()
+    bench.pass_time(0.3)
+    bench.ask("04 00 10 00 01", client=Asker("10.0.0.10:1"))
+    bench.pass_time(0.02)
+    bench.respond("04 02 00 07")
+    assert bench.devices[1].breaker.failures == 0
+    bench.pass_time(5.0)
+    assert (sent(bench), bench.devices[1].breaker.failures) == (2, 1)
 
 
 # --- by when ---
@@ -196,6 +283,22 @@ def test_a_broken_answer_is_not_repeated_when_that_would_end_too_late() -> None:
     bench.pass_time(1.0)
     assert sent(bench) == 1
     assert bench.client.answers == ["83 0B"]
+
+
+@pytest.mark.parametrize(("baud", "late_window"), [(1200, 0.1), (2400, 0.05), (9600, 0.015), (19200, 0.01)])
+@pytest.mark.parametrize("is_busy", [False, True])
+def test_there_is_always_time_for_one_repeat(baud: int, late_window: float, is_busy: bool) -> None:
+    """Where the request takes longer than the late window too, and when others ask."""
+    timing = replace(TIMING, baud=baud)
+    bench = Bench(timing=timing, late_window=late_window, retries=1)
+    bench.ask()
+    if is_busy:
+        bench.pass_time(8 * timing.character + 0.2 + 7 * timing.character + LATENCY + late_window - 0.001)
+        bench.ask("05 00 00 FF 00", 2, Asker("10.0.0.10:1"))
+        bench.pass_time(16 * timing.character + 0.002)
+        bench.respond("05 00 00 FF 00", 2)
+    bench.pass_time(2.0)
+    assert (sent(bench), bench.counts.retries) == (2, 1)
 
 
 # --- what may happen meanwhile ---

@@ -205,8 +205,8 @@ def test_no_silence_before_a_request(monkeypatch) -> None:
 
 @pytest.mark.interpreted
 def test_a_write_that_is_repeated(monkeypatch) -> None:
-    def may_repeat(line: Line, current: Transaction, now: float, at: float) -> bool:
-        current.gives_up_at = now + 10.0
+    def may_repeat(line: Line, current: Transaction, at: float) -> bool:
+        current.gives_up_at = at + 10.0
         return not current.retries
 
     monkeypatch.setattr(Line, "_may_repeat", may_repeat)
