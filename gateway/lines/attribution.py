@@ -307,10 +307,11 @@ class Attribution:
         return True
 
     def _may_be_response(self, frame: Frame) -> bool:
-        """Whether it may as well be a response with another value: a device limits what is written."""
+        """Whether it may as well be the response to ours with another value: a device limits what is written."""
         ours = self._asked
-        is_from_it = ours is not None and self._is_on_line and frame.unit == ours.unit
-        return is_from_it and ours is not None and bool(explain_pdu(ours.asked, frame.pdu))
+        if ours is None or not self._is_on_line or frame.unit != ours.unit:
+            return False
+        return explain_pdu(ours.asked, frame.pdu) != ""
 
     def _await_response(self, request: ForeignRequest) -> None:
         """Remember another client's request. If there are too many, one that may be a response goes first."""

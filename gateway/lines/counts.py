@@ -44,7 +44,7 @@ class Counts:
     #: Not sent: its client had disconnected.
     unwanted: int = 0
 
-    #: Of the bad frames, those that it is known of why they are no responses.
+    #: Bad frames of which it is known why they are no responses.
     explained: int = 0
     #: Frames sent, including broadcasts and repeated reads, and valid responses within their limits.
     sent: int = 0

@@ -175,8 +175,8 @@ class Line:
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
         """The connection has ended in order; `at_once` after it was opened. If nothing is under way, that is no loss.
 
-        Then the next request has it opened; also what waits now, if it was of use. While another client may be there,
-        the line goes on listening.
+        It is opened again for what waits, or for the next request; while another client may be there, at once, to hear
+        it. But if requests wait for one that ends at once, they would wait in vain: that is a loss.
         """
         if self._state == "closed":  # by `renew`
             self._reopening.ended(open_again, is_needed=True)

@@ -61,7 +61,7 @@ def explain_pdu(asked: RequestPdu, pdu: bytes) -> str:
 def _explain_adu(asked: RequestPdu, unit: int | None, adu: mbap.TcpFrame | None) -> str:
     if adu is None:
         return ""
-    if adu.unit not in (unit, *mbap.NO_UNIT):
+    if adu.unit != unit and adu.unit not in mbap.NO_UNIT:
         return f"intact, but from unit {adu.unit}"
     if asked.accepts(adu.pdu):
         return f"intact, but its transaction identifier {adu.transaction:04X} is not that of the request"

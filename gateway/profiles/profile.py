@@ -46,7 +46,12 @@ class Profile:
         """
         if not self.knows(pdu[0]):
             raise IllegalFunction(f"profile {self.name} has no function {pdu[0]}")
-        asked = parse_sent(pdu) if self.any_coil else parse_request(pdu)
+        try:
+            asked = parse_request(pdu)
+        except IllegalDataValue:
+            if not self.any_coil:
+                raise
+            asked = parse_sent(pdu)
         limit = self.limits.get(asked.function)
         if limit is not None and asked.items > limit:
             raise IllegalDataValue(f"profile {self.name} allows {limit} items of function {asked.function}")

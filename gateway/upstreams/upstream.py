@@ -106,7 +106,8 @@ class Upstream:
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
         """The connection has ended in order; `at_once` after it was opened. If nothing is under way, that is no loss.
 
-        Then the next request has it opened; what waits too, if it was of use.
+        It is opened again for what waits, or for the next request. But if requests wait for one that ends at once, they
+        would wait in vain: that is a loss.
         """
         is_empty = not len(self._queue)
         if self._send_request is not None and not self._under_way and (is_empty or not at_once):

@@ -39,12 +39,22 @@ class UpstreamBench:
         self.sent: list[Sent] = []
         self.now = 100.0
         self.client = Asker()
+        #: How often another connection was ordered.
+        self.orders = 0
         self._devices: dict[int, Device] = {}
         self.connect()
 
     def connect(self) -> None:
         self._framer = MbapFramer(strict=True)
         self.upstream.port_up(self._send)
+        self.upstream.tick(self.now)
+
+    def hang_up(self, *, at_once: bool = False) -> bool:
+        """The other server closes the connection in order; whether that is no loss."""
+        self.upstream.port_ended(self._open, self.now, at_once=at_once)
+        if not self.upstream.is_closed:
+            self.upstream.port_down(self.now)
+        return self.upstream.is_closed
 
     def device(self, unit: int) -> Device:
         if unit not in self._devices:
@@ -81,6 +91,9 @@ class UpstreamBench:
     def told(self, kind: type[E]) -> list[E]:
         """The events of this kind."""
         return [event for event in self.events if isinstance(event, kind)]
+
+    def _open(self) -> None:
+        self.orders += 1
 
     def _send(self, identifier: int, transaction: Transaction) -> None:
         self.sent.append(Sent(identifier, transaction.unit, transaction.asked.data.hex(" ").upper()))

@@ -270,3 +270,24 @@ def test_it_may_answer_from_any_address_but_only_what_was_asked(unit: int, pdu: 
     bench.pass_time(0.01)
     bench.respond(pdu, unit=unit)
     assert asker.answers == ([pdu] if pdu == ANSWER else [])
+
+
+def test_on_a_line_whose_server_has_closed_the_connection_it_has_it_opened() -> None:
+    opened = []
+    bench = Scanning(connection=True)
+    bench.line.port_ended(lambda: opened.append(bench.now), bench.now)
+    bench.scan()
+    assert opened == [bench.now]
+    bench.pass_time(5.0)
+    bench.plug()
+    bench.pass_time(0.01)
+    assert bench.written == [frame(9, QUESTION)]
+
+
+def test_one_that_waits_when_the_connection_ends_has_it_opened_at_once() -> None:
+    opened = []
+    bench = Scanning(connection=True)
+    bench.hear("55")
+    bench.scan()
+    bench.line.port_ended(lambda: opened.append(bench.now), bench.now)
+    assert opened == [bench.now]

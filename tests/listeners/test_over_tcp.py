@@ -1192,3 +1192,10 @@ def test_a_response_that_is_ready_at_once_waits_for_what_came_in_a_stand_still(s
     assert client.connection.sent == b""
     client.ask(READ)
     assert client.connection.sent == client.encode(7, RESPONSE)
+
+
+def test_who_does_not_go_on_is_at_fault_and_that_is_all_that_is_said() -> None:
+    client = Client("ascii+tcp")
+    client.send(b":0103")
+    assert client.session.find_fault(client.now + 1.0) == ""
+    assert client.session.find_fault(client.now + 20.0) == "sent no whole request within 10 s"

@@ -80,6 +80,10 @@ def test_another_server_answers_this_request_only(adu: bytes, why: str) -> None:
     assert explain(parse_request(pdu("03 0000 0001")), 7, adu, "tcp") == why
 
 
+def test_what_is_no_adu_says_nothing() -> None:
+    assert explain(parse_request(pdu("03 0000 0001")), 7, b"HTTP", "tcp") == ""
+
+
 ANSWER, ASKED = pdu("03 02 0007"), pdu("03 0000 000A")
 
 

@@ -366,6 +366,100 @@ def test_half_an_answer_of_the_old_connection_does_not_spoil_the_new_one() -> No
     assert bench.client.answers == ["83 0B", RESPONSE]
 
 
+def test_a_connection_that_ends_while_nothing_is_under_way_is_opened_for_the_next_request() -> None:
+    bench = UpstreamBench()
+    assert bench.hang_up()
+    assert (bench.orders, bench.upstream.deadline()) == (0, None)
+    bench.ask()
+    bench.ask(unit=38)
+    assert (bench.orders, bench.sent, bench.client.answers) == (1, [], [])
+    bench.pass_time(TIMEOUT / 2)
+    bench.connect()
+    assert [each.unit for each in bench.sent] == [7, 8]
+    bench.respond(to=0)
+    assert bench.client.answers == [RESPONSE]
+    assert not bench.upstream.is_closed
+
+
+def test_a_request_waits_for_the_connection_as_long_as_for_a_response() -> None:
+    bench = UpstreamBench()
+    bench.hang_up()
+    bench.ask()
+    bench.pass_time(TIMEOUT / 2)
+    bench.ask(unit=38)
+    bench.pass_time(TIMEOUT / 2 - 1e-6)
+    assert bench.client.answers == []
+    bench.pass_time(2e-6)
+    assert bench.client.answers == ["83 0A"]
+    bench.pass_time(TIMEOUT / 2)
+    assert bench.client.answers == ["83 0A"] * 2
+    assert bench.upstream.is_closed
+
+
+def test_a_connection_that_cannot_be_opened_again_is_down() -> None:
+    bench = UpstreamBench()
+    bench.hang_up()
+    bench.ask()
+    bench.upstream.port_down(bench.now)
+    bench.ask()
+    assert bench.client.answers == ["83 0A"] * 2
+
+
+def test_a_connection_that_ends_with_a_request_under_way_is_lost() -> None:
+    bench = UpstreamBench()
+    bench.ask()
+    assert not bench.hang_up()
+    bench.ask(unit=38)
+    assert bench.client.answers == ["83 0B", "83 0A"]
+
+
+@pytest.mark.interpreted
+def test_what_waits_when_a_connection_ends_has_it_opened_unless_it_would_wait_in_vain(monkeypatch) -> None:
+    """Nothing more can be sent on it: too many answers are overdue."""
+    for at_once in (False, True):
+        monkeypatch.setattr(upstream_module, "MAX_OUTSTANDING", 1)
+        bench = UpstreamBench()
+        bench.ask()
+        bench.pass_time(TIMEOUT)
+        bench.ask(unit=38)
+        assert bench.hang_up(at_once=at_once) == (not at_once)
+        assert bench.orders == (not at_once)
+        assert bench.client.answers == ["83 0B", *(["83 0A"] if at_once else [])]
+
+
+def test_a_rest_and_no_late_answer_outlast_it() -> None:
+    bench = UpstreamBench()
+    for _ in range(FAILURES):
+        bench.ask()
+        bench.pass_time(TIMEOUT)
+    bench.hang_up()
+    assert bench.upstream.overdue == 0
+    bench.ask()
+    assert bench.client.answers == ["83 0B"] * (FAILURES + 1)
+    bench.ask(unit=38)
+    bench.connect()
+    bench.ask()
+    assert bench.client.answers == ["83 0B"] * (FAILURES + 2)
+
+
+def test_a_connection_that_is_renewed_loses_what_is_under_way_and_keeps_what_waits() -> None:
+    bench = UpstreamBench(in_flight=2)
+    other = Asker("10.0.0.8:1")
+    for unit, client in ((37, bench.client), (38, other), (39, other)):
+        bench.ask(unit=unit, client=client)
+        bench.pass_time(TIMEOUT / 4)
+    bench.now += TIMEOUT / 4
+    bench.upstream.renew(bench.now)
+    assert (bench.client.answers, other.answers) == (["83 0B"], ["83 0B"])
+    assert bench.counts.timeout == 1
+    assert bench.counts.line_lost == 1
+    assert bench.hang_up()
+    assert bench.orders == 1
+    bench.connect()
+    bench.respond()
+    assert other.answers == ["83 0B", RESPONSE]
+
+
 def test_a_client_that_asks_again_from_within_its_answer_is_served() -> None:
     bench = UpstreamBench(in_flight=1)
 
@@ -528,6 +622,11 @@ def test_whatever_the_server_does_each_request_gets_one_answer_and_only_its_own(
         if chance.random() < 0.02:
             bench.upstream.port_down(bench.now)
             on_the_way.clear()
+            bench.connect()
+        if chance.random() < 0.02:
+            bench.hang_up()
+            on_the_way.clear()
+            bench.pass_time(chance.choice([0, 0.1, 1.0]))
             bench.connect()
     bench.pass_time(10)
     assert (bench.upstream.under_way, bench.upstream.waiting) == (0, 0)
