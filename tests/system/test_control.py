@@ -155,7 +155,9 @@ def test_a_listener_that_changes_keeps_its_address(tmp_path: Path, config: str) 
             assert asked(again) == RIGHT
 
 
-VERBS = '"verb" must be one of status, fleet, reload, unit, request, doctor, trace, why, which, bench, times, scan'
+VERBS = (
+    '"verb" must be one of status, fleet, reload, unit, request, forget, doctor, trace, why, which, bench, times, scan'
+)
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,8 @@ def test_after_a_stop_the_other_one_goes_on_at_once(stage: Stage) -> None:
 def test_keepalived_is_told_whether_the_gateway_holds_the_lease(tmp_path: Path, lease: str, holds: bool) -> None:
     leases = [{"name": "plant-1.hall-a", "is_held": True}, {"name": "plant-1.hall-b", "is_held": False}]
     gateway = tmp_path / "modbus-gateway"
-    gateway.write_text(f"#!/bin/sh\n[ \"$*\" = 'status --json' ] && echo '{json.dumps({'leases': leases})}'\n")
+    asked = "status --json --control /run/modbus-gateway/control.sock"
+    gateway.write_text(f"#!/bin/sh\n[ \"$*\" = '{asked}' ] && echo '{json.dumps({'leases': leases})}'\n")
     gateway.chmod(0o755)
     script = Path(__file__).parents[2] / "deploy" / "keepalived" / "holds-lease"
     path = f"{tmp_path}:{os.environ['PATH']}"
