@@ -103,7 +103,7 @@ def parse(
         document = tomllib.loads(text)
         positions = Positions(text)
     except ValueError as wrong:  # mostly a TOMLDecodeError; a number of 5000 digits is not
-        problem = syntax_problem(wrong, text)
+        problem = syntax_problem(wrong, text, _LISTS)
         return _fail(problem, file, problem.line, problem.column)
     except RecursionError:
         return _fail(error((), "is nested too deeply"), file)

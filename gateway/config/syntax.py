@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 
 from pydantic import PlainValidator
 from pydantic.fields import FieldInfo
@@ -49,8 +49,8 @@ _SYNTAX_ERROR = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of docume
 _DECLARED_TWICE = re.compile(r"Cannot declare \('([^']+)',\) twice")
 
 
-def syntax_problem(found: ValueError, text: str) -> Problem:
-    """Where and why `text` is no TOML."""
+def syntax_problem(found: ValueError, text: str, lists: Container[str]) -> Problem:
+    """Say where and why `text` is no TOML. Of the tables in `lists` there may be several."""
     match = _SYNTAX_ERROR.fullmatch(str(found))
     if match is None:
         return error((), str(found))
@@ -59,20 +59,21 @@ def syntax_problem(found: ValueError, text: str) -> Problem:
     before = "\n".join(lines if match[2] is None else lines[: line - 1])
     is_statement = match[2] is None or _STATEMENT.match(lines[line - 1].strip())
     return (
-        _about_header(match[1], lines, line)
+        _about_header(match[1], lines, line, lists)
         or (_about_list(before) if is_statement and not match[1].startswith(_NO_CLOSING_QUOTE) else None)
         or _explain(match[1], lines[line - 1], column).located("", line, column)
     )
 
 
-def _about_header(what: str, lines: list[str], line: int) -> Problem | None:
+def _about_header(what: str, lines: list[str], line: int, lists: Container[str]) -> Problem | None:
     """The problem with the brackets of a header: of this line, or of an earlier one for the same table."""
     header = _HEADER.fullmatch(lines[line - 1])
     if header is None:
         return None
     opening, name, closing = header.groups()
     if len(opening) != len(closing):
-        remedy = f"write {opening}{name}{']' * len(opening)}"
+        brackets = 2 if name in lists else len(opening) if "." in name else 1
+        remedy = f"write {'[' * brackets}{name}{']' * brackets}"
         return error((), "brackets are missing in this header, or too many", remedy).located("", line, 1)
     if what == "Cannot overwrite a value":
         for number, each in enumerate(lines[: line - 1], 1):

@@ -182,6 +182,8 @@ NO_COMMA = "error: unclosed array\n  help: a comma is missing before this"
         ("[[line]\nport = '/dev/x'\n", f"gateway.toml:1:1: {BRACKETS}: write [[line]]"),
         ("[web # page\nbind = 'x'\n", f"gateway.toml:1:1: {BRACKETS}: write [web]"),
         ("[web]]\nbind = 'x'\n", f"gateway.toml:1:1: {BRACKETS}: write [web]"),
+        ("[line]]\nport = '/dev/x'\n", f"gateway.toml:1:1: {BRACKETS}: write [[line]]"),
+        ("[[web]\nbind = 'x'\n", f"gateway.toml:1:1: {BRACKETS}: write [web]"),
     ],
 )
 def test_what_is_no_toml_is_shown_with_its_place(text, said):
