@@ -39,7 +39,9 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
         yield _how_it_is(line, answering)
     elif all(finding.unit for finding in fixes):
         yield from _who_answers(line, asked, {finding.unit for finding in fixes})
-    if len(asked) < len(line.units):
+    if not line.units:
+        yield Finding("note", line.name, "is up; no client has asked a unit yet")
+    elif len(asked) < len(line.units):
         yield Finding("note", line.name, f"not asked yet: {len(line.units) - len(asked)} of {len(line.units)} units")
 
 

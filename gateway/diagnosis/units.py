@@ -115,7 +115,8 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
         return  # the row of the line says it
     others = [str(each.unit) for each in line.units if each.is_answering]
     if others and not unit.is_configured:
-        what = f"a client asks for it and gets no answer; on this line {', '.join(others[:MOST])} can answer"
+        where = "behind this server" if line.in_flight else "on this line"
+        what = f"a client asks for it and gets no answer; {where} {', '.join(others[:MOST])} can answer"
         remedy = "check the unit identifier in the client, then the address of the device"
         yield _Found(unit.asked, _row("note", unit, what, remedy))
         return

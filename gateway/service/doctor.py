@@ -61,7 +61,10 @@ async def examine(running: Running, request: Mapping[str, Any], is_there: IsTher
         WrongQuestion: there is no such line.
     """
     groups, ports = await examined(running, request.get("line"), is_there, asks=bool(request.get("ask", True)))
-    return {"findings": [finding for _, findings in groups for finding in findings], "ports": ports}
+    findings = [finding for _, findings in groups for finding in findings]
+    if not (findings or running.gateway.parts):
+        findings = [Finding("ok", "gateway", "runs; it has no lines and no upstreams")]
+    return {"findings": findings, "ports": ports}
 
 
 async def examined(
@@ -194,8 +197,8 @@ async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple
 
 
 def _doubtful_first(part: _Asked) -> list[Device]:
-    """The units to ask: if one of them does not answer, the others must answer after that."""
-    devices = shown_devices(part)
+    """The units to ask, of those that the operator can reach: if one does not answer, the others must after that."""
+    devices = [device for device in shown_devices(part) if part.devices.get(device.settings.known_as) is device]
     if isinstance(part, GatewayLine):
         shared = {settings.known_as for settings in part.plan.shared}
         devices = [device for device in devices if device.settings.known_as in shared]

@@ -60,8 +60,8 @@ def line_evidence(
 
 
 def shown_devices(part: GatewayLine | GatewayUpstream) -> list[Device]:
-    """The devices of a line or an upstream; of a line that passes all units through, those that got requests."""
-    return [device for device in part.devices.values() if device.counts or not _passes_through(part)]
+    """The devices of a line or an upstream; of those that the config does not name, the ones that got requests."""
+    return [device for device in part.all_devices if device.counts or not _passes_through(part)]
 
 
 def _passes_through(part: GatewayLine | GatewayUpstream) -> bool:
@@ -102,7 +102,7 @@ def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEv
         why=counts.why,
         in_a_row=device.breaker.failures,
         ago=None if answered_at == NEVER else part.now() - answered_at,
-        is_configured=not _passes_through(part),
+        is_configured=not _passes_through(part) and part.devices.get(settings.known_as) is device,
         has_table=device.answer_time.has_table,
         moved_from=device.moved_from,
         last_failed=_last(counts, part.now(), "timeout", "bad_frame", "ambiguous"),

@@ -540,3 +540,36 @@ async def test_a_unit_that_answers_late_each_time_leaves_time_for_the_others():
         bench.lines["hall"].take_written()
         await found(bench)
         assert {unit for unit, _ in frames(bench)} == {1, 6}
+
+
+PROXY = """
+[[listen]]
+bind = "tcp://127.0.0.1:5021"
+upstream = "plant-1"
+
+[[upstream]]
+name = "plant-1"
+to = "tcp://10.1.0.5"
+"""
+
+
+async def test_units_that_only_a_listener_for_their_upstream_reaches_are_examined_but_not_asked():
+    async with gateway_bench(PROXY) as bench:
+        assert await found(bench) == [("note", "plant-1", "is up; no client has asked a unit yet")]
+        client, server = bench.client(), bench.lines["tcp://10.1.0.5:502"]
+        client.ask(248, "03 00 00 00 01")
+        request = server.take_written()
+        server.deliver(request[:2] + bytes.fromhex("0000 0005 F8 03 02 0007"))
+        assert await client.answer() == "03 02 00 07"
+        assert await found(bench, line="plant-1") == [("ok", "plant-1", "1 unit answers: 100 % of 1 requests")]
+        for _ in range(3):
+            assert await client.asks(7, "03 00 00 00 01") == "83 0B"
+        server.take_written()
+        what = "a client asks for it and gets no answer; behind this server 248 can answer"
+        assert ("note", "unit 7, plant-1/7", what) in await found(bench)
+        assert server.take_written() == b""
+
+
+async def test_a_gateway_without_lines_and_upstreams_has_a_row_that_says_so():
+    async with gateway_bench("[[image]]\nunit = 200\nholding = 10\n") as bench:
+        assert await found(bench) == [("ok", "gateway", "runs; it has no lines and no upstreams")]
