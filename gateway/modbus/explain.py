@@ -65,7 +65,9 @@ def _explain_adu(asked: RequestPdu, unit: int | None, adu: mbap.TcpFrame | None)
         return f"intact, but from unit {adu.unit}"
     if asked.accepts(adu.pdu):
         return f"intact, but its transaction identifier {adu.transaction:04X} is not that of the request"
-    return explain_pdu(asked, adu.pdu) or f"intact, but of function {adu.pdu[0] & 0x7F:02}"
+    function = adu.pdu[0] & 0x7F
+    unfit = "with a wrong size or address" if function == asked.function else f"of function {function:02}"
+    return explain_pdu(asked, adu.pdu) or f"intact, but {unfit}"
 
 
 def _only_frame(heard: bytes, mode: Mode) -> tuple[int, bytes] | None:

@@ -48,6 +48,12 @@ def test_what_may_be_for_somebody_else_says_nothing(asked: str, came: str) -> No
     assert explain(parse_request(pdu(asked)), 7, rtu.encode(7, pdu(came)), "rtu") == ""
 
 
+@pytest.mark.parametrize(("asked", "came"), [*SILENT[1:], ("03 0000 0001", "03"), ("03 0000 0001", "03 04 0001")])
+def test_a_response_over_tcp_of_the_right_function_is_not_said_to_be_of_another(asked: str, came: str) -> None:
+    why = "intact, but with a wrong size or address"
+    assert explain(parse_request(pdu(asked)), 7, mbap.encode(1, 7, pdu(came)), "tcp") == why
+
+
 @pytest.mark.parametrize(
     "heard",
     [
