@@ -114,7 +114,8 @@ def _tables(table: Any, where: str, taken: Taken, *, may_remap: bool) -> Iterato
         units = {unit: device.remapped.get(unit, unit) for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1)}
         units = {unit: to for unit, to in units.items() if to in there}
         keys["units" if kind == "upstream" else "devices"] = _rows(units)
-        remarks.append(f"clients cannot ask for units {show_units({*range(256)} - {*units})} any more")
+        lost = {*range(256)} - {*units}
+        remarks.append(f"clients cannot ask for unit{'s' * (len(lost) > 1)} {show_units(lost)} any more")
     taken.take(bind, target, where)
     yield TableText("[[listen]]", listen, (where, *remarks))
     yield TableText(f"[[{kind}]]", keys)
@@ -163,7 +164,7 @@ def _unknown(table: Mapping[str, Any], known: Collection[str]) -> Iterator[str]:
 def _url(table: Mapping[str, Any], key: str, where: str) -> SplitResult:
     value = table.get(key)
     if not isinstance(value, str):
-        raise ImportedFileError(f"{where}: it has no {key}")
+        raise ImportedFileError(f"{where}: it has no {key}" if value is None else f"{where}: {key} must be text")
     usual = "serial" if value.startswith("/") else "tcp"
     try:
         url = urlsplit(value if "://" in value else f"{usual}://{value}")

@@ -103,7 +103,7 @@ def test_remapped_units_keep_their_numbers_for_clients_and_it_is_said_which_are_
     remapped, other = plan.upstreams
     units = {device.known_as: device.unit for device in remapped.devices}
     assert units == {unit: unit for unit in range(2, 256)} | {1: 0, 250: 7}
-    assert "# clients cannot ask for units 0 any more\n" in text
+    assert "# clients cannot ask for unit 0 any more\n" in text
     assert other.devices == ()
     assert left_out == ()
 
@@ -198,6 +198,7 @@ def test_without_the_library_it_is_said_what_is_needed(monkeypatch):
         ("devices: [1]", "p.yml: device 1: it has no modbus"),
         ("devices: [{modbus: {url: a}}]", "p.yml: device 1: it has no listen"),
         ("devices: [{modbus: {}, listen: {bind: a}}]", "p.yml: device 1: it has no url"),
+        ("devices: [{modbus: {url: a}, listen: {bind: 9000}}]", "p.yml: device 1: bind must be text"),
         ("devices: [{modbus: {url: 'a:x'}, listen: {bind: a}}]", "p.yml: device 1: url: Port could not be cast"),
         ("devices: [{modbus: {url: 'a b'}, listen: {bind: ':1'}}]", "p.yml: device 1: url: 'a b' is not a valid host"),
         ("devices: [{modbus: {url: a, timeout: x}, listen: {bind: a}}]", "p.yml: device 1: timeout must be a number"),
