@@ -121,12 +121,20 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
         yield _Found(unit.asked, _row("note", unit, what, remedy))
         return
     remedy = _check(unit)
-    if search is not None and search.found:
-        found = ", ".join(map(str, search.found))
-        what += f", but a device that is not configured answers at {found}: are addresses swapped?"
+    found = _found_for(unit, line)
+    if unit.moved_from in found:
+        what += f", but a device answers at {unit.moved_from}, where the config has it"
+    elif found:
+        what += f", but a device that is not configured answers at {', '.join(map(str, found))}: are addresses swapped?"
         if unit.moved_from is None:
-            remedy = f"{to_write(unit.source, {'unit': str(search.found[0])})}, or set the address at the device"
+            remedy = f"{to_write(unit.source, {'unit': str(found[0])})}, or set the address at the device"
     yield _Found(unit.asked, _row("fix", unit, what, remedy))
+
+
+def _found_for(unit: UnitEvidence, line: LineEvidence) -> list[int]:
+    """The addresses that were found, but for those that the config gives to other units."""
+    taken = {other.moved_from for other in line.units if other is not unit}
+    return [] if line.search is None else [each for each in line.search.found if each not in taken]
 
 
 def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:

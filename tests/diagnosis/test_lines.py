@@ -120,6 +120,19 @@ def test_of_a_silent_unit_that_has_moved_it_says_how_to_ask_it_where_the_config_
     assert fixes(replace(LINE, units=(stopped, PRESS)))[0][2] == remedy
 
 
+def test_where_the_config_has_a_device_that_has_moved_is_no_address_for_another_silent_one():
+    moved, silent = replace(SILENT, on_the_wire=5, moved_from=1), replace(PRESS, answered=0, timeouts=4)
+    answering = replace(SILO, unit=47, on_the_wire=7, name="scale")
+    line = replace(LINE, units=(moved, silent, answering), search=Search((1, 2), (1,)))
+    assert [(what, remedy) for _, what, remedy in fixes(line)] == [
+        (
+            "does not answer at address 5, but a device answers at 1, where the config has it",
+            "check power, wiring and address of the device; if it is at 1 again: modbus-gateway forget silo-1",
+        ),
+        ("does not answer at address 6", "check power, wiring and address of the device"),
+    ]
+
+
 def test_a_unit_that_has_stopped_answering_is_named_whatever_its_share_was():
     line = replace(LINE, units=(replace(SILO, answered=500, timeouts=5, in_a_row=5), PRESS))
     assert fixes(line) == [
