@@ -91,7 +91,7 @@ async def examined(
     groups += [(server.name, _about_server(server)) for server in servers]
     groups += [(upstream.name, about[upstream.name]) for upstream in upstreams]
     if wanted is None:
-        outwards = (*_about_publishing(gateway), *_about_fleet(gateway), *_about_state(running))
+        outwards = (*_about_publishing(gateway), *_about_fleet(gateway), *_about_state(running), *_about_page(running))
         groups.append(("", [*about_certificates(gateway.contexts, time.time()), *outwards]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.only in ("", wanted)]
     now = asyncio.get_running_loop().time()
@@ -128,6 +128,11 @@ def _about_fleet(gateway: Gateway) -> Iterator[Finding]:
 def _about_state(running: Running) -> Iterator[Finding]:
     for each in () if running.troubles is None else running.troubles.status():
         yield about_state_file(each.file, each.reason, was_damaged=each.state == "damaged")
+
+
+def _about_page(running: Running) -> Iterator[Finding]:
+    if running.page_trouble:
+        yield Finding("fix", "web", running.page_trouble, "correct [web] in the config, then restart the gateway")
 
 
 async def _about(running: Running, part: _Asked, is_there: IsThere, *, asks: bool) -> list[Finding]:

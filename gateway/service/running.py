@@ -55,7 +55,9 @@ class Running:
         self.emit = emit
         #: The path of the control socket.
         self.control = ""
+        #: The address of the web page, or why there is none though the config has one.
         self.page = ""
+        self.page_trouble = ""
         #: Set while clients can connect and no stop was ordered.
         self.ready = asyncio.Event()
         #: Whether the config was accepted when it was last read.

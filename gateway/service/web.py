@@ -60,14 +60,17 @@ async def web_pages(
             try:
                 await stack.enter_async_context(_open(plan, running, reloader, fan_out, contexts, folder))
             except ModuleNotFoundError as error:
-                running.emit(events.WebClosed(str(plan.bind), not_installed(error.name, "web")))
+                _tell_closed(plan, running, not_installed(error.name, "web"))
             except OSError as error:
-                running.emit(
-                    events.WebClosed(str(plan.bind), f"{error.filename or ''} {error.strerror or error}".strip())
-                )
+                _tell_closed(plan, running, f"{error.filename or ''} {error.strerror or error}".strip())
             except (UsersError, TlsError) as error:
-                running.emit(events.WebClosed(str(plan.bind), str(error)))
+                _tell_closed(plan, running, str(error))
         yield
+
+
+def _tell_closed(plan: WebPlan, running: Running, reason: str) -> None:
+    running.page_trouble = f"{plan.bind} cannot be used: {reason}"
+    running.emit(events.WebClosed(str(plan.bind), reason))
 
 
 @asynccontextmanager

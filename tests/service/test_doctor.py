@@ -573,3 +573,10 @@ async def test_units_that_only_a_listener_for_their_upstream_reaches_are_examine
 async def test_a_gateway_without_lines_and_upstreams_has_a_row_that_says_so():
     async with gateway_bench("[[image]]\nunit = 200\nholding = 10\n") as bench:
         assert await found(bench) == [("ok", "gateway", "runs; it has no lines and no upstreams")]
+
+
+async def test_a_page_that_could_not_be_opened_is_named():
+    async with gateway_bench(CONFIG) as bench:
+        bench.running.page_trouble = "http://127.0.0.1:8502 cannot be used: address already in use"
+        rows = await found(bench, ask=False)
+        assert rows[-1] == ("fix", "web", "http://127.0.0.1:8502 cannot be used: address already in use")

@@ -171,6 +171,9 @@ def test_an_address_in_use_is_told_and_the_lines_work(tmp_path, config):
         with GatewayProcess(tmp_path, config.replace("http://127.0.0.1:0", f"http://127.0.0.1:{port}")) as gateway:
             (closed,) = (event for event in gateway.log if event["event"] == "web_closed")
             assert "in use" in closed["reason"]
+            told = command("doctor", "--json", "--passive", "--control", str(tmp_path / "control.sock"))
+            (row,) = (each for each in json.loads(told.stdout)["findings"] if each["about"] == "web")
+            assert row["what"] == f"http://127.0.0.1:{port} cannot be used: {closed['reason']}"
             assert gateway.stop() == 0
 
 
