@@ -236,5 +236,5 @@ def _why_not(path: Path, error: OSError) -> str:
         return f"only root, the gateway's user and its group may use {path}: {remedy}"
     others = "--control PATH or --config FILE names another one"
     if path != SYSTEM_SOCKET and SYSTEM_SOCKET.exists():
-        others = f"that of the service is named by --control {SYSTEM_SOCKET}"
+        others += f", and --control {SYSTEM_SOCKET} that of the service"
     return f"no running gateway found ({path}: {error.strerror or error}); {others}"
