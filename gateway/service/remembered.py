@@ -75,6 +75,11 @@ def _advice(device: DeviceSettings, units: tuple[int, ...]) -> str:
 
 
 def recall(line: LinePlan, device: DeviceSettings, memory: Memory) -> tuple[int, ...]:
-    """Recall where a device may be; what no device can have counts for nothing."""
+    """Recall where a device may be; what it can never have got counts for nothing."""
     units = memory.recall_all(address_key(line, device), device.unit)
-    return tuple(unit for unit in units if FIRST_UNIT <= unit <= LAST_UNIT) or (device.unit,)
+    return tuple(unit for unit in units if is_possible(device, unit)) or (device.unit,)
+
+
+def is_possible(device: DeviceSettings, unit: int) -> bool:
+    """Tell whether the device can be at `unit`: the config may say any, but none of 248 to 255 is ever written to it."""
+    return unit == device.unit or FIRST_UNIT <= unit <= LAST_UNIT

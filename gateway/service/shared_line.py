@@ -13,7 +13,6 @@ from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.fleet.lease_settings import LeaseSettings
 from gateway.fleet.standby import BUCKET, Bucket, Standby
-from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.ports.port import TcpSettings
 from gateway.service import remembered
 from gateway.service.overdue import as_entry, is_entry, read_entry
@@ -93,7 +92,7 @@ class SharedPort:
         plan = self._line.plan
         for each in plan.devices:
             configured, *units = moved.get(each.name, (0, 0))
-            if configured == each.unit and all(FIRST_UNIT <= unit <= LAST_UNIT for unit in units):
+            if configured == each.unit and all(remembered.is_possible(each, unit) for unit in units):
                 self._changed.add(each.name)
                 self._memory.remember(remembered.address_key(plan, each), each.unit, *units)
         self._line.place_devices()

@@ -103,3 +103,10 @@ def test_what_no_device_can_have_counts_for_nothing() -> None:
         memory = left_behind(("silo-1", 1, unit), baud=baud)
         assert rate(line, memory) == 9600
         assert addresses(line, memory)["silo-1"] == (1,)
+
+
+def test_a_device_that_may_have_left_a_reserved_address_may_still_be_there() -> None:
+    (line,) = plan(HALL.replace("unit = 1,", "unit = 250,")).lines
+    memory = Memory()
+    memory.remember(address_key(line, line.devices[0]), 250, 250, 5)
+    assert addresses(line, memory)["silo-1"] == (250, 5)

@@ -185,15 +185,19 @@ async def test_a_device_that_has_moved_back_is_asked_there_by_the_other_one(stor
             assert other.lines["hall-a"].take_written()[0] == 1
 
 
-async def test_a_device_that_may_have_moved_is_asked_at_both_addresses_by_the_other_one(store: KeyValues) -> None:
-    async with gateway_bench(config("a")) as one:
+@pytest.mark.parametrize("unit", [1, 250])
+async def test_a_device_that_may_have_moved_is_asked_at_both_addresses_by_the_other_one(
+    store: KeyValues, unit: int
+) -> None:
+    configs = [config(site).replace("unit = 1,", f"unit = {unit},") for site in ("a", "b")]
+    async with gateway_bench(configs[0]) as one:
         await asyncio.sleep(LONG)
         assert await one.client().asks(41, MOVE_TO_5[0][3:-6]) == "90 0B"
-        async with gateway_bench(config("b")) as other:
+        async with gateway_bench(configs[1]) as other:
             await asyncio.sleep(1.0)
             await one.running._end([one.gateway.lines[0]])
             await asyncio.sleep(10.0)
-            assert other.gateway.lines[0].devices[41].address.units == (1, 5)
+            assert other.gateway.lines[0].devices[41].address.units == (unit, 5)
 
 
 async def test_only_who_holds_the_lease_forgets(store: KeyValues) -> None:
