@@ -202,12 +202,10 @@ async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple
 
 
 def _doubtful_first(part: _Asked) -> list[Device]:
-    """The units to ask, of those that the operator can reach: if one does not answer, the others must after that."""
-    devices = [device for device in shown_devices(part) if part.devices.get(device.settings.known_as) is device]
-    if isinstance(part, GatewayLine):
-        shared = {settings.known_as for settings in part.plan.shared}
-        devices = [device for device in devices if device.settings.known_as in shared]
-    return sorted(devices, key=_has_answered)
+    """The units to ask: if one of them does not answer, the others must answer after that."""
+    named = part.plan.shared if isinstance(part, GatewayLine) else part.plan.devices
+    names = {settings.name for settings in named}
+    return sorted((device for device in shown_devices(part) if device.name in names), key=_has_answered)
 
 
 def _has_answered(device: Device) -> bool:
@@ -261,7 +259,7 @@ def _needs_more(part: _Asked, device: Device, asked_here: int) -> bool:
 
 def _failed_ago(part: _Asked) -> float:
     """How long ago a unit of the line has failed that has not answered since, in seconds."""
-    failing = (device.counts.last_error_at for device in part.devices.values() if device.breaker.failures)
+    failing = (device.counts.last_error_at for device in part.all_devices if device.breaker.failures)
     return part.now() - max(failing, default=NEVER)
 
 

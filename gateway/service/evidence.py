@@ -61,11 +61,14 @@ def line_evidence(
 
 def shown_devices(part: GatewayLine | GatewayUpstream) -> list[Device]:
     """The devices of a line or an upstream; of those that the config does not name, the ones that got requests."""
-    return [device for device in part.all_devices if device.counts or not _passes_through(part)]
+    return [device for device in part.all_devices if device.counts or _is_configured(part, device)]
 
 
-def _passes_through(part: GatewayLine | GatewayUpstream) -> bool:
-    return isinstance(part, GatewayLine) and part.plan.passes_through
+def _is_configured(part: GatewayLine | GatewayUpstream, device: Device) -> bool:
+    """Tell whether the config names the device, which is else only passed through."""
+    if isinstance(part, GatewayLine):
+        return not part.plan.passes_through
+    return part.unnamed.get(device.settings.unit) is not device
 
 
 def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEvidence:
@@ -102,7 +105,7 @@ def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEv
         why=counts.why,
         in_a_row=device.breaker.failures,
         ago=None if answered_at == NEVER else part.now() - answered_at,
-        is_configured=not _passes_through(part) and part.devices.get(settings.known_as) is device,
+        is_configured=_is_configured(part, device),
         has_table=device.answer_time.has_table,
         moved_from=device.moved_from,
         last_failed=_last(counts, part.now(), "timeout", "bad_frame", "ambiguous"),

@@ -231,3 +231,28 @@ async def test_doctor_says_why_a_server_is_not_reached() -> None:
     async with gateway_bench(UPSTREAM) as bench:
         bench.lines[TO].pull("refused")
         assert [(each.level, each.what) for each in await rows(bench, ask=True)] == [("fix", "is down: refused")]
+
+
+ALONE = """
+[[listen]]
+bind     = "tcp://127.0.0.1:1502"
+upstream = "plant"
+[[upstream]]
+name = "plant"
+to   = "tcp://10.1.0.5:502"
+"""
+
+
+async def test_doctor_tells_of_units_that_only_clients_know() -> None:
+    async with gateway_bench(ALONE) as bench:
+        assert shown(await rows(bench, ask=True)) == [
+            ("note", "plant", "no unit was asked yet; the config names none here")
+        ]
+        Server(bench).silent, client = {7}, bench.client()
+        for _ in range(3):
+            await client.asks(7, "03 0005 0001")
+            await client.asks(8, "03 0005 0001")
+        assert shown(await rows(bench, ask=True)) == [
+            ("note", "unit 7, plant/7", "a client asks for it and gets no answer; behind this server 8 can answer"),
+            ("ok", "plant", "1 unit answers: 100 % of 3 requests"),
+        ]
