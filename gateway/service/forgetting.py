@@ -43,7 +43,8 @@ def forget(gateway: Gateway, wanted: object, emit: Emit) -> Forgotten:
 
 def _find(gateway: Gateway, wanted: object) -> tuple[GatewayLine, Device]:
     unit = find_unit(gateway.plan, wanted)
-    for line in gateway.lines:
-        if unit in line.devices:
-            return line, line.devices[unit]
-    raise WrongQuestion(f"nothing is remembered of {wanted}: it is no device on a line")
+    found = [line for line in gateway.lines if unit in line.devices]
+    if not found:
+        raise WrongQuestion(f"nothing is remembered of {wanted}: it is no device on a line")
+    line = min(found, key=lambda each: unit in each.plan.own_units)  # that of all clients, if there is one
+    return line, line.devices[unit]

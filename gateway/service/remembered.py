@@ -58,17 +58,21 @@ def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRem
         for device in line.devices:
             units = recall(line, device, memory)
             if units != (device.unit,):
-                advice = _advice(device, left[device.name])
+                advice = _advice(device, units, left[device.name])
                 yield AddressRemembered(name, device.name, units[0], device.unit, advice)
 
 
-def _advice(device: DeviceSettings, units: tuple[int, ...]) -> str:
-    """Say what to do about a device that is not where the config says, but at one of `units`."""
+def _advice(device: DeviceSettings, units: tuple[int, ...], left: tuple[int, ...]) -> str:
+    """Say what to do about a device that is not where the config says, but at one of `units`; `left` are asked."""
     place = place_of(device.source, "unit")
-    if not units:
+    doubt = f"a change of its address was not answered: it is at {show_units(units)}"
+    if not left:
         said = f"it is not asked: the config has another device there by now; set its unit in {place}"
+    elif len(left) < len(units):
+        other = "as the config has another device by now"
+        said = f"{doubt}, and asked at {show_units(left)} only, {other}; set its unit in {place}"
     elif len(units) > 1:
-        said = f"a change of its address was not answered: it is at {show_units(units)}, and its next answer settles it"
+        said = f"{doubt}, and its next answer settles it"
     else:
         said = f"it moved in an earlier run; set unit = {units[0]} in {place}"
     return f"{said}; {how_to_forget(device.name, device.unit)}"

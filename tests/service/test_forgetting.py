@@ -89,6 +89,22 @@ async def test_a_device_that_has_no_address_any_more_gets_that_of_the_config() -
         assert bench.gateway.lines[0].devices[41].address.units == (1,)
 
 
+async def test_a_number_is_that_of_the_device_which_all_clients_can_reach() -> None:
+    alone = """
+[[listen]]
+bind = "tcp://127.0.0.1:1503"
+line = "hall-b"
+[[listen]]
+bind = "tcp://127.0.0.1:1502"
+[[line]]
+name = "hall-b"
+port = "/dev/hall-b"
+"""
+    memory = remembering(silo_1=(41, 5))
+    async with gateway_bench(alone + CONFIG.replace("unit = 1,", "unit = 41,"), memory) as bench:
+        assert forget(bench.gateway, 41, bench.events.append).device == "silo-1"
+
+
 async def test_of_a_device_without_quirks_nothing_is_remembered() -> None:
     async with gateway_bench(PLAIN) as bench:
         events = len(bench.events)

@@ -90,6 +90,11 @@ def test_a_device_is_not_asked_where_the_config_has_another_one_by_now_nor_anywh
         "it is not asked: the config has another device there by now; set its unit in gateway.toml:7; "
         "if it is at 1 again: modbus-gateway forget silo-1"
     )
+    (told,) = in_force(edited, left_behind(("silo-1", 1, 1, 5)))
+    assert told.advice == (
+        "a change of its address was not answered: it is at 1 or 5, and asked at 1 only, as the config has another "
+        "device by now; set its unit in gateway.toml:7; if it is at 1 again: modbus-gateway forget silo-1"
+    )
 
 
 def test_of_two_devices_at_one_address_neither_is_asked_there() -> None:
