@@ -3,6 +3,8 @@
 All calls block.
 """
 
+import errno
+import os
 from pathlib import Path
 from typing import Final, NamedTuple
 from zlib import crc32
@@ -40,10 +42,16 @@ def find(folder: Path) -> Found | None:
 
     Raises:
         StateError: it is in use or from a later version, or it cannot be read or moved.
+        OSError: it is a link, or cannot be written: SQLite writes to what it opens.
     """
     file = folder / "images.sqlite"
     if not file.is_file():
         return None
+    if file.is_symlink():
+        raise OSError(errno.ELOOP, f"{file} is a symbolic link, which is not followed; remove it")
+    for place in (folder, file):
+        if not os.access(place, os.R_OK | os.W_OK, effective_ids=True):
+            raise OSError(errno.EACCES, f"the values of {file} cannot be taken over: {place} cannot be written")
     database, rows, damage = open_table(file, _TABLE)
     database.close()
     return Found(file, tuple((image, Area(area), address, value) for image, area, address, value in rows), damage)
