@@ -85,5 +85,5 @@ def recall(line: LinePlan, device: DeviceSettings, memory: Memory) -> tuple[int,
 
 
 def is_possible(device: DeviceSettings, unit: int) -> bool:
-    """Tell whether the device can be at `unit`: the config may say any, but 248 to 255 are never written to it."""
+    """Tell whether the device can be at `unit`: the config may say any, but no write sets one of 248 to 255."""
     return unit == device.unit or FIRST_UNIT <= unit <= LAST_UNIT

@@ -36,7 +36,9 @@ def test_a_gateway_that_does_not_run_is_asked_for(tmp_path, monkeypatch):
 
 def test_where_the_gateway_of_the_service_runs_its_socket_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(daemon, "SYSTEM_SOCKET", tmp_path)
-    with pytest.raises(DaemonError, match=rf"--config FILE names another one, and --control {tmp_path} that of the service$"):
+    with pytest.raises(
+        DaemonError, match=rf"--config FILE names another one, and --control {tmp_path} that of the service$"
+    ):
         ask("status", Meant(tmp_path / "control.sock"))
 
 

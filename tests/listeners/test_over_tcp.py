@@ -385,6 +385,17 @@ def test_what_arrives_while_a_response_is_kept_is_looked_at_in_order(client: Cli
     assert client.heard(OTHER_RESPONSE)
 
 
+@pytest.mark.parametrize("write", ["10 0000 0003 06 FFFE 0001 0002", "10 0000 0006 0C 0300 0001 0000 0003 00FF 0001"])
+def test_a_part_of_a_request_is_not_taken_for_modbus_tcp(write: str) -> None:
+    pdu = bytes.fromhex(write)
+    whole = ENCODE["rtu+tcp"](1, pdu)
+    for begin, end in combinations(range(1, len(whole)), 2):
+        client = Client("rtu+tcp")
+        for piece in (whole[:begin], whole[begin:end], whole[end:]):
+            client.send(piece)
+        assert (client.connection.log, client.target.asked) == ([], [pdu])
+
+
 @pytest.mark.parametrize("scheme", ENCODE)
 @pytest.mark.parametrize("address", [0, 5, 600])
 def test_a_client_that_sends_modbus_tcp_is_rejected_and_told_what_is_for_it(scheme: str, address: int) -> None:
