@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from gateway.config.address import Address, parse_address
+from gateway.config.file_text import UnreadableFile, read_file_text
 from gateway.config.problem import WrongValue
 from gateway.config.toml_text import TableText, file_text
 from gateway.errors import GatewayError
@@ -52,17 +53,15 @@ def gather(comments: tuple[str, ...], parts: Iterable[Iterator[TableText]]) -> I
 
 
 def read_file(path: str) -> str:
-    """The text of a file.
+    """Read the text of a file.
 
     Raises:
         ImportedFileError: it cannot be read.
     """
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ImportedFileError(f"{path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ImportedFileError(f"{path}: is not text in UTF-8") from None
+        return read_file_text(Path(path))
+    except UnreadableFile as wrong:
+        raise ImportedFileError(f"{path}: {wrong}") from None
 
 
 class Taken:

@@ -10,6 +10,7 @@
 """
 
 from collections.abc import Collection, Mapping
+from shlex import quote
 from struct import unpack
 from typing import Final, Literal, Protocol, cast
 
@@ -249,9 +250,14 @@ def show_units(units: tuple[int, ...]) -> str:
     return " or ".join(map(str, units))
 
 
+def forget_command(device: str) -> str:
+    """Return the command that ends what is remembered of a device, as a shell takes it."""
+    return f"modbus-gateway forget {quote(device)}"
+
+
 def how_to_forget(device: str, configured: int) -> str:
     """Say how to ask a device that moved where the config says again."""
-    return f"if it is at {configured} again: modbus-gateway forget {device}"
+    return f"if it is at {configured} again: {forget_command(device)}"
 
 
 def changes(asked: RequestPdu, quirks: Collection[str]) -> Quirk | None:

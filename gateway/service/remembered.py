@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from gateway.config.plan import LinePlan, Plan
 from gateway.config.source import place_of
 from gateway.devices.device import DeviceSettings
-from gateway.devices.quirks import BAUD_RATES, how_to_forget, show_units
+from gateway.devices.quirks import BAUD_RATES, forget_command, how_to_forget, show_units
 from gateway.events import AddressRemembered, BaudRemembered
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.service.state import Memory
@@ -52,7 +52,7 @@ def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRem
         if now != configured:
             place = place_of(line.line.source, "baud")
             said = f"its device changed the rate in an earlier run; set baud = {now} in {place}"
-            advice = f"{said}; to forget it: modbus-gateway forget {line.devices[0].name}"
+            advice = f"{said}; to forget it: {forget_command(line.devices[0].name)}"
             yield BaudRemembered(name, now, configured, advice)
         left = addresses(line, memory)
         for device in line.devices:

@@ -1,6 +1,7 @@
 """`import`: what it prints can be used as it is."""
 
 import json
+import os
 
 import pytest
 
@@ -25,8 +26,8 @@ def test_a_config_of_modbus_proxy_is_printed(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (None, "No such file or directory"),
-        (b"\xff", "is not text in UTF-8"),
+        (None, "there is no such file"),
+        (b"\xff", "this line is not UTF-8 text"),
         (b"speed = 0", "1: speed must be a number"),
     ],
 )
@@ -52,7 +53,7 @@ def test_files_that_are_left_out_are_named_and_the_others_are_printed(tmp_path, 
     files = [str(tmp_path / f"{name}.conf") for name in "abcd"]
     assert main(["import", "mbusd", *files]) == 1
     printed = capsys.readouterr()
-    why = [f"{files[1]}: /dev/ttyS1 is the port of {files[0]} too", f"{files[2]}: No such file or directory"]
+    why = [f"{files[1]}: /dev/ttyS1 is the port of {files[0]} too", f"{files[2]}: there is no such file"]
     assert printed.err.splitlines() == [f"modbus-gateway: error: left out: {each}" for each in why]
     assert all(f"\n# Left out: {each}\n" in printed.out for each in why)
     config = parse(printed.out, port_trouble=lambda _: None).config
@@ -73,3 +74,10 @@ def test_a_device_of_modbus_proxy_that_is_left_out_is_named(tmp_path, capsys):
 def test_modbus_proxy_has_one_file(capsys):
     assert main(["import", "modbus-proxy", "a.yml", "b.yml"]) == 2
     assert "modbus-proxy has one file" in capsys.readouterr().err
+
+
+def test_a_fifo_is_no_file_and_is_not_waited_for(tmp_path, capsys):
+    fifo = tmp_path / "mbusd.conf"
+    os.mkfifo(fifo)
+    assert main(["import", "mbusd", str(fifo)]) == 1
+    assert f"{fifo}: is a FIFO, not a file" in capsys.readouterr().err
