@@ -5,7 +5,7 @@ the same shape. Until it has come, or the window ends, no request with the same 
 with other functions and to other units are.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -126,6 +126,12 @@ class LateWindows:
         """When `transaction` may be sent, if a window forbids it now."""
         self._close_ended(now)
         return max((window.ends_at for window in self.windows if window.forbids(transaction)), default=None)
+
+    def changes_until(self, units: Collection[int], now: float) -> float:
+        """Return until when a device with one of the `units` may still change its address; 0 if none may."""
+        self._close_ended(now)
+        changes = [each for each in self.windows if each.request.answers_from is None and each.request.unit in units]
+        return max((each.ends_at for each in changes), default=0.0)
 
     def expected(self) -> list[Expected]:
         """The late responses that may come."""

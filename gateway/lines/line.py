@@ -28,7 +28,7 @@ There is no I/O here: bytes, time and requests are arguments, and `deadline` is 
 own state before it answers requests, because an answer may cause the next request at once.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from math import inf, nextafter
 from typing import Final, Literal
@@ -116,6 +116,13 @@ class Line:
     def window_end(self, transaction: Transaction) -> float:
         """Until when an answer to a transaction that was on the line may come late."""
         return self._windows.end_of(transaction, transaction.fails_at)
+
+    def changes_until(self, units: Collection[int], now: float) -> float:
+        """Return until when a device with one of the `units` may still change its address; 0 if none may."""
+        current = self._current
+        if current is not None and current.answers_from is None and current.unit in units:
+            return self.window_end(current)
+        return self._windows.changes_until(units, now)
 
     def phases(self, now: float) -> Phases:
         """How the line's time was used, including the transaction in progress."""

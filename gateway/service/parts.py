@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
+from math import ceil
 from typing import TYPE_CHECKING
 
 from gateway.config.forecast import longest_wait_behind, longest_waits
@@ -157,11 +158,17 @@ class GatewayLine:
         """Let a device be where the config says, and the line have the configured rate.
 
         Raises:
-            WrongQuestion: another gateway has the line now, or another device has that address.
+            WrongQuestion: another gateway has the line now, another device has that address, or this one may be about
+                to change its own.
         """
         settings, baud = device.settings, self.plan.line.timing.baud
         if self.is_standby:
             raise WrongQuestion(f"another gateway has the lease of {self.name}: tell that one to forget")
+        wait = self.driver.line.changes_until(device.possible_units, self.now()) - self.now()
+        if wait > 0.0:
+            raise WrongQuestion(
+                f"{settings.name} was sent a change of its address, and may still act on it: try again in {ceil(wait)} s"
+            )
         if not self._addresses.is_free(settings.unit, settings.name):
             raise WrongQuestion(
                 f"another device of {self.name} has, or may have, the address {settings.unit}: forget that one first, "

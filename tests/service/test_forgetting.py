@@ -1,5 +1,7 @@
 """`forget`: a device is asked where the config says again, and its line has the configured rate."""
 
+import asyncio
+
 import pytest
 
 from gateway.errors import WrongQuestion
@@ -44,6 +46,27 @@ async def test_a_doubt_ends() -> None:
     async with gateway_bench(CONFIG, remembering(silo_1=(1, 1, 5))) as bench:
         assert forget(bench.gateway, "silo-1", bench.events.append).was_at == (1, 5)
         assert bench.gateway.lines[0].devices[41].address.units == (1,)
+
+
+async def test_not_while_the_device_may_still_change_its_address() -> None:
+    """Its new address would count as free, and another one could get it too."""
+    async with gateway_bench(CONFIG) as bench:
+        client = bench.client()
+        client.ask(41, "10 0100 0001 02 0005")
+        for _ in range(2):  # on the line, and when its answer is late
+            await asyncio.sleep(0.5)
+            with pytest.raises(WrongQuestion, match=r"silo-1 was sent a change .* try again in \d s"):
+                forget(bench.gateway, "silo-1", bench.events.append)
+            assert bench.gateway.lines[0].devices[41].possible_units == (1, 5)
+        assert await client.answer() == "90 0B"
+        await asyncio.sleep(5.0)
+        assert forget(bench.gateway, "silo-1", bench.events.append).was_at == (1, 5)
+
+
+async def test_a_device_that_is_silent_is_forgotten_at_once() -> None:
+    async with gateway_bench(CONFIG, remembering(silo_1=(1, 5))) as bench:
+        assert await bench.client().asks(41, "03 0000 0002") == "83 0B"
+        assert forget(bench.gateway, "silo-1", bench.events.append).was_at == (5,)
 
 
 async def test_the_rate_in_the_config_counts_again() -> None:
