@@ -1,13 +1,14 @@
 """A JSON file in the state folder that several gateways may share: each changes only its own entries.
 
-A change that cannot be written is tried again until it succeeds. A damaged file is moved aside, and what can be read of
-it is used. Each entry has a checksum, beside them all: an address with a flipped bit would be that of another device.
+A change that cannot be written is tried again until it succeeds. A damaged file is moved aside, and its copy is used,
+else what can be read of both: without its entry, a device that moved is asked where another one may be by now. Each
+entry has a checksum, beside them all: an address with a flipped bit would be that of another device.
 """
 
 import json
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Condition, Thread
@@ -158,12 +159,14 @@ class SharedFile:
             entries = self._entries | entries
         self._entries = {key: entry for key, entry in (entries | changes).items() if entry is not None}
         sums = {_SUMS: {key: _check_sum(key, entry) for key, entry in self._entries.items()}} if self._entries else {}
-        state_files.replace(self.file, f"{json.dumps(self._entries | sums, indent=2)}\n".encode())
+        data = f"{json.dumps(self._entries | sums, indent=2)}\n".encode()
+        for file in (_copy_of(self.file), self.file):  # in this order the copy is never older
+            state_files.replace(file, data)
 
     def _move_aside(self, content: Content) -> None:
         aside = self.file.with_name(f"{self.file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S-%f}")
         self.file.rename(aside)
-        left = f"{len(content.entries)} entries of it could be read"
+        left = f"{len(content.entries)} entries could be read"
         self._emit(StateDamaged(str(self.file), f"{content.damage}; {left}; it is now {aside}"))
 
     def _failed(self, reason: str) -> None:
@@ -178,11 +181,25 @@ class SharedFile:
 
 
 def read_content(file: Path, is_entry: IsEntry) -> Content:
-    """Read a file; empty if it does not exist.
+    """Read a file, and where it is damaged its copy too; empty if it does not exist.
 
     Raises:
         OSError: it cannot be read.
     """
+    content = _read(file, is_entry)
+    if content.damage:
+        with suppress(OSError):
+            copy = _read(_copy_of(file), is_entry)
+            entries = copy.entries | content.entries if copy.damage else copy.entries or content.entries
+            return Content(entries, content.damage)
+    return content
+
+
+def _copy_of(file: Path) -> Path:
+    return file.with_name(f"{file.name}.copy")
+
+
+def _read(file: Path, is_entry: IsEntry) -> Content:
     try:
         entries = json.loads(state_files.read(file, _LARGEST), object_pairs_hook=_without_doubles)
     except FileNotFoundError:

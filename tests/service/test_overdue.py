@@ -125,7 +125,7 @@ def test_a_foreign_file_is_moved_aside(tmp_path: Path, entry: object) -> None:
     process = Process(tmp_path)
     (event,) = process.events
     assert isinstance(event, StateDamaged)
-    assert event.damage.startswith("1 of 1 entries are not valid; 0 entries of it could be read; it is ")
+    assert event.damage.startswith("1 of 1 entries are not valid; 0 entries could be read; it is ")
     assert Path(event.damage.rpartition("it is now ")[2]).read_text() == content
 
 

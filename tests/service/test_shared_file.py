@@ -206,8 +206,28 @@ def test_any_bit_that_turns_is_told_or_harmless(tmp_path) -> None:
     for at in range(8 * len(good)):
         file.write_bytes(good[: at // 8] + bytes((good[at // 8] ^ 1 << at % 8,)) + good[at // 8 + 1 :])
         content = shared_file.read_content(file, is_entry)
+        assert content.entries == entries  # from the copy, if need be
+    shared_file._copy_of(file).unlink()
+    for at in range(8 * len(good)):
+        file.write_bytes(good[: at // 8] + bytes((good[at // 8] ^ 1 << at % 8,)) + good[at // 8 + 1 :])
+        content = shared_file.read_content(file, is_entry)
         assert content.damage or content.entries == entries
         assert content.entries.items() <= entries.items()
+
+
+def test_what_is_left_of_a_file_and_its_copy_is_used_together(tmp_path) -> None:
+    file, copy = tmp_path / "entries.json", tmp_path / "entries.json.copy"
+    file.write_text('{"a": 1, "b": "damaged"}')
+    copy.write_text('{"a": "damaged", "b": 2}')
+    content = shared_file.read_content(file, lambda entry: isinstance(entry, int))
+    assert content == shared_file.Content({"a": 1, "b": 2}, "1 of 2 entries are not valid")
+
+
+def test_a_copy_is_no_file_that_was_deleted(shared) -> None:
+    shared.change("a", 1)
+    shared.close()
+    shared.file.unlink()
+    assert shared.read() == {}
 
 
 def test_a_file_of_an_earlier_version_has_no_checksums(tmp_path) -> None:
