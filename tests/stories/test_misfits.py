@@ -245,9 +245,7 @@ to   = "tcp://10.1.0.5:502"
 
 async def test_doctor_tells_of_units_that_only_clients_know() -> None:
     async with gateway_bench(ALONE) as bench:
-        assert shown(await rows(bench, ask=True)) == [
-            ("note", "plant", "no unit was asked yet; the config names none here")
-        ]
+        assert shown(await rows(bench, ask=True)) == [("note", "plant", "is up; no client has asked a unit yet")]
         Server(bench).silent, client = {7}, bench.client()
         for _ in range(3):
             await client.asks(7, "03 0005 0001")
