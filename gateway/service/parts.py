@@ -167,7 +167,7 @@ class GatewayLine:
         wait = self.driver.line.changes_until(device.possible_units, self.now()) - self.now()
         if wait > 0.0:
             raise WrongQuestion(
-                f"{settings.name} was sent a change of its address, and may still act on it: try again in {ceil(wait)} s"
+                f"{settings.name} was sent a change of its address, and may act on it yet: try again in {ceil(wait)} s"
             )
         if not self._addresses.is_free(settings.unit, settings.name):
             raise WrongQuestion(
