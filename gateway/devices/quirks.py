@@ -171,8 +171,7 @@ class MovableDevice(Device):
 
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
         if not self.address.units:
-            advice = how_to_forget(self.name, self.settings.unit)
-            raise PathUnavailable(f"the config has another device at its address by now; {advice}")
+            raise PathUnavailable("another device may be at its address: see address_remembered at the start")
         quirk = changes(asked, self.settings.profile.quirks)
         if quirk is None:
             return super()._transaction(request, asked)

@@ -169,7 +169,8 @@ class GatewayLine:
             raise WrongQuestion(
                 f"{settings.name} was sent a change of its address, and may act on it yet: try again in {ceil(wait)} s"
             )
-        if not self._addresses.is_free(settings.unit, settings.name):
+        is_free = self._addresses.is_free(settings.unit, settings.name)
+        if not is_free or remembered.rivals(self.plan, settings, self._memory, settings.unit):
             raise WrongQuestion(
                 f"another device of {self.name} has, or may have, the address {settings.unit}: forget that one first, "
                 f"or give {settings.name} another unit in {device.source}"

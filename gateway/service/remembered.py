@@ -30,19 +30,20 @@ def rate(line: LinePlan, memory: Memory) -> int:
 
 
 def addresses(line: LinePlan, memory: Memory) -> Mapping[str, tuple[int, ...]]:
-    """The possible addresses of each device of the line, by name: where it moved to, or may have moved to.
+    """Return where each device of the line is asked, by name: where it moved to, or may have moved to.
 
-    Where the config has another device by now, one that moved is not asked; nor is it where the config says, so none
-    may be left.
+    Where two may be, by the config or by what is remembered, neither is asked: whichever answers could be the other
+    one. So none may be left.
     """
     now = {each.name: recall(line, each, memory) for each in line.devices}
     claims = Counter(unit for units in now.values() for unit in units)
+    return {name: tuple(unit for unit in units if claims[unit] == 1) for name, units in now.items()}
 
-    def left(device: DeviceSettings) -> tuple[int, ...]:
-        units = now[device.name]
-        return units if units == (device.unit,) else tuple(unit for unit in units if claims[unit] == 1)
 
-    return {each.name: left(each) for each in line.devices}
+def rivals(line: LinePlan, device: DeviceSettings, memory: Memory, *units: int) -> list[str]:
+    """Return the names of the other devices that may be at one of `units`."""
+    others = (each for each in line.devices if each.name != device.name)
+    return [each.name for each in others if not set(units).isdisjoint(recall(line, each, memory))]
 
 
 def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRemembered]:
@@ -57,14 +58,17 @@ def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRem
         left = addresses(line, memory)
         for device in line.devices:
             units = recall(line, device, memory)
-            if units != (device.unit,):
-                advice = _advice(device, units, left[device.name])
+            if units != (device.unit,) or not left[device.name]:
+                advice = _advice(device, units, left[device.name], rivals(line, device, memory, *units))
                 yield AddressRemembered(name, device.name, units[0], device.unit, advice)
 
 
-def _advice(device: DeviceSettings, units: tuple[int, ...], left: tuple[int, ...]) -> str:
-    """Say what to do about a device that is not where the config says, but at one of `units`; `left` are asked."""
+def _advice(device: DeviceSettings, units: tuple[int, ...], left: tuple[int, ...], others: list[str]) -> str:
+    """Say what to do about a device that may be at one of `units`, where `others` may be too; `left` are asked."""
     place = place_of(device.source, "unit")
+    if units == (device.unit,):
+        ways = " or ".join(map(forget_command, others))
+        return f"it is not asked: {' and '.join(others)} may be at its address; {ways}, or set its unit in {place}"
     doubt = f"a change of its address was not answered: it is at {show_units(units)}"
     if not left:
         said = f"it is not asked: the config has another device there by now; set its unit in {place}"

@@ -357,9 +357,7 @@ def test_a_device_without_an_address_is_not_asked(hall: Hall) -> None:
     assert hall.client.answers == ["83 0A"]
     assert hall.written == []
     (told,) = hall.told(RequestRefused)
-    assert told.why == (
-        "the config has another device at its address by now; if it is at 1 again: modbus-gateway forget unit-1"
-    )
+    assert told.why == "another device may be at its address: see address_remembered at the start"
 
 
 def test_a_read_of_the_address_register_is_no_move(hall: Hall) -> None:

@@ -80,17 +80,20 @@ def test_a_device_that_may_have_moved_is_at_either_address_and_that_is_told() ->
     )
 
 
-def test_a_device_is_not_asked_where_the_config_has_another_one_by_now_nor_anywhere_else() -> None:
+def test_where_the_config_has_another_device_by_now_neither_is_asked() -> None:
     edited = plan(HALL.replace("unit = 2,", "unit = 5,"))
     (line,) = edited.lines
-    assert addresses(line, left_behind(("silo-1", 1, 5))) == {"silo-1": (), "silo-2": (5,)}
-    assert addresses(line, left_behind(("silo-1", 1, 1, 5))) == {"silo-1": (1,), "silo-2": (5,)}
-    (told,) = in_force(edited, left_behind(("silo-1", 1, 5)))
+    assert addresses(line, left_behind(("silo-1", 1, 5))) == {"silo-1": (), "silo-2": ()}
+    assert addresses(line, left_behind(("silo-1", 1, 1, 5))) == {"silo-1": (1,), "silo-2": ()}
+    told, other = in_force(edited, left_behind(("silo-1", 1, 5)))
+    assert other.advice == (
+        "it is not asked: silo-1 may be at its address; modbus-gateway forget silo-1, or set its unit in gateway.toml:8"
+    )
     assert told.advice == (
         "it is not asked: the config has another device there by now; set its unit in gateway.toml:7; "
         "if it is at 1 again: modbus-gateway forget silo-1"
     )
-    (told,) = in_force(edited, left_behind(("silo-1", 1, 1, 5)))
+    told, _ = in_force(edited, left_behind(("silo-1", 1, 1, 5)))
     assert told.advice == (
         "a change of its address was not answered: it is at 1 or 5, and asked at 1 only, as the config has another "
         "device by now; set its unit in gateway.toml:7; if it is at 1 again: modbus-gateway forget silo-1"
