@@ -26,6 +26,7 @@ NUMBERS: Final = range(1, 25)
 #: What lines allow their devices, in milliseconds, and how old values of mirrors may be, in seconds.
 _LIMITS: Final = (30, 50, 100)
 _STALE: Final = (0.5, 1.0, 2.0)
+_FEWEST_UNITS: Final = 2
 _MIRRORS: Final = ("mirror-a", "mirror-b", "mirror-c", "mirror-d")
 
 
@@ -101,7 +102,7 @@ class ChangingConfig:
         spot = Spot(place, self._dice.choice((*UNITS, UNITS.stop)))
         if spot not in self._numbers:
             self._numbers[spot] = self._free()
-        elif len(self._units(place)) > 1:
+        elif len(self._units(place)) > _FEWEST_UNITS:
             del self._numbers[spot]
 
     def _add_mirror(self) -> None:
