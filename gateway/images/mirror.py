@@ -94,15 +94,14 @@ class Mirror:
         self._settle(now)
 
     def wrote(self, request: Request, response: bytes | None, now: float) -> None:
-        """A request that was passed on, here or by the mirror before this one, is finished: values may have changed."""
+        """A request that was passed on, here or by the mirror before a reload, is finished: values may have changed."""
         if not only_reads(request.pdu) and response is not None and not _has_no_effect(response):
             self._polling.changed(parse_sent(request.pdu).write, now)
             if not response[0] & EXCEPTION_BIT:
                 self.last_writes.done(request)
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
-        """A request that was passed on is finished, with this response; None if it has none."""
-        self.wrote(request, response, now)
+        """A request that was passed on is finished, with this response; None if it has none. Call `wrote` first."""
         request.place = None
         self._rows[request.origin.client].under_way -= 1
         if response is None:

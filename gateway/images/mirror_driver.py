@@ -69,17 +69,14 @@ class MirrorDriver:
 
     def passed(self, request: Request, response: bytes | None) -> None:
         """Take the response to a request that was passed on to the device."""
-        self._tell_successors(request, response)
+        self.wrote(request, response)
         self._run(self.mirror.passed, request, response, self._time())
 
     def wrote(self, request: Request, response: bytes | None) -> None:
-        """A request that the mirror before this one has passed on is finished; its client is answered after this."""
-        self._tell_successors(request, response)
-        self._run(self.mirror.wrote, request, response, self._time())
-
-    def _tell_successors(self, request: Request, response: bytes | None) -> None:
+        """Take the response to a request that was passed on, here or by the mirror before this. Its client waits."""
         for successor in self._successors:
             successor.wrote(request, response)
+        self._run(self.mirror.wrote, request, response, self._time())
 
     def _wake(self) -> None:
         self._run(self.mirror.tick, self._time())

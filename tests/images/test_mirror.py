@@ -56,6 +56,7 @@ class Bench:
         self.mirror.polled(request, pdu, self.now)
 
     def passed(self, request, response):
+        self.mirror.wrote(request, response, self.now)
         self.mirror.passed(request, response, self.now)
 
     # the test
