@@ -2,9 +2,9 @@
 
 import asyncio
 import random
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Coroutine, Mapping
-from itertools import count
+from itertools import count, takewhile
 from typing import Any, Final
 
 from gateway.events import Event
@@ -113,11 +113,9 @@ class JudgingClient(Client):
         self._dice = random.Random(world.dice.random())
         self._writes = writes
         self._order = count()
-        #: What is under way to each, by its order.
-        self._under_way: defaultdict[Served, set[int]] = defaultdict(set)
         self._own: dict[int, deque[Write]] = {}
-        #: Where the answer to each request goes; nothing when the client has left.
-        self._open: dict[int, asyncio.Future[bytes]] = {}
+        #: Requests under way: what was asked, and where the answer goes; nothing when the client has left.
+        self._open: dict[int, tuple[Served, asyncio.Future[bytes]]] = {}
 
     async def ask_until_it_leaves(self, pause: float) -> None:
         """Ask, and judge the answer, again and again."""
@@ -132,7 +130,7 @@ class JudgingClient(Client):
     def _leave(self) -> None:
         self.session.closed()
         self._tally.abandoned += len(self._open)
-        for answer in self._open.values():
+        for _, answer in self._open.values():
             answer.set_result(b"")
         self._open.clear()
 
@@ -140,7 +138,7 @@ class JudgingClient(Client):
         """Read; whether data has come."""
         span = self._dice.choice(_SPANS)
         reading = Reading(served, *span, next(self._order), self._loop.time(), served.written_at[:])
-        response = await self._asks(unit, reading.pdu, self._under_way[served], reading.order)
+        response = await self._asks(unit, served, reading.pdu)
         if not response:
             return False
         trouble = reading.trouble(response, self._own.get(unit, ()), self._loop.time())
@@ -154,7 +152,7 @@ class JudgingClient(Client):
         write = self._world.writes.ask(device, first, items, next(self._order))
         self._own.setdefault(unit, deque(maxlen=_REMEMBERED)).append(write)
         pdu, right = write_request(function, first, write.values)
-        response = await self._asks(unit, pdu, self._under_way[served], write.order)
+        response = await self._asks(unit, served, pdu)
         if not response:
             return False
         trouble = None
@@ -188,12 +186,12 @@ class JudgingClient(Client):
 
     # --- the connection ---
 
-    async def _asks(self, unit: int, pdu: bytes, under_way: set[int], order: int) -> bytes:
+    async def _asks(self, unit: int, served: Served, pdu: bytes) -> bytes:
         """The response to a request; nothing if the client leaves before."""
         self._tally.questions += 1
-        under_way.add(order)
         self._transaction = self._transaction + 1 & 0xFFFF
-        answer = self._open[self._transaction] = self._loop.create_future()
+        answer = self._loop.create_future()
+        self._open[self._transaction] = served, answer
         asked_at = self._loop.time()
         adu = mbap.encode(self._transaction, unit, pdu)
         self.session.room()[: len(adu)] = adu
@@ -202,21 +200,26 @@ class JudgingClient(Client):
         self._tally.slowest = max(self._tally.slowest, self._loop.time() - asked_at)
         if response and response[0] != unit:
             self._tally.complain(f"{self.session.client} asked {unit}, and {response[0]} answered")
-        if response and not response[1] & EXCEPTION_BIT and min(under_way) < order:
-            self._tally.complain(
-                f"{self.session.client} asked {unit} for {pdu.hex(' ')}, and before that something else"
-            )
-        under_way.remove(order)
         return response[1:]
 
     def send(self, data: bytes) -> None:
         while data:
             transaction, size = int.from_bytes(data[:2]), 6 + int.from_bytes(data[4:6])
-            if transaction in self._open:
-                self._open.pop(transaction).set_result(data[6:size])
-            else:
-                self._tally.complain(f"{self.session.client}: an answer to {transaction}, which is not open")
+            self._answered(transaction, data[6:size])
             data = data[size:]
+
+    def _answered(self, transaction: int, response: bytes) -> None:
+        if transaction not in self._open:
+            self._tally.complain(f"{self.session.client}: an answer to {transaction}, which is not open")
+            return
+        served, answer = self._open[transaction]
+        earlier = takewhile(lambda each: each != transaction, self._open)
+        if not response[1] & EXCEPTION_BIT and any(self._open[each][0] is served for each in earlier):
+            self._tally.complain(
+                f"{self.session.client}: {response.hex(' ')} came before the answer to an earlier request"
+            )
+        del self._open[transaction]
+        answer.set_result(response)
 
     def reject(self, reason: str) -> None:
         self._tally.complain(f"{self.session.client} was rejected: {reason}")
