@@ -52,11 +52,13 @@ class Place:
 class Member(ABC):
     """What takes turns, and how many requests wait there."""
 
-    __slots__ = ("after", "before", "name", "turn", "waiting")
+    __slots__ = ("after", "before", "has_passed", "name", "turn", "waiting")
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.waiting = 0
+        #: Whether it had nothing to send when its last turn came.
+        self.has_passed = False
         #: When it has its next turn, and which others stand before and after it.
         self.turn = UNKNOWN
         self.before: Member | None = None
@@ -147,7 +149,8 @@ class Turns(Member):
     """The rounds of addresses, or of the connections of one, which has its turns in those `above`.
 
     The members stand in a line: those with a turn in this round, then those with one in the next. Who has had its turn
-    goes to the end. Who has nothing to send when its turn comes is forgotten. `names` is where they are found.
+    goes to the end. Who has nothing to send when its turn comes, and again the next time, is forgotten. `names` is
+    where they are found.
     """
 
     __slots__ = ("_first", "_has_let_in", "_last", "_names", "_urgent", "_urgent_later", "above")
@@ -186,6 +189,7 @@ class Turns(Member):
 
     def sort(self, member: Member) -> None:
         """Another request may be the oldest of a member."""
+        member.has_passed = False
         if member.turn == UNKNOWN:
             self._let_in(member)
         if member.is_urgent:
@@ -226,12 +230,19 @@ class Turns(Member):
         while each is not None and each.turn == NOW:
             after = each.after
             if not each.waiting:
-                self.forget(each)
+                self._pass(each)
             elif (place := each.next(is_held)) is not None:
                 self._had_turn(each)
                 return place
             each = after
         return None
+
+    def _pass(self, member: Member) -> None:
+        if member.has_passed:
+            self.forget(member)
+        else:
+            member.has_passed = True
+            self._had_turn(member)
 
     def _begin_round(self) -> None:
         self._has_let_in = False
