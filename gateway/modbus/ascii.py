@@ -115,7 +115,7 @@ class AsciiFramer(RequestFramer):
 
 def decode(text: bytes) -> Frame | None:
     """The frame in this text, from its colon to CR LF, or None."""
-    if not text.startswith(START) or len(text) > MAX_ASCII_ADU:
+    if not text.startswith(START) or not len(START) + len(END) <= len(text) <= MAX_ASCII_ADU:
         return None
     try:
         body = unhexlify(text[len(START) : -len(END)])

@@ -35,12 +35,17 @@ def likeness(data: bytes, own: Framing) -> str:
 
 def _is_tcp(data: bytes) -> bool:
     """Whether there is a header with the protocol identifier 0, and a PDU of its length that fits its function."""
-    pdu = data[_HEADER : 6 + int.from_bytes(data[4:6])]
-    if data[2:4] != b"\0\0" or len(data) < 6 + int.from_bytes(data[4:6]) or len(pdu) < _SHORTEST_PDU:
+    if len(data) < _HEADER + _SHORTEST_PDU or data[2:4] != b"\0\0":
         return False
+    size = 6 + int.from_bytes(data[4:6])
+    if not _HEADER + _SHORTEST_PDU <= size <= len(data):
+        return False  # before it is cut: compiled, a slice that would end before its start is an error
+    pdu = data[_HEADER:size]
     return len(pdu) in (request_size(pdu), response_size(pdu))
 
 
 def _is_rtu(data: bytes) -> bool:
+    if len(data) <= _OVERHEAD:
+        return False
     sizes = {size_of(data[1:]) for size_of in (request_size, response_size)}
     return any(_SHORTEST_PDU <= size <= len(data) - _OVERHEAD and crc_fits(data[: size + _OVERHEAD]) for size in sizes)
