@@ -52,7 +52,7 @@ def a_line_awaits_no_late_answers(patch: pytest.MonkeyPatch) -> None:
 
 
 def an_equal_read_overtakes_its_clients_write(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("gateway.lines.queue._Row.holds_back", lambda *_: False)
+    patch.setattr("gateway.lines.turns.Row.holds_back", lambda *_: False)
 
 
 @pytest.mark.search

@@ -7,11 +7,12 @@ spare at the configured address of a scale that has moved and is off, an operato
 
 import asyncio
 import random
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from typing import Final
 
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
+from gateway.errors import WrongQuestion
 from gateway.events import PartFailed
 from gateway.ports.memory import MemoryLine
 from gateway.service.build import build
@@ -166,7 +167,8 @@ class World:
             return
         self.tally.counts["addresses set by hand"] += 1
         scale.start(unit)
-        forget(self.bench.gateway, known_as, self.bench.events.append)
+        with suppress(WrongQuestion):  # a change may be under way; until it is told, the gateway hears nothing of it
+            forget(self.bench.gateway, known_as, self.bench.events.append)
 
     def _is_free(self, known_as: int, unit: int) -> bool:
         """Whether a scale could get this address by hand: nobody has it, or may have it as far as the gateway knows."""
