@@ -20,6 +20,8 @@ from model.world import A_MOMENT, PATIENCE, World
 _OPEN: Final = 3
 #: Longer than any unit rests here, and than another client's request is remembered, in seconds.
 _LONG: Final = 400.0
+#: How long to wait before looking again if a request was repeated, in seconds.
+_STEP: Final = 0.01
 #: Where a device may be after changes of its address.
 _PLACES: Final = 3
 #: So long before a window ends an answer may just come.
@@ -82,8 +84,7 @@ def _serves(world: World, name: str) -> None:
             world.wrong.append("when everything is over, the line does not send")
             return
         (question,) = world.sent.questions
-        world.pass_until(world.sent.left_at + A_MOMENT)
-        if world.wire.owed(world.now, ours=True):
+        if any(_is_heard(world) for _ in range(1 + world.setting.line.retries)):
             break
         world.pass_until(world.now + _LONG)
     else:
@@ -93,6 +94,19 @@ def _serves(world: World, name: str) -> None:
     if not question.answers or question.answers[0][0] & EXCEPTION_BIT:
         world.wrong.append("when everything is over, the line does not believe an answer")
     world.pass_until(world.now + 1.0)
+
+
+def _is_heard(world: World) -> bool:
+    """Whether a device hears what is being sent. If none does, time passes until the repeat, which may go elsewhere."""
+    asking = world.sent
+    if asking is not None:
+        world.pass_until(asking.left_at + A_MOMENT)
+        if world.wire.owed(world.now, ours=True):
+            return True
+    end = world.now + PATIENCE
+    while world.sent in (None, asking) and world.now < end:
+        world.pass_until(world.now + _STEP)
+    return False
 
 
 # --- clients ---
