@@ -13,7 +13,7 @@ import pytest
 from xdist.scheduler import LoadScopeScheduling
 
 import gateway
-from gateway.ports.exact_loop import exact_loop
+from gateway.clock.exact_loop import exact_loop
 from kit.virtual_time import VirtualTimeLoop
 
 pytest_plugins = ["kit.left_out"]

@@ -21,12 +21,12 @@ from gateway.cli.demo_tls import PORT as TLS_PORT
 from gateway.cli.demo_tls import invitation, make_certificates, tls_config
 from gateway.cli.demo_traffic import traffic
 from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.clock.exact_loop import run_exactly
 from gateway.config.load import load
 from gateway.config.plan import Plan
 from gateway.config.resolve import resolve
 from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut
-from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service.build import Gateway, build
 from gateway.service.config_reader import read_here

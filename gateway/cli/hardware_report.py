@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import Final
 
 from gateway.cli.main import FINE
+from gateway.clock.exact_loop import run_exactly
 from gateway.errors import GatewayError, PortError
-from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.ports.port import SerialSettings
 from gateway.service.hardware_report import (

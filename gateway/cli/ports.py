@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from gateway.ports.listing import ListedPort, serial_ports
+from gateway.hardware.listing import ListedPort, serial_ports
 
 _HEADINGS = ("PORT", "DEVICE", "ADAPTER", "DRIVER", "STATE")
 

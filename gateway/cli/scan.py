@@ -87,7 +87,7 @@ def _show(args: argparse.Namespace) -> int:
         if args.port:
             # Only here parts of a gateway are needed.
             from gateway.cli.direct_scan import scan_port  # noqa: PLC0415
-            from gateway.ports.exact_loop import run_exactly  # noqa: PLC0415
+            from gateway.clock.exact_loop import run_exactly  # noqa: PLC0415
 
             answer = run_exactly(scan_port(args, _units(args.words), tell))
         else:

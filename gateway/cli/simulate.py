@@ -12,11 +12,11 @@ from typing import Final, NamedTuple, TypeVar
 
 from gateway.cli.main import FINE, WRONG_USAGE
 from gateway.cli.usage import baud
+from gateway.clock.exact_loop import run_exactly
 from gateway.config.character_format import DEFAULT_FORMATS, parse_format
 from gateway.config.duration import parse_duration
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.unitset import parse_units, show_units
-from gateway.ports.exact_loop import run_exactly
 from gateway.simulator.broken import FAULTS, line_faults, with_faults
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.faults import Faults

@@ -5,12 +5,12 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.errors import FleetError, TlsError
 from gateway.events import Emit, FleetBucketUnsafe, FleetLost, FleetRefused, FleetUp, PartFailed
 from gateway.fleet.connection import NatsConnection
 from gateway.fleet.counts import LostMessages
 from gateway.fleet.settings import Login, Server
-from gateway.ports.threads import ThreadPerCall
 
 #: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
 FIRST_PAUSE: Final = 0.25

@@ -4,11 +4,11 @@ import asyncio
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
 from gateway.images.mirror import Mirror
 from gateway.images.polling import MirroredDevice
 from gateway.images.polls import MirrorSettings
-from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Request
 from gateway.trace.ring import Ring
 

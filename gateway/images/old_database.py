@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from zlib import crc32
 
 from gateway.modbus.codes import Area
-from gateway.ports.database import Row, Table, open_table
+from gateway.state.database import Row, Table, open_table
 
 
 class Found(NamedTuple):

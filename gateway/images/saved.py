@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from gateway.images import old_database
 from gateway.modbus.codes import Area
-from gateway.ports.page_log import PageLog
+from gateway.state.page_log import PageLog
 
 _NAME: Final = "images"
 #: The file that changes with each write.

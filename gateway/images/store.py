@@ -15,11 +15,11 @@ from itertools import chain
 from pathlib import Path
 from typing import Final
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.images.persistent import Change, Done
 from gateway.images.saved import LOG, SavedValues, Values, add, open_saved
 from gateway.modbus.codes import Area
-from gateway.ports.threads import ThreadPerCall
 
 #: How often changes of `keep_soon` are written, in seconds: the most that a crash loses.
 INTERVAL: Final = 1.0

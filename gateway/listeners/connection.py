@@ -7,13 +7,13 @@ from math import inf
 from time import time as wall_clock
 from typing import Final, Protocol
 
+from gateway.clock.lazy_timer import LazyTimer
 from gateway.listeners.mbap import MbapSession
 from gateway.listeners.over_tcp import OverTcpSession
 from gateway.listeners.session import ListenSettings, Session
 from gateway.listeners.sockets import explain
 from gateway.modbus.codes import MAX_TCP_ADU
 from gateway.modbus.mbap import MOST_AT_ONCE
-from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Target
 from gateway.routing.identity import ANONYMOUS, Identity
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from math import inf
 from typing import Final
 
-from gateway.ports.threads import ThreadPerCall
+from gateway.clock.threads import ThreadPerCall
 from gateway.tls.contexts import Loaded, load
 from gateway.tls.settings import ServerTls
 

@@ -3,8 +3,8 @@
 import asyncio
 from collections.abc import Callable
 
+from gateway.clock.lazy_timer import LazyTimer
 from gateway.listeners.arrivals import LOOK_STEP
-from gateway.ports.lazy_timer import LazyTimer
 
 
 class Rounds:

@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.errors import BrokerError, TlsError
 from gateway.events import BrokerLost, BrokerRefused, BrokerUp, Emit, PartFailed
 from gateway.plant.client import STEP_TIME, VERSIONS, BrokerSettings, Version
@@ -14,7 +15,6 @@ from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Message
 from gateway.plant.reasons import SubscriptionRefusedError, WrongVersionError
 from gateway.plant.steadiness import Steadiness
-from gateway.ports.threads import ThreadPerCall
 from gateway.timing.measured import NEVER
 
 #: How long the last messages may take at a stop, in seconds.

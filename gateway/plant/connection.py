@@ -10,6 +10,7 @@ from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.errors import BrokerError
 from gateway.plant.client import LARGEST_PACKET, MOST_IN_FLIGHT, STEP_TIME, BrokerClient, BrokerSettings, Version
 from gateway.plant.messages import Delivery, Message
@@ -22,7 +23,6 @@ from gateway.plant.reasons import (
     refused,
     refused_login,
 )
-from gateway.ports.threads import ThreadPerCall
 from gateway.tls.reasons import explain
 
 

@@ -4,12 +4,12 @@ import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
 from gateway.plant.commands import CLIENT, CarriedOut
 from gateway.plant.messages import Command, Delivery, Form, Message
 from gateway.plant.polls import PolledTarget
 from gateway.plant.publisher import Publisher, PublisherSettings
-from gateway.ports.lazy_timer import LazyTimer
 from gateway.request import Request, Target
 
 

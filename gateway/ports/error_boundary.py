@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
+from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
-from gateway.ports.lazy_timer import LazyTimer
 from gateway.ports.port import Port
 
 

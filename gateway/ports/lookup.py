@@ -5,7 +5,7 @@ import socket
 from functools import partial
 from typing import Any
 
-from gateway.ports.threads import ThreadPerCall
+from gateway.clock.threads import ThreadPerCall
 
 #: What `getaddrinfo` gives: family, type, protocol, canonical name, address.
 AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]

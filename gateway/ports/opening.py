@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final, Generic, Protocol, TypeVar
 
 from gateway.errors import PortError
-from gateway.ports.ioctls import (
+from gateway.hardware.ioctls import (
     FORMAT_FLAGS,
     actual_baud,
     bytes_to_send,
@@ -23,9 +23,9 @@ from gateway.ports.ioctls import (
     is_usb,
     set_low_latency,
 )
+from gateway.hardware.rs485 import restore_rs485, switch_rs485
 from gateway.ports.port import SerialSettings
 from gateway.ports.reasons import DriverError, why_lost, why_no_such_rate, why_not_opened
-from gateway.ports.rs485 import restore_rs485, switch_rs485
 from gateway.ports.wire import VIRTUAL_MAJORS
 from gateway.timing.characters import CharacterFormat
 

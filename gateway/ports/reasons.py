@@ -7,8 +7,8 @@ import termios
 from pathlib import Path
 from typing import Final
 
+from gateway.hardware.udev import udev_rule
 from gateway.ports.port import SerialSettings
-from gateway.ports.udev import udev_rule
 
 #: The errors of drivers. SerialException is an OSError, termios.error is not.
 DriverError: Final = (OSError, termios.error)

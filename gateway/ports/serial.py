@@ -9,12 +9,12 @@ from contextlib import contextmanager
 
 from serial import PARITY_NONE, Serial
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.errors import PortError
-from gateway.ports.ioctls import set_input_flags
+from gateway.hardware.ioctls import set_input_flags
 from gateway.ports.opening import OpenDevice, close_device, open_device
 from gateway.ports.port import Port, PortUser, SerialSettings
 from gateway.ports.serial_port import SerialPort
-from gateway.ports.threads import ThreadPerCall
 from gateway.timing.characters import CharacterFormat
 
 #: Ports whose driver is still opening them, perhaps after the attempt was cancelled.

@@ -8,9 +8,9 @@ import os
 import select
 from typing import Any, ClassVar, Final
 
+from gateway.clock.exact_loop import ExactLoop
 from gateway.errors import PortError
-from gateway.ports.exact_loop import ExactLoop
-from gateway.ports.ioctls import character_errors
+from gateway.hardware.ioctls import character_errors
 from gateway.ports.marked import MarkedInput
 from gateway.ports.opening import OpenDevice
 from gateway.ports.port import CharacterErrors, PortUser

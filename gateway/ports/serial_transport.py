@@ -10,10 +10,10 @@ from typing import Any, Final
 
 from serial_asyncio import SerialTransport
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.errors import PortClosed, PortError
 from gateway.ports.opening import OpenDevice, change_baud, close_device
 from gateway.ports.port import PortUser
-from gateway.ports.threads import ThreadPerCall
 
 #: Bytes that may wait for a driver that takes none. A line has one frame under way.
 WRITE_BOUND: Final = 16 * 1024

@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import Final, cast
 
 from gateway.errors import ConnectionEnded, PortClosed, PortError
-from gateway.ports.ioctls import bytes_to_send
+from gateway.hardware.ioctls import bytes_to_send
 from gateway.ports.keepalive import notice_vanished_peers
 from gateway.ports.lookup import AddressInfo, look_up
 from gateway.ports.port import Port, PortUser, TcpSettings

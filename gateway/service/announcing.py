@@ -7,12 +7,12 @@ import asyncio
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.config.plan import MqttPlan
 from gateway.plant.discovery import Announced, Discovery
 from gateway.plant.messages import Message
 from gateway.plant.plain import gone
 from gateway.plant.topics import Topics
-from gateway.ports.threads import ThreadPerCall
 from gateway.service.announced import AnnouncedDevices
 
 #: The entry of a device whose last values a broker keeps, in the list of what was announced.

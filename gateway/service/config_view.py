@@ -9,11 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.config.masking import masked
 from gateway.config.plan import Plan
 from gateway.config.problem import Problem
 from gateway.errors import ConfigError
-from gateway.ports.threads import ThreadPerCall
 from gateway.service.config_process import READING_TIME, ConfigRead
 from gateway.service.reload import Outcome, Reloader, differences, find_settled
 from gateway.service.running import Running

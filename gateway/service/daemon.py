@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gateway import events
+from gateway.clock.exact_loop import run_exactly
 from gateway.config.plan import Plan, WebPlan
 from gateway.errors import ListenError, StateError, TlsError
 from gateway.images.store import Store
@@ -16,7 +17,6 @@ from gateway.listeners.sockets import OpenSockets
 from gateway.observe.fan_out import FanOut
 from gateway.observe.journal import leads_to_journal
 from gateway.observe.log import open_log
-from gateway.ports.exact_loop import run_exactly
 from gateway.ports.kinds import opener
 from gateway.service import garbage
 from gateway.service.announced import FILE_NAME as ANNOUNCED_FILE

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway import events
+from gateway.clock.threads import ThreadPerCall
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import about_ports, with_ports
-from gateway.ports.threads import ThreadPerCall
 from gateway.service.doctor import examined
 from gateway.service.outside import look_at
 from gateway.service.running import Running

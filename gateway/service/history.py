@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
 from zlib import crc32
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.errors import StateError
 from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
-from gateway.ports.database import Database, Row, Table, is_damage, open_table
-from gateway.ports.threads import ThreadPerCall
 from gateway.service.running import Running
 from gateway.service.uses import Look
+from gateway.state.database import Database, Row, Table, is_damage, open_table
 from gateway.timing.history import Changes, History, Slot
 
 P = ParamSpec("P")

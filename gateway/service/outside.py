@@ -11,8 +11,8 @@ from typing import Final
 from gateway.diagnosis.evidence import Holder, PortEvidence, PortInUse
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import about_ports
-from gateway.ports.holders import PROC, holders, is_interpreter, name_of, running_programs
-from gateway.ports.listing import DEVICES, TERMINALS, stable_links
+from gateway.hardware.holders import PROC, holders, is_interpreter, name_of, running_programs
+from gateway.hardware.listing import DEVICES, TERMINALS, stable_links
 from gateway.ports.reasons import group_of
 from gateway.ports.wire import VIRTUAL_MAJORS
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
+from gateway.clock.threads import ThreadPerCall
 from gateway.config.plan import Plan
 from gateway.config.problem import Problem
 from gateway.errors import ConfigError, ListenError, StateError, TlsError
-from gateway.ports.threads import ThreadPerCall
 from gateway.service import garbage
 from gateway.service.build import Gateway
 from gateway.service.config_process import READING_TIME, ReadConfig, read_config

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 from zlib import crc32
 
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
-from gateway.ports import state_files
+from gateway.state import files
 
 #: How long another gateway may take to write, in seconds.
 LOCK_DEADLINE: Final = 2.0
@@ -161,7 +161,7 @@ class SharedFile:
         sums = {_SUMS: {key: _check_sum(key, entry) for key, entry in self._entries.items()}} if self._entries else {}
         data = f"{json.dumps(self._entries | sums, indent=2)}\n".encode()
         for file in (_copy_of(self.file), self.file):  # in this order the copy is never older
-            state_files.replace(file, data)
+            files.replace(file, data)
 
     def _move_aside(self, content: Content) -> None:
         aside = self.file.with_name(f"{self.file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S-%f}")
@@ -201,7 +201,7 @@ def _copy_of(file: Path) -> Path:
 
 def _read(file: Path, is_entry: IsEntry) -> Content:
     try:
-        entries = json.loads(state_files.read(file, _LARGEST), object_pairs_hook=_without_doubles)
+        entries = json.loads(files.read(file, _LARGEST), object_pairs_hook=_without_doubles)
     except FileNotFoundError:
         return Content({})
     except (ValueError, RecursionError) as error:
@@ -241,7 +241,7 @@ def _lock(file: Path) -> Iterator[None]:
     place = file.with_suffix(".lock")
     while True:
         try:
-            held = state_files.lock(place)
+            held = files.lock(place)
         except BlockingIOError:
             if time.monotonic() > deadline:
                 raise TimeoutError(None, f"another program holds {place}") from None

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.events import Emit, Event, StateDamaged, StateKeptAgain, StateNotKept
-from gateway.ports.threads import ThreadPerCall
 
 #: How often the folder is looked at, in seconds: when the system finds errors on a disk, it may stop all writing there.
 LOOK_EVERY: Final = 60.0

@@ -7,10 +7,10 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from gateway import __version__
+from gateway.clock.threads import ThreadPerCall
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READING_FUNCTIONS
-from gateway.ports.threads import ThreadPerCall
 from gateway.routing.access import READING, Right
 from gateway.service.build import Gateway
 from gateway.service.capture import description, packets

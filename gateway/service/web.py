@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway import events
+from gateway.clock.threads import ThreadPerCall
 from gateway.config.plan import WebPlan
 from gateway.config.rights_in_words import RightsRow
 from gateway.errors import TlsError, UsersError
 from gateway.listeners.kept_sessions import KeptSessions
 from gateway.modbus.pdu import Span, exception_response
 from gateway.observe.fan_out import FanOut, Follower
-from gateway.ports.threads import ThreadPerCall
 from gateway.service import status as told
 from gateway.service import unit_facts
 from gateway.service.build import Gateway

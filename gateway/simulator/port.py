@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.errors import PortError
-from gateway.ports.ioctls import actual_baud
+from gateway.hardware.ioctls import actual_baud
 
 #: The rate to use if the kernel does not report one.
 ASSUMED_BAUD: Final = 9600

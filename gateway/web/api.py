@@ -10,11 +10,11 @@ from typing import Any, Final, NoReturn
 
 from aiohttp import web
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
-from gateway.ports.threads import ThreadPerCall
 from gateway.profiles.point import Point
 from gateway.timing.history import LINE_SLOTS, STEP, UNIT_SLOTS
 from gateway.web.answers import Answers, Status, Unit, Which

@@ -13,7 +13,7 @@ from jinja2 import BytecodeCache, Environment, FileSystemLoader, StrictUndefined
 from jinja2.bccache import Bucket
 
 from gateway import DOCUMENTATION, __version__
-from gateway.ports.threads import ThreadPerCall
+from gateway.clock.threads import ThreadPerCall
 from gateway.web.assets import Assets
 from gateway.web.guard import VISITOR, Need
 from gateway.web.languages import LANGUAGES, Language, Texts, keep_language, language_of

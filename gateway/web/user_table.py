@@ -6,8 +6,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Final
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.errors import UsersError
-from gateway.ports.threads import ThreadPerCall
 from gateway.web.users import Users, read_users
 
 #: How often the file is looked at, in seconds.

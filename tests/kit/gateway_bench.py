@@ -4,6 +4,7 @@ import asyncio
 from contextlib import asynccontextmanager, closing
 from pathlib import Path
 
+from gateway.clock.lazy_timer import LazyTimer
 from gateway.config.character_format import DEFAULT_FORMATS
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
@@ -11,8 +12,6 @@ from gateway.events import Event
 from gateway.images.store import Store
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
-from gateway.ports.lazy_timer import LazyTimer
-from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.service.build import Gateway, build
 from gateway.service.recent import Recent
@@ -22,6 +21,7 @@ from gateway.service.supervisor import keep_lines_open
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.paced_line import PacedLine
 from kit.device import SimulatedLine
+from kit.memory import MemoryLine
 
 #: How long a test waits for a response, in virtual seconds.
 PATIENCE = 30.0

@@ -2,11 +2,11 @@
 
 import asyncio
 
+from gateway.clock.lazy_timer import LazyTimer
 from gateway.listeners.arrivals import LOOK_STEP
 from gateway.listeners.over_tcp import OverTcpSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.ports.lazy_timer import LazyTimer
 from gateway.service.build import Listener
 
 ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}

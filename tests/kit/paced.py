@@ -2,10 +2,10 @@
 
 import asyncio
 
-from gateway.ports.memory import MemoryLine
 from gateway.simulator.device import Device
 from gateway.simulator.paced_line import PacedLine
 from gateway.timing.characters import CharacterFormat
+from kit.memory import MemoryLine
 
 
 def attach_paced(line: MemoryLine, mode: str, baud: int, *devices: Device) -> None:

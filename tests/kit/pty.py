@@ -6,7 +6,7 @@ import tty
 from pathlib import Path
 from typing import Self
 
-from gateway.ports.ioctls import actual_baud
+from gateway.hardware.ioctls import actual_baud
 from kit.process import PATIENCE
 
 

@@ -15,10 +15,10 @@ from gateway.lines.pacing import HELD_BACK, LONGEST, LONGEST_UNPROVEN, NOISE, Pa
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
 from gateway.modbus.rtu import encode
-from gateway.ports.memory import MemoryLine
 from gateway.timing.characters import CharacterFormat, LineTiming, Mode
 from kit.asker import Asker
 from kit.line_bench import ASCII, READ, REQUEST_TIME, SETTINGS, TIMING, Bench
+from kit.memory import MemoryLine
 from kit.noise import noise
 from kit.virtual_time import VirtualTimeLoop
 

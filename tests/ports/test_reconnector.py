@@ -10,11 +10,11 @@ import pytest
 from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
 from gateway.ports import reconnector as reconnector_module
-from gateway.ports.memory import MemoryLine
 from gateway.ports.port import SerialSettings
 from gateway.ports.reasons import why_lost, why_not_opened
 from gateway.ports.reconnector import Reconnector
 from gateway.timing.characters import CharacterFormat
+from kit.memory import MemoryLine
 
 SETTINGS = SerialSettings("/dev/hall-a", 19200, CharacterFormat(8, "E", 1))
 GONE = why_lost("/dev/hall-a", OSError(errno.EIO, "Input/output error"))

@@ -11,7 +11,7 @@ from array import array
 from serial.serialposix import SER_RS485_ENABLED, SER_RS485_RTS_ON_SEND, TIOCGRS485, TIOCSRS485
 
 from gateway.errors import PortError
-from gateway.ports.ioctls import FORMAT_FLAGS, flags_of
+from gateway.hardware.ioctls import FORMAT_FLAGS, flags_of
 from gateway.ports.port import SerialSettings
 from gateway.ports.serial import open_serial
 from gateway.timing.characters import CharacterFormat

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from gateway.ports.database import is_damage
 from gateway.service import history as history_module
 from gateway.service import uses as uses_module
 from gateway.service.history import FILE_NAME, LOOK_EVERY, WRITE_EVERY, history_kept
 from gateway.service.running import Running
 from gateway.service.uses import Look
+from gateway.state.database import is_damage
 from gateway.timing.history import STEP, History
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.diagnosis.evidence import Holder, PortInUse
 from gateway.diagnosis.ports import about_ports
-from gateway.ports.holders import holders
+from gateway.hardware.holders import holders
 from gateway.service.outside import Places, look_at
 
 GATEWAY = 4711

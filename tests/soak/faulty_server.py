@@ -11,8 +11,8 @@ from typing import Final
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 from gateway.modbus.pdu import parse_request
-from gateway.ports.memory import MemoryLine
 from kit.faulty import EXCEPTION_CODES
+from kit.memory import MemoryLine
 from kit.other_client import Adapter
 from soak.dated import DatedDevice
 from soak.dated_world import DatedWorld

@@ -12,8 +12,8 @@ from typing import Final
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, Area
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.modbus.rtu import encode
-from gateway.ports.memory import MemoryLine
 from kit.faulty import Fault, word
+from kit.memory import MemoryLine
 from kit.noise import flipped
 from soak.tally import Tally
 

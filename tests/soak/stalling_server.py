@@ -5,9 +5,9 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from gateway.ports.memory import MemoryLine
 from gateway.ports.port import Port, PortUser
 from kit.device import Answer
+from kit.memory import MemoryLine
 
 #: So many of the requests to a server through which nothing is on its way find it stalled.
 _SHARE: Final = 0.3

@@ -5,8 +5,8 @@ import random
 from collections import deque
 from typing import Final
 
-from gateway.ports.memory import MemoryLine
 from kit.faulty import Fault, FaultyLine
+from kit.memory import MemoryLine
 from soak.dated_world import DatedWorld
 
 #: What happens to whole answers; damage is the matter of `worlds.lines`. Behind a device server there are no copies:

@@ -20,7 +20,6 @@ from gateway.modbus import mbap, rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response
-from gateway.ports.memory import MemoryLine
 from gateway.profiles.profile import Profile
 from gateway.routing.access import EVERYTHING, Rights, Row
 from gateway.service.status import status
@@ -29,6 +28,7 @@ from gateway.timing.characters import LineTiming
 from kit.configs import accepted_configs
 from kit.device import Answer
 from kit.gateway_bench import Client, GatewayBench
+from kit.memory import MemoryLine
 from kit.virtual_time import VirtualTimeLoop
 
 NO_ROUTE, BUSY, STALE = 0x0A, 0x06, 0x0B

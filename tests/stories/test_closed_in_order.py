@@ -11,10 +11,10 @@ from gateway.events import Event, LineLost, LineReopened, UpstreamClosed
 from gateway.modbus import rtu
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import MbapFramer, encode
-from gateway.ports.memory import MemoryLine
 from gateway.service.status import status
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
+from kit.memory import MemoryLine
 
 READ = "03 00 05 00 01"
 #: How a server is reached, and the limit of a read there.

@@ -10,7 +10,7 @@ from zlib import crc32
 import pytest
 
 from gateway.errors import StateError
-from gateway.ports.database import Opened, Row, Table, open_table
+from gateway.state.database import Opened, Row, Table, open_table
 
 FILE_NAME = "items.sqlite"
 TABLE = Table(

@@ -10,9 +10,9 @@ from functools import partial
 
 import pytest
 
-from gateway.ports import exact_loop as exact_loop_module
-from gateway.ports.exact_loop import ExactLoop, ExactSelector, exact_loop, run_exactly
-from gateway.ports.poller import EXACT_PART
+from gateway.clock import exact_loop as exact_loop_module
+from gateway.clock.exact_loop import ExactLoop, ExactSelector, exact_loop, run_exactly
+from gateway.clock.poller import EXACT_PART
 
 #: asyncio runs what is due within this time.
 CLOCK_RESOLUTION = time.get_clock_info("monotonic").resolution

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import StateError
-from gateway.ports import page_log, pages, state_files
-from gateway.ports.page_log import Content, PageLog
-from gateway.ports.pages import LONGEST, PAGE
+from gateway.state import files, page_log, pages
+from gateway.state.page_log import Content, PageLog
+from gateway.state.pages import LONGEST, PAGE
 
 #: Pages of the log in most of these tests.
 FEW = 8
@@ -70,7 +70,7 @@ def killed(name: Path, commits: int) -> dict[int, int]:
         return kept.values
 
 
-def files(name: Path) -> list[Path]:
+def files_of(name: Path) -> list[Path]:
     return [Path(f"{name}.snapshot"), Path(f"{name}.log")]
 
 
@@ -95,12 +95,12 @@ def test_more_than_the_log_can_hold_is_written(name: Path) -> None:
 
 def test_a_commit_costs_the_disk_one_block(name: Path) -> None:
     killed(name, FEW - 1)
-    before = [file.read_bytes() for file in files(name)]
+    before = [file.read_bytes() for file in files_of(name)]
     with closing(Kept(name)) as kept:
         kept.begin()
-        began = [file.read_bytes() for file in files(name)]
+        began = [file.read_bytes() for file in files_of(name)]
         kept.write(at1=1)
-    after = [file.read_bytes() for file in files(name)]
+    after = [file.read_bytes() for file in files_of(name)]
     assert [len(each) for each in before] == [len(each) for each in after] == [PAGE, FEW * PAGE]
     assert (before[1], began[0]) == (began[1], after[0])
     assert began[1][PAGE:] == after[1][PAGE:]
@@ -114,7 +114,7 @@ def test_a_commit_costs_the_disk_one_block(name: Path) -> None:
 )
 def test_any_byte_that_has_changed_is_told_and_nothing_is_lost(name: Path, commits: int, step: int) -> None:
     written = killed(name, FEW + commits)
-    for file in files(name):
+    for file in files_of(name):
         with file.open("r+b", buffering=0) as stream:
             good = file.read_bytes()
             for at in range(0, len(good), step):
@@ -128,7 +128,7 @@ def test_any_byte_that_has_changed_is_told_and_nothing_is_lost(name: Path, commi
 @pytest.mark.parametrize("content", [b"\0", b"\xff", b"not a log\n"])
 def test_any_page_that_is_lost_is_told(name: Path, content: bytes) -> None:
     written = killed(name, FEW + 5)
-    for file in files(name):
+    for file in files_of(name):
         good = file.read_bytes()
         for start in range(0, len(good), PAGE):
             file.write_bytes(good[:start] + (content * PAGE)[:PAGE] + good[start + PAGE :])
@@ -141,7 +141,7 @@ def test_any_page_that_is_lost_is_told(name: Path, content: bytes) -> None:
 def test_a_page_that_was_never_written_is_told_unless_it_is_the_last(name: Path) -> None:
     """The disk has said that it had written it."""
     killed(name, 2 * FEW)
-    log = files(name)[1]
+    log = files_of(name)[1]
     stale = log.read_bytes()
     written = killed(name, FEW)
     good = log.read_bytes()
@@ -157,7 +157,7 @@ def test_a_page_that_was_never_written_is_told_unless_it_is_the_last(name: Path)
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.99])
 def test_a_file_that_was_cut_is_told(name: Path, share: float) -> None:
     killed(name, 5)
-    for file in files(name):
+    for file in files_of(name):
         good = file.read_bytes()
         file.write_bytes(good[: int(share * len(good))])
         assert read(name)[1]
@@ -167,7 +167,7 @@ def test_a_file_that_was_cut_is_told(name: Path, share: float) -> None:
 
 def test_a_file_that_is_missing_is_told(name: Path) -> None:
     killed(name, 5)
-    for file in files(name):
+    for file in files_of(name):
         good = file.read_bytes()
         file.unlink()
         assert f"{file} is missing" in read(name)[1]
@@ -176,16 +176,16 @@ def test_a_file_that_is_missing_is_told(name: Path) -> None:
 
 def test_a_snapshot_that_somebody_has_put_back_is_told(name: Path) -> None:
     killed(name, 5)
-    earlier = files(name)[0].read_bytes()
+    earlier = files_of(name)[0].read_bytes()
     killed(name, 5)
-    files(name)[0].write_bytes(earlier)
+    files_of(name)[0].write_bytes(earlier)
     assert read(name)[1]
 
 
 def test_damage_is_told_once_and_kept_aside(name: Path) -> None:
     written = killed(name, 5)
     spoilt = {}
-    for file in files(name):
+    for file in files_of(name):
         content = bytearray(file.read_bytes())
         content[100] ^= 1
         file.write_bytes(content)
@@ -194,18 +194,18 @@ def test_damage_is_told_once_and_kept_aside(name: Path) -> None:
         ending = kept.damage.rpartition(" ")[2]
         kept.begin()
     assert read(name) == (written, "")
-    assert {file.name: file.with_name(file.name + ending).read_bytes() for file in files(name)} == spoilt
+    assert {file.name: file.with_name(file.name + ending).read_bytes() for file in files_of(name)} == spoilt
 
 
 def test_what_a_later_version_has_written_is_left_alone(name: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as later:
         later.setattr(pages, "_FORMAT", b"MBP2")
         killed(name, 5)
-    before = [file.read_bytes() for file in files(name)]
+    before = [file.read_bytes() for file in files_of(name)]
     for _ in range(2):
         with pytest.raises(StateError, match="written by a later version"):
             PageLog(name).open()
-    assert [file.read_bytes() for file in files(name)] == before
+    assert [file.read_bytes() for file in files_of(name)] == before
 
 
 # --- power cuts and failing disks ------------------------------------------------------------------
@@ -215,7 +215,7 @@ def test_a_commit_of_which_a_part_is_on_the_disk_counts_not_at_all(name: Path) -
     written = killed(name, 1)
     with closing(Kept(name)) as kept:
         kept.begin()
-        log = files(name)[1]
+        log = files_of(name)[1]
         before = log.read_bytes()
         kept.write(**{f"at{number}": 7 for number in range(3 * LONGEST // 8)})
         after, whole = log.read_bytes(), kept.values
@@ -233,13 +233,13 @@ def test_a_commit_of_which_a_part_is_on_the_disk_counts_not_at_all(name: Path) -
 def test_power_may_fail_at_any_step_of_a_new_beginning(
     name: Path, monkeypatch: pytest.MonkeyPatch, steps: int, is_damaged: bool
 ) -> None:
-    replace = state_files.replace
+    replace = files.replace
     for commits in (0, 3) if not is_damaged else (3,):
         written = killed(name, commits) if commits else {}
         if is_damaged:
-            content = bytearray(files(name)[1].read_bytes())
+            content = bytearray(files_of(name)[1].read_bytes())
             content[PAGE + 100] ^= 1
-            files(name)[1].write_bytes(content)
+            files_of(name)[1].write_bytes(content)
         left = iter(range(steps))
 
         def fail(file: Path, content: bytes, left: Iterator[int] = left) -> None:
@@ -248,7 +248,7 @@ def test_power_may_fail_at_any_step_of_a_new_beginning(
             replace(file, content)
 
         with closing(Kept(name)) as kept, monkeypatch.context() as failing:
-            failing.setattr(state_files, "replace", fail)
+            failing.setattr(files, "replace", fail)
             try:
                 kept.begin()
             except OSError:

@@ -16,7 +16,7 @@ from gateway.images import old_database
 from gateway.images.saved import LOG
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
-from gateway.ports.database import open_table
+from gateway.state.database import open_table
 from kit.process import PATIENCE, GatewayProcess, command
 
 CONFIG = """

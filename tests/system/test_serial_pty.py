@@ -20,11 +20,11 @@ from serial import SerialException
 
 from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
+from gateway.hardware.holders import _by_lock, holder
+from gateway.hardware.ioctls import divided
 from gateway.ports import opening
 from gateway.ports import serial as serial_module
 from gateway.ports import serial_transport as serial_transport_module
-from gateway.ports.holders import _by_lock, holder
-from gateway.ports.ioctls import divided
 from gateway.ports.port import SerialSettings
 from gateway.ports.reconnector import Reconnector
 from gateway.ports.serial import open_serial

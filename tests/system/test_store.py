@@ -16,8 +16,8 @@ from gateway.images.saved import LOG, open_saved
 from gateway.images.store import INTERVAL
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
-from gateway.ports.database import open_table
-from gateway.ports.page_log import SIZE
+from gateway.state.database import open_table
+from gateway.state.page_log import SIZE
 from kit.process import PATIENCE, GatewayProcess, command
 
 CONFIG = """

@@ -7,8 +7,8 @@ from typing import Final
 
 from aiohttp import web
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.listeners.origin import Origins
-from gateway.ports.threads import ThreadPerCall
 from gateway.web.answers import Answers
 from gateway.web.api import session_as_json
 from gateway.web.guard import VISITOR, Guard, Need, Visitor

@@ -16,12 +16,12 @@ from gateway.lines.transaction import Transaction
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.frame import Frame
-from gateway.ports.memory import MemoryLine
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
 from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
 from kit.faulty import Fault, FaultyDevice, FaultyLine
 from kit.gateway_bench import GatewayBench
+from kit.memory import MemoryLine
 from kit.other_client import Adapter, OtherClient
 from soak.kinds_of_lines import CONFIG, LINES, NUMBERS, SLOW, UNITS, LineKind
 from soak.questions import CLIENTS, Question, Questions, Values

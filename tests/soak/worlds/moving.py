@@ -14,13 +14,13 @@ from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.errors import WrongQuestion
 from gateway.events import PartFailed
-from gateway.ports.memory import MemoryLine
 from gateway.service.build import build
 from gateway.service.forgetting import forget
 from gateway.service.overdue import LeftBehind
 from gateway.service.running import Running
 from gateway.service.state import Memory
 from kit.gateway_bench import GatewayBench
+from kit.memory import MemoryLine
 from soak.scale_clients import ScaleClient
 from soak.scales import TIMEOUT, Scale, ScalesLine
 from soak.tally import Tally

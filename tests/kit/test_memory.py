@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gateway.errors import PortError
-from gateway.ports.memory import MemoryLine
+from kit.memory import MemoryLine
 
 
 class User:

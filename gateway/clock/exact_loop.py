@@ -1,6 +1,6 @@
 """The event loop of the gateway: its timers are exact to microseconds, and a ready descriptor is a call, no more.
 
-It is asyncio's loop on a selector that calls what waits for descriptors itself (`ports/poller.py`), and returns only
+It is asyncio's loop on a selector that calls what waits for descriptors itself (`clock/poller.py`), and returns only
 when there is something else to do. What that gains: docs/performance.md
 """
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Final, TypeVar
 
-from gateway.ports.poller import Poller
+from gateway.clock.poller import Poller
 
 T = TypeVar("T")
 

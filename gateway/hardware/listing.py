@@ -8,7 +8,7 @@ from typing import Final, Literal
 from serial.tools.list_ports_common import numsplit
 from serial.tools.list_ports_linux import SysFS
 
-from gateway.ports.holders import holder
+from gateway.hardware.holders import holder
 from gateway.ports.reasons import permission_remedy
 
 TERMINALS: Final = Path("/sys/class/tty")

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gateway.ports.lazy_timer import LazyTimer
+from gateway.clock.lazy_timer import LazyTimer
 
 
 class Bell:

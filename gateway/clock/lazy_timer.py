@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from math import inf
 
-from gateway.ports.exact_loop import ExactLoop
+from gateway.clock.exact_loop import ExactLoop
 
 
 class LazyTimer:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from gateway.ports.listing import DEVICES, STABLE_LINKS, TERMINALS, driver_of, line_of
+from gateway.hardware.listing import DEVICES, STABLE_LINKS, TERMINALS, driver_of, line_of
 
 #: What of a USB device is shown, by its name under /sys.
 _OF_USB: Final = {

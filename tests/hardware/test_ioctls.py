@@ -4,8 +4,15 @@ import termios
 
 import pytest
 
-from gateway.ports import ioctls
-from gateway.ports.ioctls import character_errors, divided, divided_baud, has_redefined_38400, input_flags, is_sending
+from gateway.hardware import ioctls
+from gateway.hardware.ioctls import (
+    character_errors,
+    divided,
+    divided_baud,
+    has_redefined_38400,
+    input_flags,
+    is_sending,
+)
 from gateway.ports.port import CharacterErrors
 
 SANE = termios.BRKINT | termios.IGNPAR | termios.PARMRK | termios.ICRNL

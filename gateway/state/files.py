@@ -10,7 +10,7 @@ from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
 from typing import IO
 
-from gateway.ports.ownership import give_to_owner_of_folder
+from gateway.state.ownership import give_to_owner_of_folder
 
 
 def open_plainly(file: Path, flags: int) -> int:

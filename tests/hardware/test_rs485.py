@@ -14,8 +14,8 @@ from serial.serialposix import (
     TIOCSRS485,
 )
 
-from gateway.ports import rs485
-from gateway.ports.rs485 import restore_rs485, switch_rs485
+from gateway.hardware import rs485
+from gateway.hardware.rs485 import restore_rs485, switch_rs485
 
 ON = SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
 DELAYS = struct.pack("=7I", 1, 2, 0, 0, 0, 0, 0)

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from gateway.ports.threads import ThreadPerCall
+from gateway.clock.threads import ThreadPerCall
 
 
 def test_it_hands_over_the_result():

@@ -18,7 +18,7 @@ from threading import Lock
 from typing import IO, Final, NamedTuple
 
 from gateway.errors import StateError
-from gateway.ports import pages, state_files
+from gateway.state import files, pages
 
 #: Pages of the log.
 PAGES: Final = 256
@@ -131,7 +131,7 @@ class PageLog:
         if self._lock is not None:
             return
         try:
-            self._lock = state_files.lock(self._lock_file)
+            self._lock = files.lock(self._lock_file)
         except BlockingIOError:
             raise StateError(f"{self.log} is in use; is another modbus-gateway running?") from None
 
@@ -139,26 +139,26 @@ class PageLog:
         self._at = SIZE
         self._hold()
         for file, content in self._set_aside.items():
-            state_files.replace(file, content)
+            files.replace(file, content)
         if self._is_new:  # a snapshot without a log would count as damage
             self._make_log()
-        state_files.replace(self.snapshot, pages.encode(self._generation + 1, 0, records))
+        files.replace(self.snapshot, pages.encode(self._generation + 1, 0, records))
         if not self._has_log:
             self._make_log()
         if self._descriptor < 0:
-            self._descriptor = state_files.open_plainly(self.log, os.O_WRONLY)
+            self._descriptor = files.open_plainly(self.log, os.O_WRONLY)
             # Else the kernel may have cached it as one piece, all of which then counts as written each time.
             os.posix_fadvise(self._descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
         self._set_aside = {}
         self._generation, self._commit, self._at = self._generation + 1, 0, 0
 
     def _make_log(self) -> None:
-        state_files.replace(self.log, pages.unused(PAGES))
+        files.replace(self.log, pages.unused(PAGES))
         self._is_new, self._has_log = False, True
 
 
 def _read(file: Path) -> bytes | None:
     try:
-        return state_files.read(file)
+        return files.read(file)
     except (FileNotFoundError, NotADirectoryError):
         return None

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from gateway.cli import ports as verb
-from gateway.ports import holders, listing, reasons
-from gateway.ports.listing import ListedPort, serial_ports
+from gateway.hardware import holders, listing
+from gateway.hardware.listing import ListedPort, serial_ports
+from gateway.ports import reasons
 
 
 class Adapter:

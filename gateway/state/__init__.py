@@ -1,0 +1,1 @@
+"""Files that survive a restart, a crash and a worn flash card."""
