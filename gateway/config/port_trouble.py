@@ -4,9 +4,9 @@ import os
 import stat
 from pathlib import Path
 
+from gateway.hardware.device_files import VIRTUAL_MAJORS, permission_remedy
 from gateway.ports.port import PortSettings, SerialSettings
-from gateway.ports.reasons import permission_remedy
-from gateway.ports.wire import VIRTUAL_MAJORS, Wire, settled
+from gateway.ports.wire import Wire, settled
 
 
 def port_trouble(path: str) -> str | None:

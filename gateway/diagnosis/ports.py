@@ -5,7 +5,7 @@ from typing import Final
 
 from gateway.diagnosis.evidence import Holder, PortEvidence
 from gateway.diagnosis.finding import IS_DOWN, Finding
-from gateway.hardware.udev import udev_rule
+from gateway.hardware.device_files import udev_rule
 
 #: The longest that an FTDI adapter may hold received bytes back, in seconds, without a word about it.
 LATENCY: Final = 0.002

@@ -23,7 +23,7 @@ from gateway.fleet.counts import LostMessages
 from gateway.fleet.credentials import read_credentials, sign
 from gateway.fleet.messages import Message
 from gateway.fleet.settings import Login, Server
-from gateway.ports.lookup import look_up
+from gateway.ports.network import look_up
 from gateway.tls.reasons import explain
 
 #: How long each step of connecting may take, in seconds.

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from gateway.ports.wire import VIRTUAL_MAJORS
+from gateway.hardware.device_files import VIRTUAL_MAJORS
 
 PROC: Final = Path("/proc")
 #: The other ends of pseudo-terminals.

@@ -1,5 +1,6 @@
 """Requests to serial drivers that pyserial does not offer, by open descriptor. All of it may block."""
 
+import errno
 import fcntl
 import os
 import struct
@@ -9,9 +10,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from serial.serialposix import TCGETS2, TIOCOUTQ
+from serial.serialposix import (
+    SER_RS485_ENABLED,
+    SER_RS485_RTS_AFTER_SEND,
+    SER_RS485_RTS_ON_SEND,
+    SER_RS485_RX_DURING_TX,
+    TCGETS2,
+    TIOCGRS485,
+    TIOCOUTQ,
+    TIOCSRS485,
+)
 
-from gateway.ports.port import CharacterErrors
 from gateway.timing.characters import CharacterFormat
 
 #: The control flags that make up a character format.
@@ -22,6 +31,8 @@ _TERMIOS2: Final = struct.Struct("=4IB19s2I")
 #: `struct serial_icounter_struct`: changes of CTS, DSR, RI and DCD, bytes received and sent, framing errors, overruns
 #: of the UART, parity errors, breaks, overruns of the driver's buffer; the rest is reserved.
 _ICOUNTER: Final = struct.Struct("=11i36x")
+#: `struct serial_rs485`: flags, two delays, and more.
+_RS485: Final = struct.Struct("=I28s")
 #: `struct serial_struct` begins with these words; 128 bytes hold it on every architecture.
 _SERIAL_STRUCT_SIZE: Final = 128
 _SERIAL_TYPE: Final = 0
@@ -95,14 +106,17 @@ def divided(baud_base: int, baud: int) -> int | None:
     return round(baud_base / max(1, (2 * baud_base + baud) // (2 * baud))) if baud_base > 0 else None
 
 
-def character_errors(descriptor: int) -> CharacterErrors | None:
-    """What the driver has counted since it found the port; None where it does not count."""
+def character_errors(descriptor: int) -> tuple[int, int, int, int] | None:
+    """Read what the driver has counted since it found the port: received, framing, parity, overrun characters.
+
+    None where it does not count.
+    """
     try:
         answer = fcntl.ioctl(descriptor, termios.TIOCGICOUNT, bytes(_ICOUNTER.size))
     except OSError:
         return None
     *_, received, _sent, framing, overrun, parity, _breaks, lost = _ICOUNTER.unpack(answer)
-    return CharacterErrors(received, framing, parity, overrun + lost)
+    return received, framing, parity, overrun + lost
 
 
 def bytes_to_send(descriptor: int) -> int:
@@ -139,6 +153,46 @@ def is_usb(descriptor: int) -> bool:
     device = os.fstat(descriptor).st_rdev
     subsystem = Path(f"/sys/dev/char/{os.major(device)}:{os.minor(device)}/device/subsystem").resolve()
     return subsystem.name in ("usb", "usb-serial")
+
+
+def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
+    """RS-485: let the driver switch the transmitter, or leave that to the adapter. Delays stay unchanged.
+
+    Returns the setting from before, for `restore_rs485`; None if it was the same, or the driver has no RS-485.
+
+    Raises:
+        OSError: `on`, but the driver does not support it.
+    """
+    try:
+        found = fcntl.ioctl(descriptor, TIOCGRS485, bytes(_RS485.size))
+    except OSError:
+        if on:
+            raise
+        return None
+    flags, others = _RS485.unpack(found)
+    wanted = switched(flags, on=on)
+    if wanted == flags:
+        return None
+    restore_rs485(descriptor, _RS485.pack(wanted, others))
+    if on and not _RS485.unpack(fcntl.ioctl(descriptor, TIOCGRS485, bytes(_RS485.size)))[0] & SER_RS485_ENABLED:
+        raise OSError(errno.EOPNOTSUPP, "the driver ignores it")
+    return found
+
+
+def switched(flags: int, *, on: bool) -> int:
+    """The new flags instead of `flags`: RTS is high while it sends, and it does not receive itself."""
+    if not on:
+        return flags & ~SER_RS485_ENABLED
+    return flags & ~(SER_RS485_RTS_AFTER_SEND | SER_RS485_RX_DURING_TX) | SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
+
+
+def restore_rs485(descriptor: int, found: bytes) -> None:
+    """Restore the setting that `switch_rs485` returned.
+
+    Raises:
+        OSError: the port was lost.
+    """
+    fcntl.ioctl(descriptor, TIOCSRS485, found)
 
 
 def _serial_struct(descriptor: int) -> "array[int] | None":

@@ -1,6 +1,7 @@
-"""The serial ports of this machine, and the path of each for a config."""
+"""The serial ports of this machine, as the system describes them under /sys and /dev. Nothing is opened."""
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
@@ -8,13 +9,21 @@ from typing import Final, Literal
 from serial.tools.list_ports_common import numsplit
 from serial.tools.list_ports_linux import SysFS
 
+from gateway.hardware.device_files import permission_remedy
 from gateway.hardware.holders import holder
-from gateway.ports.reasons import permission_remedy
 
 TERMINALS: Final = Path("/sys/class/tty")
 DEVICES: Final = Path("/dev")
 #: Folders of stable links, the best first: by the adapter's serial number, by its USB socket.
 STABLE_LINKS: Final = ("serial/by-id", "serial/by-path")
+
+#: What of a USB device is shown, by its name under /sys.
+_OF_USB: Final = {
+    "manufacturer": "manufacturer",
+    "product": "product",
+    "release of the device": "bcdDevice",
+    "USB speed, Mbit/s": "speed",
+}
 
 State = Literal["free", "in use", "no permission"]
 
@@ -32,12 +41,48 @@ class ListedPort:
     remark: str
 
 
+@dataclass(frozen=True, slots=True)
+class Adapter:
+    """`ids` are vendor and product, such as `0403:6001`; empty if it is not on USB.
+
+    `links` are the kinds of stable link that lead to it, `latency_timer` is that of an FTDI chip in milliseconds, and
+    `usb` is more that the device says of itself.
+    """
+
+    device: str
+    driver: str
+    ids: str
+    usb: dict[str, str]
+    has_serial_number: bool
+    links: tuple[str, ...]
+    latency_timer: str
+
+
 def serial_ports() -> list[ListedPort]:
     """All serial ports with hardware, not virtual ones. Opens none of them."""
     names = sorted((entry.name for entry in TERMINALS.glob("*") if _has_hardware(entry)), key=numsplit)
     devices = [DEVICES / name.replace("!", "/") for name in names]
     links = stable_links()
     return [_listed(device, links.get(device, device)) for device in devices if device.exists()]
+
+
+def adapter_of(port: str, devices: Path = DEVICES, terminals: Path = TERMINALS) -> Adapter:
+    """The hardware behind the path of a port; with little in it for a path that leads to none."""
+    device = Path(port).resolve()
+    hardware = terminals / device.name / "device"
+    usb = next(_usb_devices(hardware.resolve()), None)
+    told = {name: line_of(usb / file) or "" for name, file in _OF_USB.items()} if usb else {}
+    return Adapter(
+        device.name,
+        driver_of(hardware),
+        f"{line_of(usb / 'idVendor')}:{line_of(usb / 'idProduct')}" if usb else "",
+        {name: text for name, text in told.items() if text},
+        usb is not None and bool(line_of(usb / "serial")),
+        tuple(
+            folder for folder in STABLE_LINKS if any(link.resolve() == device for link in (devices / folder).glob("*"))
+        ),
+        line_of(hardware / "latency_timer") or "",
+    )
 
 
 def _has_hardware(terminal: Path) -> bool:
@@ -94,3 +139,8 @@ def line_of(file: Path) -> str | None:
         return file.read_text().strip()
     except OSError:
         return None
+
+
+def _usb_devices(hardware: Path) -> Iterator[Path]:
+    """The USB device that a port is part of, if it is."""
+    return (place for place in (hardware, *hardware.parents) if (place / "idVendor").exists())

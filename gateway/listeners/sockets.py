@@ -9,8 +9,7 @@ from typing import Any, Final
 
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings
-from gateway.ports.keepalive import notice_vanished_peers
-from gateway.ports.lookup import AddressInfo, look_up
+from gateway.ports.network import AddressInfo, look_up, notice_vanished_peers
 
 #: The kernel's buffer for each direction of a connection: enough for many requests, too small to exhaust memory.
 KERNEL_BUFFER: Final = 64 * 1024

@@ -27,7 +27,7 @@ from gateway.listeners.sockets import (
 )
 from gateway.listeners.spare_descriptor import SpareDescriptor
 from gateway.listeners.tcp_stream import TcpStream
-from gateway.ports.lookup import AddressInfo
+from gateway.ports.network import AddressInfo
 from gateway.routing.router import Router
 
 #: How long a connection that is being closed may take to send its remaining data, in seconds.

@@ -26,7 +26,7 @@ from gateway.listeners.sockets import (
 )
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT
-from gateway.ports.lookup import AddressInfo
+from gateway.ports.network import AddressInfo
 from gateway.routing.router import Router
 
 #: How often a listener looks for idle peers, in seconds.

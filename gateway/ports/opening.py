@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final, Generic, Protocol, TypeVar
 
 from gateway.errors import PortError
+from gateway.hardware.device_files import VIRTUAL_MAJORS
 from gateway.hardware.ioctls import (
     FORMAT_FLAGS,
     actual_baud,
@@ -21,12 +22,12 @@ from gateway.hardware.ioctls import (
     has_redefined_38400,
     is_sending,
     is_usb,
+    restore_rs485,
     set_low_latency,
+    switch_rs485,
 )
-from gateway.hardware.rs485 import restore_rs485, switch_rs485
 from gateway.ports.port import SerialSettings
 from gateway.ports.reasons import DriverError, why_lost, why_no_such_rate, why_not_opened
-from gateway.ports.wire import VIRTUAL_MAJORS
 from gateway.timing.characters import CharacterFormat
 
 #: What an adapter and its driver may add to a response, in seconds; the second if a USB adapter gathers bytes (16 ms in

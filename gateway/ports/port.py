@@ -21,15 +21,6 @@ class CharacterErrors:
     parity: int
     overrun: int
 
-    def since(self, earlier: "CharacterErrors") -> "CharacterErrors":
-        """Those that have come after `earlier`."""
-        return CharacterErrors(
-            self.received - earlier.received,
-            self.framing - earlier.framing,
-            self.parity - earlier.parity,
-            self.overrun - earlier.overrun,
-        )
-
 
 class Port(Protocol):
     """An open port. All of it is called in the event loop and nothing blocks."""

@@ -1,13 +1,11 @@
 """Messages about serial ports that cannot be used, each with what to do."""
 
 import errno
-import grp
 import os
 import termios
-from pathlib import Path
 from typing import Final
 
-from gateway.hardware.udev import udev_rule
+from gateway.hardware.device_files import permission_remedy
 from gateway.ports.port import SerialSettings
 
 #: The errors of drivers. SerialException is an OSError, termios.error is not.
@@ -26,15 +24,6 @@ _REASONS: Final = {
     errno.ENOTTY: "{port} is not a serial port",
     errno.EINVAL: "{port} does not support {format} at {baud} baud",
 }
-
-
-#: What gives a user the right to a port, by the port's group; for pseudo-terminals that is tty.
-_PERMISSION: Final = {
-    "root": "it belongs to root alone; give it to the group dialout: {rule}",
-    "tty": "it belongs to the group tty; for a simulated port: chgrp dialout {port}; chmod 660 {port}",
-    "dialout": "add the user to the dialout group",
-}
-_ANOTHER_GROUP: Final = "add the user to the {group} group, the service with SupplementaryGroups={group}"
 
 
 def why_not_opened(settings: SerialSettings, error: OSError | termios.error | ValueError) -> str:
@@ -69,17 +58,3 @@ def _errno(error: BaseException) -> int:
     if isinstance(error, termios.error) and error.args and isinstance(error.args[0], int):
         return error.args[0]
     return _errno(error.__context__) if error.__context__ is not None else errno.EIO
-
-
-def permission_remedy(port: str) -> str:
-    """What to do if a user may not use the port."""
-    group, rule = group_of(port), udev_rule(Path(port).resolve().name)
-    return _PERMISSION.get(group, _ANOTHER_GROUP).format(port=port, group=group, rule=rule)
-
-
-def group_of(port: str) -> str:
-    """The group that may use the port: dialout on Debian, uucp elsewhere."""
-    try:
-        return grp.getgrgid(Path(port).stat().st_gid).gr_name
-    except (OSError, KeyError):
-        return "dialout"

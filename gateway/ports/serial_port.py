@@ -54,8 +54,10 @@ class SerialPort:
     @property
     def errors(self) -> CharacterErrors | None:
         """Counters of wrong characters; None if the driver has none."""
-        counted = None if self._transport.is_closing() else character_errors(self._descriptor)
-        return None if counted is None or self._errors_before is None else counted.since(self._errors_before)
+        errors = None if self._transport.is_closing() else character_errors(self._descriptor)
+        if errors is None or self._errors_before is None:
+            return None
+        return CharacterErrors(*(now - before for now, before in zip(errors, self._errors_before, strict=True)))
 
     def write(self, data: bytes) -> None:
         """Send `data` now; what the driver does not take at once follows later."""

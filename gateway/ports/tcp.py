@@ -12,8 +12,7 @@ from typing import Final, cast
 
 from gateway.errors import ConnectionEnded, PortClosed, PortError
 from gateway.hardware.ioctls import bytes_to_send
-from gateway.ports.keepalive import notice_vanished_peers
-from gateway.ports.lookup import AddressInfo, look_up
+from gateway.ports.network import AddressInfo, look_up, notice_vanished_peers
 from gateway.ports.port import Port, PortUser, TcpSettings
 from gateway.tls.reasons import explain
 

@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple
 
 import gateway
 from gateway.errors import PortError
-from gateway.hardware.adapter import Adapter, adapter_of
+from gateway.hardware.listing import Adapter, adapter_of
 from gateway.modbus.checks import crc_fits
 from gateway.modbus.rtu import SHORTEST, encode
 from gateway.ports.port import CharacterErrors, Opener, Port, SerialSettings

@@ -11,10 +11,9 @@ from typing import Final
 from gateway.diagnosis.evidence import Holder, PortEvidence, PortInUse
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import about_ports
+from gateway.hardware.device_files import VIRTUAL_MAJORS, group_of
 from gateway.hardware.holders import PROC, holders, is_interpreter, name_of, running_programs
 from gateway.hardware.listing import DEVICES, TERMINALS, stable_links
-from gateway.ports.reasons import group_of
-from gateway.ports.wire import VIRTUAL_MAJORS
 
 #: Programs that open serial ports when they appear, to find out what is behind them.
 PROBERS: Final = frozenset({"ModemManager", "brltty", "gpsd"})

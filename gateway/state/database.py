@@ -20,7 +20,7 @@ from threading import Lock
 from typing import Any, Final, NamedTuple
 
 from gateway.errors import StateError
-from gateway.state.ownership import give_to_owner_of_folder
+from gateway.state.files import give_to_owner_of_folder
 
 #: Only this process can open the database, and a finished transaction is on the disk.
 _OURS_ALONE: Final = "PRAGMA locking_mode = EXCLUSIVE"

@@ -6,11 +6,10 @@ All calls block.
 import errno
 import os
 import stat
+from contextlib import suppress
 from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
 from typing import IO
-
-from gateway.state.ownership import give_to_owner_of_folder
 
 
 def open_plainly(file: Path, flags: int) -> int:
@@ -77,3 +76,15 @@ def lock(file: Path) -> IO[bytes]:
         stream.close()
         raise
     return stream
+
+
+def give_to_owner_of_folder(file: Path) -> None:
+    """Give a file that root has created to the owner of its folder, so that a service can use it afterwards.
+
+    Does nothing for other users, or if the system does not allow it. A link is not followed: the folder's owner may
+    have created it.
+    """
+    if os.geteuid() == 0:
+        with suppress(OSError):
+            folder = file.parent.stat()
+            os.chown(file, folder.st_uid, folder.st_gid, follow_symlinks=False)

@@ -17,7 +17,7 @@ from aiohttp import web
 
 from gateway.listeners.origin import Origins
 from gateway.listeners.sockets import overlap
-from gateway.ports.keepalive import notice_vanished_peers
+from gateway.ports.network import notice_vanished_peers
 from gateway.web.pieces import InPieces
 from gateway.web.problems import Handler
 from gateway.web.secured import SecuredConnections

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.hardware.adapter import adapter_of
+from gateway.hardware.listing import adapter_of
 
 
 @pytest.fixture

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from gateway.cli import ports as verb
-from gateway.hardware import holders, listing
+from gateway.hardware import device_files, holders, listing
 from gateway.hardware.listing import ListedPort, serial_ports
-from gateway.ports import reasons
 
 
 class Adapter:
@@ -121,7 +120,7 @@ def test_a_lock_betrays_a_program_of_another_user(machine):
 def test_a_port_without_permission_says_what_to_do(machine, monkeypatch):
     machine.terminal("ttyUSB0", driver="ftdi_sio")
     monkeypatch.setattr(listing.os, "access", lambda path, mode: False)
-    monkeypatch.setattr(reasons, "group_of", lambda path: "dialout")
+    monkeypatch.setattr(device_files, "group_of", lambda path: "dialout")
     (port,) = serial_ports()
     assert (port.state, port.remark) == ("no permission", "add the user to the dialout group")
 
@@ -129,7 +128,7 @@ def test_a_port_without_permission_says_what_to_do(machine, monkeypatch):
 def test_nobody_is_advised_to_join_the_group_root(machine, monkeypatch):
     machine.terminal("ttyUSB0", driver="ftdi_sio")
     monkeypatch.setattr(listing.os, "access", lambda path, mode: False)
-    monkeypatch.setattr(reasons, "group_of", lambda path: "root")
+    monkeypatch.setattr(device_files, "group_of", lambda path: "root")
     (port,) = serial_ports()
     assert "to the root group" not in port.remark
     assert 'give it to the group dialout: echo \'KERNEL=="ttyUSB0", GROUP="dialout"' in port.remark

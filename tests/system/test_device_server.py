@@ -18,7 +18,7 @@ from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.ports import lookup
+from gateway.ports import network
 from gateway.ports import tcp as tcp_module
 from gateway.ports.port import TcpSettings
 from gateway.ports.reconnector import Reconnector
@@ -226,7 +226,7 @@ async def test_a_resolver_that_hangs_holds_up_nobody(user, monkeypatch):
         assert "no name server answers" in await why_not(settings(502, "nport.example"), user)
     assert [thread.name for thread in threading.enumerate()].count("look up nport.example") == 1
     release.set()
-    await until(lambda: not lookup._under_way)
+    await until(lambda: not network._under_way)
 
 
 async def test_a_server_that_does_not_answer_is_said(user, monkeypatch):

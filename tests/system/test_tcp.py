@@ -30,7 +30,7 @@ from gateway.listeners.tcp import Counts, TcpListener
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
-from gateway.ports import lookup
+from gateway.ports import network
 from gateway.request import Request
 from gateway.routing.access import EVERYTHING, Rights, Row
 from kit.free_port import free_port
@@ -656,7 +656,7 @@ def test_a_name_server_that_does_not_answer_holds_up_neither_the_start_nor_the_e
     with pytest.raises(ListenError, match=r"cannot listen on tcp://plant\.example:0: no name server answers"):
         asyncio.run(listener.find())
     assert time.monotonic() - begin < PATIENCE / 2
-    lookup._under_way.clear()
+    network._under_way.clear()
     released.set()
 
 

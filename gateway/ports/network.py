@@ -1,4 +1,4 @@
-"""Looks up the addresses of a host, with a deadline: a name server may never answer."""
+"""What clients and servers of a network share: addresses of a host, within a deadline, and peers that vanish."""
 
 import asyncio
 import socket
@@ -30,6 +30,19 @@ async def look_up(host: str, port: int, kind: socket.SocketKind, deadline: float
             return await asyncio.shield(looking_up)
     except TimeoutError as error:
         raise socket.gaierror(socket.EAI_AGAIN, "no name server answers") from error
+
+
+def notice_vanished_peers(sock: socket.socket, *, idle: int, interval: int, probes: int, user_timeout: int) -> None:
+    """Close the connection to a peer that sends nothing for `idle` seconds and then answers none of the `probes`.
+
+    They are `interval` seconds apart. A peer that does not acknowledge what is sent to it has `user_timeout`
+    milliseconds. Connections that a listening socket accepts inherit these options.
+    """
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, idle)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, interval)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, probes)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, user_timeout)
 
 
 def _begin(query: _Query) -> asyncio.Future[list[AddressInfo]]:

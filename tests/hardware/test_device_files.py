@@ -2,8 +2,8 @@
 
 import pytest
 
-from gateway.ports import reasons
-from gateway.ports.reasons import permission_remedy
+from gateway.hardware import device_files
+from gateway.hardware.device_files import permission_remedy
 
 
 @pytest.mark.parametrize(
@@ -26,5 +26,5 @@ from gateway.ports.reasons import permission_remedy
     ],
 )
 def test_the_remedy_fits_the_group_of_the_port(group, remedy, monkeypatch):
-    monkeypatch.setattr(reasons, "group_of", lambda port: group)
+    monkeypatch.setattr(device_files, "group_of", lambda port: group)
     assert permission_remedy("/run/plc") == remedy

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.state.ownership import give_to_owner_of_folder
+from gateway.state.files import give_to_owner_of_folder
 
 SOMEBODY = 4711
 
