@@ -27,7 +27,7 @@ from gateway.config.plan import Plan
 from gateway.config.resolve import resolve
 from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut
-from gateway.ports.kinds import opener
+from gateway.ports.opener import opener
 from gateway.service.build import Gateway, build
 from gateway.service.config_reader import read_here
 from gateway.service.control import Verbs, control_open

@@ -29,7 +29,7 @@ from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
 from gateway.modbus.explain import Mode, explain
 from gateway.modbus.pdu import parse_request
-from gateway.ports.kinds import open_blocking
+from gateway.ports.opener import open_blocking
 from gateway.ports.port import SerialSettings
 from gateway.profiles.point import Point
 

@@ -20,7 +20,7 @@ from gateway.errors import PortError
 from gateway.events import discard_event
 from gateway.lines.settings import LineSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
-from gateway.ports.kinds import opener
+from gateway.ports.opener import opener
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.service.parts import GatewayLine
 from gateway.service.scan import Found, Progress, Scan, Steps, opened, scan_speeds

@@ -9,7 +9,7 @@ from typing import Final
 from gateway.cli.main import FINE
 from gateway.clock.exact_loop import run_exactly
 from gateway.errors import GatewayError, PortError
-from gateway.ports.kinds import opener
+from gateway.ports.opener import opener
 from gateway.ports.port import SerialSettings
 from gateway.service.hardware_report import (
     WATCHING,

@@ -5,8 +5,7 @@ import stat
 from pathlib import Path
 
 from gateway.hardware.device_files import VIRTUAL_MAJORS, permission_remedy
-from gateway.ports.port import PortSettings, SerialSettings
-from gateway.ports.wire import Wire, settled
+from gateway.ports.port import PortSettings, SerialSettings, Wire, resolve_wire
 
 
 def port_trouble(path: str) -> str | None:
@@ -26,10 +25,10 @@ def port_trouble(path: str) -> str | None:
 
 def predict_wire(wire: Wire, port: PortSettings) -> Wire:
     """What `wire` will be on this port; `auto` while a serial port is not there."""
-    virtual = True  # a device server carries bytes at once
+    is_virtual = True  # a device server carries bytes at once
     if isinstance(port, SerialSettings):
         try:
-            virtual = os.major(Path(port.port).stat().st_rdev) in VIRTUAL_MAJORS
+            is_virtual = os.major(Path(port.port).stat().st_rdev) in VIRTUAL_MAJORS
         except OSError:
             return wire
-    return settled(wire, virtual=virtual)
+    return resolve_wire(wire, is_virtual=is_virtual)

@@ -42,7 +42,7 @@ from gateway.config.values import (
     UnitsOrAll,
 )
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT, Area
-from gateway.ports.wire import Wire
+from gateway.ports.port import Wire
 from gateway.routing.access import Network
 
 

@@ -134,7 +134,7 @@ class SitePort:
     """
 
     latency = 0.0
-    virtual = True
+    is_virtual = True
     baud: int | None = None
     has_arrived: Callable[[], bool] | None = None
     errors: CharacterErrors | None = None

@@ -57,7 +57,7 @@ def flags_of(format_: CharacterFormat) -> int:
 
 
 def input_flags(before: int, *, checks_parity: bool) -> int:
-    """The input flags for a port that had `before`; with parity, damaged characters are marked (ports/marked.py).
+    """The input flags for a port that had `before`; with parity, damaged characters are marked (`MarkedInput`).
 
     With the flags of `stty sane`, a break could discard received bytes, and damaged characters would be dropped.
     """

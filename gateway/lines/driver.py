@@ -11,8 +11,7 @@ from gateway.lines.line import Line
 from gateway.lines.scheduler import earliest
 from gateway.lines.transaction import Transaction
 from gateway.ports.error_boundary import ErrorBoundary
-from gateway.ports.port import CharacterErrors, OpenAgain, Port
-from gateway.ports.wire import Wire, settled
+from gateway.ports.port import CharacterErrors, OpenAgain, Port, Wire, resolve_wire
 
 
 class Permission(Protocol):
@@ -75,7 +74,7 @@ class LineDriver:
     def port_up(self, port: Port) -> None:
         """The port is open."""
         self._boundary.port = port
-        self.wire = settled(self.line.settings.wire, virtual=port.virtual)
+        self.wire = resolve_wire(self.line.settings.wire, is_virtual=port.is_virtual)
         port_up = partial(self.line.port_up, virtual=self.wire == "direct", has_arrived=port.has_arrived)
         permission = self._permission
         if permission is None:
@@ -113,7 +112,7 @@ class LineDriver:
     @property
     def is_virtual(self) -> bool:
         """Whether the port is open, and a virtual one."""
-        return self._boundary.port is not None and self._boundary.port.virtual
+        return self._boundary.port is not None and self._boundary.port.is_virtual
 
     @property
     def errors(self) -> CharacterErrors | None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.ports.wire import Wire
+from gateway.ports.port import Wire
 from gateway.timing.characters import LineTiming
 
 #: How long devices usually need for an answer, in seconds.

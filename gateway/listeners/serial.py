@@ -7,8 +7,7 @@ from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.listeners.serial_session import LOOK_STEP, UNNOTICED, SerialSession, ServerSettings
 from gateway.ports.error_boundary import ErrorBoundary
-from gateway.ports.port import OpenAgain, Port
-from gateway.ports.wire import Wire, settled
+from gateway.ports.port import OpenAgain, Port, Wire, resolve_wire
 from gateway.request import Target
 from gateway.trace.ring import Ring
 
@@ -52,7 +51,7 @@ class SerialListener:
         """The port is open. What came before that was discarded."""
         self._boundary.port = port
         self._looked_at = self._time()
-        self.wire = settled(self.session.settings.wire, virtual=port.virtual)
+        self.wire = resolve_wire(self.session.settings.wire, is_virtual=port.is_virtual)
         step = partial(self.session.port_up, virtual=self.wire == "direct")
         self._boundary.run(step, port.write, port.latency, self._time())
 

@@ -34,7 +34,7 @@ from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame, RequestFramer
 from gateway.modbus.rtu import RtuFramer
-from gateway.ports.wire import Wire
+from gateway.ports.port import Wire
 from gateway.request import Request, Target
 from gateway.timing.characters import LineTiming
 from gateway.trace.records import Answered, Heard

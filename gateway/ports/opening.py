@@ -1,18 +1,23 @@
-"""Opens, configures and closes a serial device. All of this may block, so all of it runs in a thread."""
+"""Opens, configures and closes a serial device with pyserial. All of this may block, so all of it runs in a thread.
 
+What must be certain whatever the library does works on the descriptor: docs/adr/0015-serial-transport.md
+"""
+
+import errno
 import fcntl
 import os
 import stat
 import termios
 import time
-from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Final
+
+from serial import PARITY_NONE, Serial
 
 from gateway.errors import PortError
-from gateway.hardware.device_files import VIRTUAL_MAJORS
+from gateway.hardware.device_files import VIRTUAL_MAJORS, permission_remedy
 from gateway.hardware.ioctls import (
     FORMAT_FLAGS,
     actual_baud,
@@ -23,11 +28,11 @@ from gateway.hardware.ioctls import (
     is_sending,
     is_usb,
     restore_rs485,
+    set_input_flags,
     set_low_latency,
     switch_rs485,
 )
 from gateway.ports.port import SerialSettings
-from gateway.ports.reasons import DriverError, why_lost, why_no_such_rate, why_not_opened
 from gateway.timing.characters import CharacterFormat
 
 #: What an adapter and its driver may add to a response, in seconds; the second if a USB adapter gathers bytes (16 ms in
@@ -41,68 +46,80 @@ DRAINING_DEADLINE: Final = 2.5
 
 _VIRTUAL_FORMAT: Final = CharacterFormat(8, "N", 1)
 
+#: The errors of drivers. SerialException is an OSError, termios.error is not.
+DriverError: Final = (OSError, termios.error)
 
-class Configured(Protocol):
-    """A port that a library has opened, locked and configured. Nothing else is needed from a library."""
+_REASONS: Final = {
+    errno.ENOENT: "{port} does not exist: is the adapter plugged in?",
+    errno.EACCES: "no permission for {port}: {permission}",
+    errno.EPERM: "{port} is not allowed for this service: allow it with DeviceAllow= in its unit",
+    errno.EBUSY: "{port} is held by another program",
+    errno.EAGAIN: "{port} is held by another program",
+    errno.ENXIO: "{port} has no hardware behind it",
+    errno.ENODEV: "{port} has no hardware behind it",
+    errno.EIO: "{port} has no hardware behind it",
+    errno.ENOTTY: "{port} is not a serial port",
+    errno.EINVAL: "{port} does not support {format} at {baud} baud",
+}
+
+
+class ConfiguredOnce(Serial):
+    """pyserial's port, which is configured only when it is opened.
+
+    pyserial configures a port whenever a setting is assigned, and pyserial-asyncio assigns two in the event loop, where
+    a USB adapter that hangs would stop everything for seconds. It also leaves parity unchecked; this corrects it.
+    """
+
+    def _reconfigure_port(self, force_update: bool = False) -> None:  # noqa: FBT001, FBT002 - pyserial's signature
+        if force_update and self.fd is not None:
+            super()._reconfigure_port(force_update=True)  # type: ignore[misc]  # private, so not in the stubs
+            set_input_flags(self.fd, checks_parity=self.checks_parity)
 
     @property
     def checks_parity(self) -> bool:
-        """Whether parity is checked, so that damaged characters are marked (ports/marked.py)."""
-
-    def fileno(self) -> int:
-        """Its descriptor."""
+        """Tell whether characters have a parity bit; then damaged ones are marked (`MarkedInput`)."""
+        return bool(self.parity != PARITY_NONE)
 
     def change_baud(self, baud: int) -> None:
-        """Change the rate; raises what opening raises."""
-
-    def close(self) -> None:
-        """Close it."""
-
-
-C = TypeVar("C", bound=Configured)
-#: Opens, locks and configures a port with its settings, in this format. Raises DriverError or ValueError.
-Configure = Callable[[SerialSettings, CharacterFormat], C]
+        """Change the rate."""
+        self.baudrate = baud
+        self._reconfigure_port(force_update=True)
 
 
 @dataclass(frozen=True, slots=True)
-class OpenDevice(Generic[C]):
-    """A serial device that is open and configured. `latency` in seconds; `virtual` carries bytes at once.
+class OpenDevice:
+    """A serial device that is open and configured. `latency` in seconds; a virtual one carries bytes at once.
 
-    `baud` is its actual rate, if its driver reports it; `rs485` the driver's setting to restore when it is closed. With
-    parity, damaged characters are `marked`.
+    `baud` is its actual rate, if its driver reports it; `rs485` the driver's setting to restore when it is closed.
     """
 
     port: str
-    serial: C
-    virtual: bool
+    serial: ConfiguredOnce
+    is_virtual: bool
     latency: float
     baud: int | None
     rs485: bytes | None
-    marked: bool
 
 
-def open_device(settings: SerialSettings, configure: Configure[C]) -> OpenDevice[C]:
+def open_device(settings: SerialSettings) -> OpenDevice:
     """Open and configure the port; may block as long as its driver takes.
 
     Raises:
         PortError: it cannot be used, and why.
     """
-    virtual = _is_virtual(settings)
+    is_virtual = _is_virtual(settings)
     with ExitStack() as on_error:
         try:
-            serial = configure(settings, _VIRTUAL_FORMAT if virtual else settings.format)
+            serial = _open(settings, _VIRTUAL_FORMAT if is_virtual else settings.format)
+            on_error.callback(serial.close)
+            device = _set_up(serial, settings, is_virtual=is_virtual)
         except (*DriverError, ValueError) as error:
-            raise PortError(why_not_opened(settings, error)) from error
-        on_error.callback(serial.close)
-        try:
-            device = _settled(serial, settings, virtual=virtual)
-        except DriverError as error:
             raise PortError(why_not_opened(settings, error)) from error
         on_error.pop_all()
     return device
 
 
-def change_baud(device: OpenDevice[C], baud: int) -> None:
+def change_baud(device: OpenDevice, baud: int) -> None:
     """Change the rate; may block as long as the driver takes.
 
     Raises:
@@ -112,22 +129,42 @@ def change_baud(device: OpenDevice[C], baud: int) -> None:
         device.serial.change_baud(baud)
         _check_baud(device.serial.fileno(), device.port, baud)
     except ValueError as error:
-        raise PortError(why_no_such_rate(device.port, baud)) from error
+        raise PortError(_why_no_such_rate(device.port, baud)) from error
     except DriverError as error:
         raise PortError(why_lost(device.port, error)) from error
 
 
-def close_device(device: OpenDevice[C], *, lost: bool) -> None:
+def close_device(device: OpenDevice, *, lost: bool) -> None:
     """Close the port. Unless it was `lost`, what was written is sent first, within DRAINING_DEADLINE."""
     descriptor = device.serial.fileno()
     with suppress(*DriverError):  # the device is gone
         if lost or not _drained(device):
             termios.tcflush(descriptor, termios.TCIOFLUSH)
-        if not device.virtual:
+        if not device.is_virtual:
             fcntl.ioctl(descriptor, termios.TIOCNXCL)
         if device.rs485 is not None:
             restore_rs485(descriptor, device.rs485)
     device.serial.close()
+
+
+def why_not_opened(settings: SerialSettings, error: OSError | termios.error | ValueError) -> str:
+    """Say why the port cannot be opened, and what to do."""
+    if isinstance(error, ValueError):  # pyserial could not set a custom rate
+        return _why_no_such_rate(settings.port, settings.baud)
+    number = _errno(error)
+    reason = _REASONS.get(number, "{port} cannot be opened: {error}")
+    return reason.format(
+        port=settings.port,
+        format=settings.format,
+        baud=settings.baud,
+        permission=permission_remedy(settings.port),
+        error=os.strerror(number),
+    )
+
+
+def why_lost(port: str, error: OSError | termios.error) -> str:
+    """Say why an open port was lost."""
+    return f"{port} is gone: {os.strerror(_errno(error))}"
 
 
 def _is_virtual(settings: SerialSettings) -> bool:
@@ -140,24 +177,37 @@ def _is_virtual(settings: SerialSettings) -> bool:
     return os.major(status.st_rdev) in VIRTUAL_MAJORS
 
 
-def _settled(serial: C, settings: SerialSettings, *, virtual: bool) -> OpenDevice[C]:
+def _open(settings: SerialSettings, format_: CharacterFormat) -> ConfiguredOnce:
+    return ConfiguredOnce(
+        port=settings.port,
+        baudrate=settings.baud,
+        bytesize=format_.data_bits,
+        parity=format_.parity,
+        stopbits=format_.stop_bits,
+        exclusive=True,
+        # VMIN 1, VTIME 0: reading an idle port fails with EAGAIN; only a port that hung up returns end of file.
+        inter_byte_timeout=0,
+    )
+
+
+def _set_up(serial: ConfiguredOnce, settings: SerialSettings, *, is_virtual: bool) -> OpenDevice:
     """Do what no library does: check the settings in the driver, set RS-485 and low latency."""
     descriptor = serial.fileno()
-    if not virtual:
+    if not is_virtual:
         _check_format(descriptor, settings)
     has_low_latency = set_low_latency(descriptor)
     latency = settings.latency
     if latency is None:
         latency = LATENCY if has_low_latency or not is_usb(descriptor) else GATHERING_LATENCY
     baud = _check_baud(descriptor, settings.port, settings.baud)
-    if not virtual:  # a pseudo-terminal would keep it while a simulator has the other end open
+    if not is_virtual:  # a pseudo-terminal would keep it while a simulator has the other end open
         fcntl.ioctl(descriptor, termios.TIOCEXCL)
     rs485 = _switch_rs485(descriptor, settings)
-    return OpenDevice(settings.port, serial, virtual, latency, baud, rs485, serial.checks_parity)
+    return OpenDevice(settings.port, serial, is_virtual, latency, baud, rs485)
 
 
 def _switch_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:
-    """Set who switches the direction of the line; returns the setting to restore."""
+    """Set who switches the direction of the line; return the setting to restore."""
     is_wanted = settings.rs485 == "kernel"
     try:
         return switch_rs485(descriptor, on=is_wanted)
@@ -168,13 +218,13 @@ def _switch_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:
 
 
 def _check_format(descriptor: int, settings: SerialSettings) -> None:
-    """Drivers ignore what they do not support; only reading back shows that."""
+    """Read the format back: drivers ignore what they do not support, and only that shows it."""
     if flags_of(settings.format) != termios.tcgetattr(descriptor)[2] & FORMAT_FLAGS:
         raise PortError(f"{settings.port} cannot do {settings.format}: its driver set another format")
 
 
 def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
-    """The actual rate of the port, if known; it must be near enough to `baud`."""
+    """Read the actual rate of the port, if known; it must be near enough to `baud`."""
     if baud == 38400 and has_redefined_38400(descriptor):
         raise PortError(f"{port}: 38400 baud was given another meaning; setserial {port} spd_normal undoes that")
     told = actual_baud(descriptor)
@@ -188,7 +238,7 @@ def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
     return actual
 
 
-def _drained(device: OpenDevice[C]) -> bool:
+def _drained(device: OpenDevice) -> bool:
     """Wait until all has been sent; False at the deadline. Not with tcdrain, which has none.
 
     If RS-485 is restored then, which may switch the transmitter off, the UART must have sent the last bit too.
@@ -199,3 +249,17 @@ def _drained(device: OpenDevice[C]) -> bool:
             return False
         time.sleep(0.005)
     return True
+
+
+def _why_no_such_rate(port: str, baud: int) -> str:
+    """Say why an odd rate cannot be set."""
+    return f"{port} does not support {baud} baud: its driver knows standard rates only"
+
+
+def _errno(error: BaseException) -> int:
+    """Find the error's number, or that of its cause: pyserial wraps some errors without it."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error.errno
+    if isinstance(error, termios.error) and error.args and isinstance(error.args[0], int):
+        return error.args[0]
+    return _errno(error.__context__) if error.__context__ is not None else errno.EIO

@@ -8,6 +8,9 @@ from gateway.errors import PortError
 from gateway.timing.characters import CharacterFormat
 from gateway.tls.settings import ClientTls
 
+#: `serial`: at the line's rate, `direct`: at once, `auto`: depending on the port.
+Wire = Literal["auto", "serial", "direct"]
+
 
 @dataclass(frozen=True, slots=True)
 class CharacterErrors:
@@ -28,7 +31,7 @@ class Port(Protocol):
     #: What adapter and driver may add to a response, in seconds: part of every time limit.
     latency: float
     #: It carries bytes at once instead of at the line's rate: a pseudo-terminal, a TCP connection.
-    virtual: bool
+    is_virtual: bool
     #: Its actual rate, if its driver reports it; None if the rate is set elsewhere.
     baud: int | None
 
@@ -128,3 +131,10 @@ PortSettings = SerialSettings | TcpSettings
 
 #: The function that opens ports with these settings: real ones in the service, memory ports in tests.
 Opener = Callable[[PortSettings], OpenPort]
+
+
+def resolve_wire(wire: Wire, *, is_virtual: bool) -> Wire:
+    """Say what `wire` means on this port: `serial` or `direct`."""
+    if wire != "auto":
+        return wire
+    return "direct" if is_virtual else "serial"

@@ -21,7 +21,7 @@ OPENING_DEADLINE: Final = 5.0
 #: How long to wait for a driver that closes a port, in seconds: the last frame at a low rate, and a margin.
 CLOSING_DEADLINE: Final = 3.0
 
-#: The reason after every unplugging, and the words for it in `ports/reasons.py`.
+#: The reason after every unplugging, and the words for it in `ports/opening.py`.
 _ABSENT: Final = "absent"
 _ABSENT_WORDS: Final = ("does not exist", "has no hardware behind it")
 

@@ -5,16 +5,15 @@ What seldom happens to it: gateway/ports/serial_transport.py. Why two: docs/adr/
 
 import asyncio
 import os
+import re
 import select
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from gateway.clock.exact_loop import ExactLoop
 from gateway.errors import PortError
 from gateway.hardware.ioctls import character_errors
-from gateway.ports.marked import MarkedInput
-from gateway.ports.opening import OpenDevice
-from gateway.ports.port import CharacterErrors, PortUser
-from gateway.ports.reasons import DriverError, why_lost
+from gateway.ports.opening import DriverError, OpenDevice, why_lost
+from gateway.ports.port import CharacterErrors, PortUser, Received
 from gateway.ports.serial_transport import PortTransport
 
 #: More than a line delivers between two looks, and little enough that Python has room for it at hand.
@@ -24,22 +23,27 @@ PIECES_OF_A_TERMINAL: Final = 16
 #: A port that always has more delivers this many pieces; then others get a turn.
 PIECES_IN_A_TURN: Final = 4
 
+_FF: Final = b"\xff"
+#: FF FF is one FF. FF, NUL and a character mean a parity error, a framing error or a break.
+_MARK: Final = re.compile(rb"(\xff\xff)|((?:\xff\x00.)+)", re.DOTALL)
+_BEGUN: Final = (_FF, b"\xff\x00")
+
 
 class SerialPort:
     """One open serial port.
 
-    `latency` in seconds. `virtual`: a pseudo-terminal, which carries bytes at once instead of at the line's rate.
+    `latency` in seconds. `is_virtual`: a pseudo-terminal, which carries bytes at once instead of at the line's rate.
     """
 
     has_arrived: ClassVar[None] = None
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, device: OpenDevice[Any], user: PortUser) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, device: OpenDevice, user: PortUser) -> None:
         self.latency = device.latency
-        self.virtual = device.virtual
+        self.is_virtual = device.is_virtual
         self.baud = device.baud
         self._name = device.port
         self._descriptor: int = device.serial.fileno()
-        self._received = MarkedInput(user.received).received if device.marked else user.received
+        self._received = MarkedInput(user.received).received if device.serial.checks_parity else user.received
         self._transport = PortTransport(loop, device, user, self._read_ready, self._send)
         #: How the loop leaves the port alone for a while; None if it has to forget it.
         self._mask = loop.mask if isinstance(loop, ExactLoop) else None
@@ -145,3 +149,41 @@ class SerialPort:
         except DriverError as error:
             self._transport.lose(PortError(why_lost(self._name, error)))
             return 0
+
+
+class MarkedInput:
+    """Removes the marks of damaged characters from what a terminal gives (termios(3), PARMRK): passes on the bytes.
+
+    Consecutive damaged characters are passed together: for one of them, some drivers mark a whole USB packet.
+    """
+
+    def __init__(self, received: Received) -> None:
+        self._received = received
+        self._begun = b""
+
+    def received(self, marked: bytes) -> None:
+        """Take bytes that were read."""
+        if self._begun or _FF in marked:
+            self._parse(self._begun + marked)
+        else:
+            self._received(marked)
+
+    def _parse(self, marked: bytes) -> None:
+        self._begun = b""
+        data, at = b"", 0
+        for mark in _MARK.finditer(marked):
+            data += marked[at : mark.start()]
+            at = mark.end()
+            if mark[1]:
+                data += _FF
+                continue
+            self._pass_on(data)
+            self._received(mark[2][2::3], damaged=True)
+            data = b""
+        data += marked[at:]
+        self._begun = next((begun for begun in _BEGUN if marked.endswith(begun, at)), b"")
+        self._pass_on(data.removesuffix(self._begun))
+
+    def _pass_on(self, data: bytes) -> None:
+        if data:
+            self._received(data)

@@ -6,7 +6,7 @@ The only module that knows pyserial-asyncio, private members included: docs/adr/
 import asyncio
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from serial_asyncio import SerialTransport
 
@@ -31,7 +31,7 @@ class PortTransport(SerialTransport):
     def __init__(
         self,
         loop: asyncio.AbstractEventLoop,
-        device: OpenDevice[Any],
+        device: OpenDevice,
         user: PortUser,
         read_ready: Callable[[], None],
         send: Callable[[bytes], int],

@@ -87,7 +87,7 @@ class _NotSecuredError(PortError):
 class TcpPort(asyncio.BufferedProtocol):
     """One connection. `latency` in seconds."""
 
-    virtual = True
+    is_virtual = True
     baud: int | None = None
     errors = None
 

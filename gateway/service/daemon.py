@@ -17,7 +17,7 @@ from gateway.listeners.sockets import OpenSockets
 from gateway.observe.fan_out import FanOut
 from gateway.observe.journal import leads_to_journal
 from gateway.observe.log import open_log
-from gateway.ports.kinds import opener
+from gateway.ports.opener import opener
 from gateway.service import garbage
 from gateway.service.announced import FILE_NAME as ANNOUNCED_FILE
 from gateway.service.announced import AnnouncedDevices

@@ -182,7 +182,7 @@ def why(error: PortError, settings: SerialSettings) -> str:
 
 
 def _opened_as(port: Port, settings: SerialSettings) -> str:
-    if port.virtual:
+    if port.is_virtual:
         return "any rate and format: a pseudo-terminal, which has none"
     actual = "a rate that its driver does not tell" if port.baud is None else f"{port.baud} baud"
     return f"{actual}, {settings.format}"

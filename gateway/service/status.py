@@ -15,8 +15,8 @@ from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, total, total_of_units
 from gateway.listeners.serial_session import Counts as ServerCounts
+from gateway.ports.port import Wire
 from gateway.ports.reconnector import Reconnector
-from gateway.ports.wire import Wire
 from gateway.service.build import Gateway, Listener
 from gateway.service.expiry import CertificateStatus, certificates
 from gateway.service.fleet import FleetStatus

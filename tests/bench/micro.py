@@ -59,7 +59,7 @@ def read(count: int) -> tuple[bytes, bytes]:
 class Table:
     """A session, a router and a line on a table: it answers each request as soon as it is on the line."""
 
-    virtual = True
+    is_virtual = True
     has_arrived = None
     latency = 0.0
 
@@ -128,7 +128,7 @@ class Client:
 class FullLine:
     """A line that does not answer, and for which so many requests wait as may."""
 
-    virtual = True
+    is_virtual = True
     has_arrived = None
     latency = 0.0
 

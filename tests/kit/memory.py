@@ -32,7 +32,7 @@ class MemoryLine:
         self.opened: Callable[[], object] = lambda: None
         self.baud = 0
         self.errors: CharacterErrors | None = None
-        self.virtual = True
+        self.is_virtual = True
         self._port: MemoryPort | None = None
         self._absent: str | None = None
 
@@ -103,7 +103,7 @@ class MemoryPort:
 
     def __init__(self, line: MemoryLine, user: PortUser) -> None:
         self.latency = line.latency
-        self.virtual = line.virtual
+        self.is_virtual = line.is_virtual
         self.has_arrived = line.has_arrived
         self.baud: int | None = None
         self.user = user

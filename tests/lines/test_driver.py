@@ -19,7 +19,7 @@ from kit.line_bench import READ, READ_FRAME, RESPONSE, RESPONSE_FRAME, SETTINGS,
 
 class FakePort:
     latency = 0.005
-    virtual = True
+    is_virtual = True
     has_arrived = None
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ async def test_while_a_request_is_on_the_line_nobody_looks_for_the_next_one() ->
 @pytest.mark.parametrize("virtual", [True, False])
 async def test_a_line_is_virtual_while_its_port_is_open_and_says_so(virtual: bool) -> None:
     driven = Driven()
-    driven.port.virtual = virtual
+    driven.port.is_virtual = virtual
     assert driven.driver.is_virtual == virtual
     driven.driver.port_down(PortError("pulled"))
     assert not driven.driver.is_virtual

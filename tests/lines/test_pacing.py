@@ -295,7 +295,7 @@ class Wired:
 
     async def __aenter__(self) -> Self:
         port = await self.memory.open_port(self.user)
-        port.virtual = self.virtual
+        port.is_virtual = self.virtual
         if not self.looks_away:
             port.pause = lambda: False  # type: ignore[method-assign]
         self.driver.port_up(port)

@@ -27,7 +27,7 @@ AT_ONCE = 1e-6
 
 class FakePort:
     latency = 0.005
-    virtual = True
+    is_virtual = True
     has_arrived = None
 
     def __init__(self) -> None:

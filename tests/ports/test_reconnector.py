@@ -10,8 +10,8 @@ import pytest
 from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
 from gateway.ports import reconnector as reconnector_module
+from gateway.ports.opening import why_lost, why_not_opened
 from gateway.ports.port import SerialSettings
-from gateway.ports.reasons import why_lost, why_not_opened
 from gateway.ports.reconnector import Reconnector
 from gateway.timing.characters import CharacterFormat
 from kit.memory import MemoryLine

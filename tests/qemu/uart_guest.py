@@ -12,8 +12,8 @@ from serial.serialposix import SER_RS485_ENABLED, SER_RS485_RTS_ON_SEND, TIOCGRS
 
 from gateway.errors import PortError
 from gateway.hardware.ioctls import FORMAT_FLAGS, flags_of
+from gateway.ports.opener import open_serial
 from gateway.ports.port import SerialSettings
-from gateway.ports.serial import open_serial
 from gateway.timing.characters import CharacterFormat
 
 PARITY = termios.INPCK | termios.IGNPAR | termios.PARMRK | termios.BRKINT

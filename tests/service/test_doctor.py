@@ -205,7 +205,7 @@ async def test_an_examination_waits_for_another_one_but_not_for_ever():
 @pytest.mark.parametrize(("baud", "format_"), [(9600, "8E1"), (19200, "8N1"), (19200, "8O1"), (4800, "8N1")])
 async def test_wrong_rate_and_parity_are_found_and_the_line_goes_on(baud, format_):
     async with gateway_bench(CONFIG) as bench:
-        bench.lines["hall"].virtual = False
+        bench.lines["hall"].is_virtual = False
         bench.lines["hall"].pull()
         await asyncio.sleep(1.0)
         bench.lines["hall"].plug()

@@ -18,7 +18,7 @@ QUESTION = with_crc(b"\x05\x03\x00\x00\x00\x01")
 class Adapter:
     """A port that a test plugs in: `pieces` of an answer come 10 ms after each request and 5 ms after each other."""
 
-    latency, virtual = 0.005, False
+    latency, is_virtual = 0.005, False
 
     def __init__(self):
         self.opened, self.written, self.is_open = [], [], False

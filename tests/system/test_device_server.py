@@ -136,7 +136,7 @@ async def test_bytes_go_both_ways(server, user):
         assert await asyncio.get_running_loop().sock_recv(far_end, 10) == b"ask"
         far_end.send(b"answer")
         await until(lambda: user.heard == b"answer")
-        assert (port.virtual, port.latency) == (True, 0.05)
+        assert (port.is_virtual, port.latency) == (True, 0.05)
     assert user.losses == ["closed"]
 
 

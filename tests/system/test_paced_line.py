@@ -14,9 +14,9 @@ from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
 from gateway.modbus.rtu import encode
+from gateway.ports.opener import open_serial
 from gateway.ports.port import SerialSettings
 from gateway.ports.reconnector import Reconnector
-from gateway.ports.serial import open_serial
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.asker import Asker
 from kit.line_bench import Bench

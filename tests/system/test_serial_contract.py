@@ -19,8 +19,8 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import PortClosed, PortError
+from gateway.ports.opener import open_serial
 from gateway.ports.port import SerialSettings
-from gateway.ports.serial import open_serial
 from gateway.timing.characters import CharacterFormat
 from kit.patient_clock import PatientClock
 from kit.process import PATIENCE
@@ -220,7 +220,7 @@ async def test_a_break_discards_nothing_whatever_was_set_before(opened, virtual)
 
 async def test_it_says_that_it_is_virtual_and_no_connection_and_how_late_it_may_be(opened):
     async with opened() as port:
-        assert (port.virtual, port.has_arrived) == (True, None)
+        assert (port.is_virtual, port.has_arrived) == (True, None)
         assert 0 < port.latency < 0.02
     async with opened(latency=0.25) as port:
         assert port.latency == 0.25

@@ -22,12 +22,11 @@ from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
 from gateway.hardware.holders import _by_lock, holder
 from gateway.hardware.ioctls import divided
-from gateway.ports import opening
-from gateway.ports import serial as serial_module
+from gateway.ports import opener, opening
 from gateway.ports import serial_transport as serial_transport_module
+from gateway.ports.opener import open_serial
 from gateway.ports.port import SerialSettings
 from gateway.ports.reconnector import Reconnector
-from gateway.ports.serial import open_serial
 from gateway.timing.characters import CharacterFormat
 from kit.patient_clock import PatientClock
 from kit.process import PATIENCE
@@ -147,7 +146,7 @@ async def test_reasons_are_in_an_operators_words(virtual, user, monkeypatch, err
     def fail(*args, **kwargs):
         raise error
 
-    monkeypatch.setattr(serial_module, "ConfiguredOnce", fail)
+    monkeypatch.setattr(opening, "ConfiguredOnce", fail)
     with pytest.raises(PortError, match=reason):
         await open_serial(settings(virtual.path), user)
 
@@ -167,7 +166,7 @@ async def test_a_rate_that_the_driver_refuses_later_is_a_loss_that_says_so(virtu
         raise ValueError("Failed to set custom baud rate")
 
     async with opened(virtual.path, user) as port:
-        monkeypatch.setattr(serial_module.ConfiguredOnce, "change_baud", refuse)
+        monkeypatch.setattr(opening.ConfiguredOnce, "change_baud", refuse)
         port.change_baud(14400)
         await until(lambda: user.losses)
     assert user.losses == [f"{virtual.path} does not support 14400 baud: its driver knows standard rates only"]
@@ -259,14 +258,14 @@ async def test_a_driver_that_hangs_at_open_holds_nobody_up(virtual, user, monkey
         assert release.wait(PATIENCE)
         return open_device(*words)
 
-    monkeypatch.setattr(serial_module, "open_device", hang)
+    monkeypatch.setattr(opener, "open_device", hang)
     with pytest.raises(TimeoutError):
         await asyncio.wait_for(open_serial(settings(virtual.path), user), 0.05)
     with pytest.raises(PortError, match="hangs in an earlier attempt"):
         await open_serial(settings(virtual.path), user)
     before = descriptors()
     release.set()
-    await until(lambda: str(virtual.path) not in serial_module._being_opened)
+    await until(lambda: str(virtual.path) not in opener._being_opened)
     await until(lambda: descriptors() <= before)  # what was opened for nobody is closed again
     async with opened(virtual.path, user):
         pass

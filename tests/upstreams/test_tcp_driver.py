@@ -18,7 +18,7 @@ from kit.upstream_bench import READ, RESPONSE, UpstreamBench
 
 class FakePort:
     latency = 0.0
-    virtual = True
+    is_virtual = True
     has_arrived = None
 
     def __init__(self) -> None:

@@ -52,7 +52,7 @@ class _RealLine(MemoryLine):
 
     async def open_port(self, user: PortUser) -> Port:
         port = await super().open_port(user)
-        port.virtual = False
+        port.is_virtual = False
         return port
 
 

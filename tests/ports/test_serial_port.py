@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.ports.marked import MarkedInput
+from gateway.ports.serial_port import MarkedInput
 
 CASES = [
     (b"", []),

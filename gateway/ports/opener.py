@@ -1,0 +1,80 @@
+"""Opens the port of a line, serial or TCP, in the event loop.
+
+The only module that knows what opens a serial port. Another library must pass tests/system/test_serial_contract.py.
+"""
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
+from serial import Serial
+
+from gateway.clock.threads import ThreadPerCall
+from gateway.errors import PortError
+from gateway.hardware.ioctls import set_input_flags
+from gateway.ports.opening import OpenDevice, close_device, open_device
+from gateway.ports.port import OpenPort, Port, PortSettings, PortUser, SerialSettings, TcpSettings
+from gateway.ports.serial_port import SerialPort
+from gateway.ports.tcp import open_tcp
+from gateway.tls.store import TlsStore
+
+#: Ports whose driver is still opening them, perhaps after the attempt was cancelled.
+_being_opened: set[str] = set()
+
+
+def opener(settings: PortSettings, store: TlsStore | None = None) -> OpenPort:
+    """Make the function that opens a port with these settings. One with TLS has its context from `store`."""
+    if not isinstance(settings, TcpSettings):
+        return partial(open_serial, settings)
+    tls = settings.tls
+    if tls is None or store is None:
+        return partial(open_tcp, settings)
+    return lambda user: open_tcp(settings, user, store[tls].context)
+
+
+async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
+    """Open a serial port for `user` and discard earlier bytes. If cancelled, nothing stays open.
+
+    Raises:
+        PortError: the port cannot be used; the message says why and what to do.
+    """
+    if settings.port in _being_opened:
+        raise PortError(f"{settings.port}: its driver hangs in an earlier attempt to open it")
+    loop = asyncio.get_running_loop()
+    _being_opened.add(settings.port)
+    opening = loop.run_in_executor(ThreadPerCall(f"open {settings.port}"), open_device, settings)
+    opening.add_done_callback(lambda _: _being_opened.discard(settings.port))
+    try:
+        device = await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        opening.add_done_callback(_close_unwanted)
+        raise
+    return SerialPort(loop, device, user)
+
+
+@contextmanager
+def open_blocking(settings: SerialSettings, timeout: float) -> Iterator[Serial]:
+    """Open a serial port without an event loop, for a library that reads and writes it.
+
+    It is opened, locked and closed as for a line. `timeout` is for each read and write, in seconds.
+
+    Raises:
+        PortError: the port cannot be used; the message says why and what to do.
+    """
+    device = open_device(settings)
+    try:
+        set_input_flags(device.serial.fileno(), checks_parity=False)  # its reader does not know marked characters
+        device.serial.timeout = device.serial.write_timeout = timeout
+        yield device.serial
+    finally:
+        if device.serial.is_open:  # the library closes a lost port
+            close_device(device, lost=False)
+
+
+def _close_unwanted(opening: asyncio.Future[OpenDevice]) -> None:
+    """Close a port after its opening was cancelled."""
+    if opening.cancelled() or opening.exception() is not None:
+        return
+    device = opening.result()
+    ThreadPerCall(f"close {device.port}").submit(close_device, device, lost=True)
