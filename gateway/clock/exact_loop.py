@@ -36,7 +36,7 @@ def run_exactly(main: Coroutine[Any, Any, T]) -> T:
 
 
 def exact_loop() -> asyncio.AbstractEventLoop:
-    """A new event loop with exact timers, for the main thread."""
+    """Make an event loop with exact timers, for the main thread."""
     with suppress(OSError):  # timers are 50 us later then
         _SLACK.write_text("1")
     sys.setswitchinterval(_HAND_OVER)

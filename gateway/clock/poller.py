@@ -41,7 +41,7 @@ class Waiting:
         self.is_over = False
 
 
-#: Who waits to read from a descriptor, and who to write to it.
+#: What waits to read from a descriptor, and what to write to it.
 Callbacks = tuple[Waiting | None, Waiting | None]
 
 
@@ -55,8 +55,8 @@ class Poller:
     def __init__(self, epoll: select.epoll, descriptor: int) -> None:
         self.callbacks: dict[int, Callbacks] = {}
         self.ready: deque[asyncio.Handle] = deque()
-        self.call_soon: Callable[[Callable[[], None]], object]
-        self.failed: Callable[[BaseException], None]
+        self.call_soon: Callable[[Callable[[], None]], object] = _serves_no_loop
+        self.failed: Callable[[BaseException], None] = _serves_no_loop
         self._epoll = epoll
         self._descriptor = descriptor
         self._masked: set[int] = set()
@@ -90,11 +90,11 @@ class Poller:
         heappush(self._due, (when, self._number, callback))
 
     def end_by(self, when: float) -> None:
-        """The wait ends at `when` at the latest: the loop has a new timer."""
+        """End the wait at `when` at the latest: the loop has a new timer."""
         self._ends_at = min(self._ends_at, when)
 
     def register(self, descriptor: int, handles: tuple[asyncio.Handle | None, asyncio.Handle | None]) -> None:
-        """These handles wait for the descriptor: one to read, one to write."""
+        """Have these handles wait for the descriptor: one to read, one to write."""
         reader, writer = handles
         self._end(descriptor, reader, writer)
         self.callbacks[descriptor] = (
@@ -105,7 +105,7 @@ class Poller:
             self.mask(descriptor, is_masked=reader is not None)
 
     def unregister(self, descriptor: int) -> None:
-        """Nobody waits for the descriptor."""
+        """Forget the descriptor: nothing waits for it any more."""
         self._end(descriptor)
         del self.callbacks[descriptor]
         self._masked.discard(descriptor)
@@ -124,7 +124,7 @@ class Poller:
         self._epoll.modify(descriptor, reading if writer is None else reading | _WRITABLE)
 
     def _end(self, descriptor: int, *going_on: asyncio.Handle | None) -> None:
-        """Call those no more that wait for the descriptor, even if it is ready, but these handles."""
+        """Never call again, even if the descriptor is ready, what waits for it, except these handles."""
         for waiting in self.callbacks.get(descriptor) or ():
             if waiting is not None and waiting.handle not in going_on:
                 waiting.is_over = True
@@ -162,7 +162,7 @@ class Poller:
                 self._call(waiting.call)
 
     def _call_due(self, now: float) -> None:
-        """Call what is due, and not yet what that orders: descriptors come between."""
+        """Call what is due, but not yet what these calls add: descriptors come between."""
         last = self._number
         while self._due and self._due[0][0] <= now and self._due[0][1] <= last:
             callback = heappop(self._due)[2]
@@ -178,3 +178,8 @@ class Poller:
             raise
         except BaseException as error:  # noqa: BLE001 - CancelledError too: an event loop reports the errors of callbacks and goes on
             self.failed(error)
+
+
+def _serves_no_loop(_: object) -> None:
+    """Stand in for a loop until there is one."""
+    raise RuntimeError("the poller serves no loop yet")

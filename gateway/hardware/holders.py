@@ -19,7 +19,7 @@ _GATEWAY_MODULE: Final = "-m gateway.cli.main"
 
 
 def holder(device: str) -> str | None:
-    """A program that uses the device, as `mbusd (pid 412)`; None if there is none, or none that may be seen.
+    """Name a program that uses the device, as `mbusd (pid 412)`; None if there is none, or none that may be seen.
 
     Only root may see other users' descriptors. Everybody may see locks, and most serial programs set one.
     """
@@ -30,18 +30,18 @@ def holder(device: str) -> str | None:
 
 
 def holders(device: Path, programs: Path = PROC) -> set[int]:
-    """The programs that hold the device, by pid, as far as they may be seen; not who simulates it, at its other end."""
+    """Find the programs that hold the device, by pid, as far as they may be seen; not one that simulates it."""
     by_descriptor = (pid for pid in _by_descriptor(device, programs) if not _has_other_end(device, programs / str(pid)))
     return {*_by_lock(device, programs), *by_descriptor}
 
 
 def running_programs(programs: Path = PROC) -> set[str]:
-    """The names of all programs that run."""
+    """List the names of all programs that run."""
     return {name_of(int(process.name), programs) for process in programs.glob("[1-9]*")}
 
 
 def name_of(pid: int, programs: Path = PROC) -> str:
-    """The name of a program, cut after 15 characters; of an interpreter with what it runs, as `python poll.py`."""
+    """Name a program, cut after 15 characters; an interpreter with what it runs, as `python poll.py`."""
     try:
         name = (programs / str(pid) / "comm").read_text().strip()
     except OSError:
@@ -57,12 +57,12 @@ def name_of(pid: int, programs: Path = PROC) -> str:
 
 
 def is_interpreter(name: str) -> bool:
-    """Whether a program, by its name, alone or with what it runs, is one that runs others."""
+    """Tell by its name, alone or with what it runs, whether a program is one that runs others."""
     return _INTERPRETER.fullmatch(name.partition(" ")[0]) is not None
 
 
 def _what_runs(arguments: Iterable[str]) -> str:
-    """The module or file that an interpreter runs; not what follows, where passwords may be."""
+    """Find the module or file that an interpreter runs; not what follows, where passwords may be."""
     rest = iter(arguments)
     for argument in rest:
         if argument == "-m":
@@ -96,7 +96,7 @@ def _by_descriptor(device: Path, programs: Path) -> Iterator[int]:
 
 
 def _leads_to(node: os.stat_result, descriptor: Path) -> bool:
-    """Whether a descriptor is of this device. A container has pseudo-terminals of its own, with the same names."""
+    """Tell whether a descriptor is of this device. A container has pseudo-terminals of its own, with the same names."""
     with suppress(OSError):  # it has just been closed
         opened = descriptor.stat()
         is_here = opened.st_dev == node.st_dev or os.major(node.st_rdev) not in VIRTUAL_MAJORS
@@ -105,7 +105,7 @@ def _leads_to(node: os.stat_result, descriptor: Path) -> bool:
 
 
 def _has_other_end(device: Path, process: Path) -> bool:
-    """Whether a program has the other end of a pseudo-terminal: it is the device, and does not take it from anybody."""
+    """Tell whether a program has the other end of a pseudo-terminal: then it is the device, and does not hold it."""
     for number, opened in _descriptors(process):
         if str(opened) in _FAR_ENDS:
             with suppress(OSError):  # it has just closed it
@@ -116,7 +116,7 @@ def _has_other_end(device: Path, process: Path) -> bool:
 
 
 def _descriptors(process: Path) -> Iterator[tuple[str, Path]]:
-    """The numbers of a program's descriptors, and what they lead to."""
+    """List a program's descriptors: the number of each, and what it leads to."""
     with suppress(OSError):  # another user's process, or one that has just ended
         for descriptor in (process / "fd").iterdir():
             with suppress(FileNotFoundError):  # it has just closed it

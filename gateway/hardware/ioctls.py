@@ -49,7 +49,7 @@ _DIVIDE_BY_WHOLE_NUMBERS: Final = frozenset({2, 3, 4, 6, 7, 8})
 
 
 def flags_of(format_: CharacterFormat) -> int:
-    """The control flags for a character format."""
+    """Translate a character format into control flags."""
     data = {7: termios.CS7, 8: termios.CS8}[format_.data_bits]
     parity = {"N": 0, "E": termios.PARENB, "O": termios.PARENB | termios.PARODD}[format_.parity]
     stop = {1: 0, 2: termios.CSTOPB}[format_.stop_bits]
@@ -57,7 +57,7 @@ def flags_of(format_: CharacterFormat) -> int:
 
 
 def input_flags(before: int, *, checks_parity: bool) -> int:
-    """The input flags for a port that had `before`; with parity, damaged characters are marked (`MarkedInput`).
+    """Work out the input flags of a port that had `before`; with parity, damaged characters are marked.
 
     With the flags of `stty sane`, a break could discard received bytes, and damaged characters would be dropped.
     """
@@ -73,7 +73,7 @@ def set_input_flags(descriptor: int, *, checks_parity: bool) -> None:
 
 
 def actual_baud(descriptor: int) -> int | None:
-    """The rate that the driver reports; None if the kernel does not support that.
+    """Read the rate that the driver reports; None if the kernel does not support that.
 
     A driver that cannot set a rate reports the nearest one, or the one before, or that rate and uses `divided_baud`.
     """
@@ -85,7 +85,7 @@ def actual_baud(descriptor: int) -> int | None:
 
 
 def divided_baud(descriptor: int, baud: int) -> int | None:
-    """The actual rate for `baud` of a UART that divides its clock by whole numbers.
+    """Work out the actual rate for `baud` of a UART that divides its clock by whole numbers.
 
     None for others, and for USB adapters, whose drivers may report any type of UART.
     """
@@ -96,13 +96,13 @@ def divided_baud(descriptor: int, baud: int) -> int | None:
 
 
 def has_redefined_38400(descriptor: int) -> bool:
-    """Whether `setserial` has assigned another rate to 38400."""
+    """Tell whether `setserial` has assigned another rate to 38400."""
     state = _serial_struct(descriptor)
     return state is not None and bool(state[_SERIAL_FLAGS] & _ASYNC_SPD_MASK)
 
 
 def divided(baud_base: int, baud: int) -> int | None:
-    """`baud_base` divided by the whole number that comes nearest to `baud`, rounded as in the kernel."""
+    """Divide `baud_base` by the whole number that comes nearest to `baud`, rounded as in the kernel."""
     return round(baud_base / max(1, (2 * baud_base + baud) // (2 * baud))) if baud_base > 0 else None
 
 
@@ -120,14 +120,14 @@ def character_errors(descriptor: int) -> tuple[int, int, int, int] | None:
 
 
 def bytes_to_send(descriptor: int) -> int:
-    """Bytes that the driver has not sent; for a connection, that the other end has not confirmed (SIOCOUTQ)."""
+    """Count the bytes that the driver has not sent; of a connection, those that are not confirmed (SIOCOUTQ)."""
     count = array("i", [0])
     fcntl.ioctl(descriptor, TIOCOUTQ, count)
     return count[0]
 
 
 def is_sending(descriptor: int) -> bool:
-    """Whether bytes are still in the UART, if its driver reports that."""
+    """Tell whether bytes are still in the UART, if its driver reports that."""
     state = array("i", [0])
     try:
         fcntl.ioctl(descriptor, termios.TIOCSERGETLSR, state)
@@ -149,14 +149,14 @@ def set_low_latency(descriptor: int) -> bool:
 
 
 def is_usb(descriptor: int) -> bool:
-    """Whether the port is a USB adapter."""
+    """Tell whether the port is a USB adapter."""
     device = os.fstat(descriptor).st_rdev
     subsystem = Path(f"/sys/dev/char/{os.major(device)}:{os.minor(device)}/device/subsystem").resolve()
     return subsystem.name in ("usb", "usb-serial")
 
 
 def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
-    """RS-485: let the driver switch the transmitter, or leave that to the adapter. Delays stay unchanged.
+    """Let the driver switch the transmitter (RS-485), or leave that to the adapter. Delays stay unchanged.
 
     Returns the setting from before, for `restore_rs485`; None if it was the same, or the driver has no RS-485.
 
@@ -170,7 +170,7 @@ def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
             raise
         return None
     flags, others = _RS485.unpack(found)
-    wanted = switched(flags, on=on)
+    wanted = _switch(flags, on=on)
     if wanted == flags:
         return None
     restore_rs485(descriptor, _RS485.pack(wanted, others))
@@ -179,8 +179,8 @@ def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
     return found
 
 
-def switched(flags: int, *, on: bool) -> int:
-    """The new flags instead of `flags`: RTS is high while it sends, and it does not receive itself."""
+def _switch(flags: int, *, on: bool) -> int:
+    """Work out the flags after `flags`: RTS is high while it sends, and it does not receive itself."""
     if not on:
         return flags & ~SER_RS485_ENABLED
     return flags & ~(SER_RS485_RTS_AFTER_SEND | SER_RS485_RX_DURING_TX) | SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
@@ -196,7 +196,7 @@ def restore_rs485(descriptor: int, found: bytes) -> None:
 
 
 def _serial_struct(descriptor: int) -> "array[int] | None":
-    """The result of TIOCGSERIAL; None if the driver does not support it."""
+    """Read the driver's `struct serial_struct`; None if it does not support that."""
     state = array("i", bytes(_SERIAL_STRUCT_SIZE))
     try:
         fcntl.ioctl(descriptor, termios.TIOCGSERIAL, state)

@@ -59,15 +59,15 @@ class Adapter:
 
 
 def serial_ports() -> list[ListedPort]:
-    """All serial ports with hardware, not virtual ones. Opens none of them."""
+    """List all serial ports with hardware, not virtual ones. Opens none of them."""
     names = sorted((entry.name for entry in TERMINALS.glob("*") if _has_hardware(entry)), key=numsplit)
     devices = [DEVICES / name.replace("!", "/") for name in names]
     links = stable_links()
-    return [_listed(device, links.get(device, device)) for device in devices if device.exists()]
+    return [_list(device, links.get(device, device)) for device in devices if device.exists()]
 
 
 def adapter_of(port: str, devices: Path = DEVICES, terminals: Path = TERMINALS) -> Adapter:
-    """The hardware behind the path of a port; with little in it for a path that leads to none."""
+    """Describe the hardware behind the path of a port; with little in it for a path that leads to none."""
     device = Path(port).resolve()
     hardware = terminals / device.name / "device"
     usb = next(_usb_devices(hardware.resolve()), None)
@@ -86,14 +86,14 @@ def adapter_of(port: str, devices: Path = DEVICES, terminals: Path = TERMINALS) 
 
 
 def _has_hardware(terminal: Path) -> bool:
-    """Virtual terminals have no device; an absent UART has one of type 0."""
+    """Tell a serial port from a virtual terminal, which has no device, and an absent UART, which has one of type 0."""
     if not (terminal / "device").exists():
         return False
     return line_of(terminal / "type") != "0"
 
 
 def stable_links(within: Path | None = None) -> dict[Path, Path]:
-    """The best stable link to each device, `within` the folder of devices."""
+    """Find the best stable link to each device, `within` the folder of devices."""
     links: dict[Path, Path] = {}
     for folder in STABLE_LINKS:
         for link in sorted(((within or DEVICES) / folder).glob("*")):
@@ -101,7 +101,7 @@ def stable_links(within: Path | None = None) -> dict[Path, Path]:
     return links
 
 
-def _listed(device: Path, path: Path) -> ListedPort:
+def _list(device: Path, path: Path) -> ListedPort:
     state, remark = _state(device)
     return ListedPort(
         str(path), str(device), _description(device), driver_of(TERMINALS / device.name / "device"), state, remark
@@ -125,7 +125,7 @@ def _description(device: Path) -> str:
 
 
 def driver_of(hardware: Path) -> str:
-    """The name of the driver of a terminal's `device`; empty if it has none."""
+    """Name the driver of a terminal's `device`; empty if it has none."""
     place = hardware.resolve()
     while (place / "subsystem").resolve().name == "serial-base":  # the kernel's own layer above a UART's driver
         place = place.parent
@@ -134,7 +134,7 @@ def driver_of(hardware: Path) -> str:
 
 
 def line_of(file: Path) -> str | None:
-    """What stands in a file of one line; None if it cannot be read."""
+    """Read a file of one line; None if it cannot be read."""
     try:
         return file.read_text().strip()
     except OSError:
@@ -142,5 +142,5 @@ def line_of(file: Path) -> str | None:
 
 
 def _usb_devices(hardware: Path) -> Iterator[Path]:
-    """The USB device that a port is part of, if it is."""
+    """Find the USB device that a port is part of, if it is."""
     return (place for place in (hardware, *hardware.parents) if (place / "idVendor").exists())

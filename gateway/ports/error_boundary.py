@@ -43,7 +43,7 @@ class ErrorBoundary:
         self.plan(self._deadline())
 
     def fail(self, error: Exception) -> None:
-        """A step has failed unexpectedly."""
+        """Log the unexpected error of a step, and close the port."""
         self._log(error)
         self.close_port()
 
@@ -56,7 +56,7 @@ class ErrorBoundary:
         self.run(self._tick)
 
     def lost(self) -> None:
-        """The port was lost."""
+        """Fail what depends on the port, which was lost."""
         self.port = None
         self.run(self._down)
 
@@ -72,7 +72,7 @@ class ErrorBoundary:
                 port.close()
 
     def overdue(self, now: float) -> float:
-        """How many seconds the part is behind its deadline."""
+        """Say how many seconds the part is behind its deadline."""
         deadline = self._deadline()
         return 0.0 if deadline is None else max(0.0, now - deadline)
 

@@ -17,7 +17,7 @@ _under_way: dict[_Query, asyncio.Future[list[AddressInfo]]] = {}
 
 
 async def look_up(host: str, port: int, kind: socket.SocketKind, deadline: float) -> list[AddressInfo]:
-    """The addresses of a host, within `deadline` seconds.
+    """Look up the addresses of a host, within `deadline` seconds.
 
     Raises:
         OSError: the name is unknown, or no name server answers in time (`socket.EAI_AGAIN`).

@@ -138,7 +138,7 @@ def close_device(device: OpenDevice, *, lost: bool) -> None:
     """Close the port. Unless it was `lost`, what was written is sent first, within DRAINING_DEADLINE."""
     descriptor = device.serial.fileno()
     with suppress(*DriverError):  # the device is gone
-        if lost or not _drained(device):
+        if lost or not _drain(device):
             termios.tcflush(descriptor, termios.TCIOFLUSH)
         if not device.is_virtual:
             fcntl.ioctl(descriptor, termios.TIOCNXCL)
@@ -238,7 +238,7 @@ def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
     return actual
 
 
-def _drained(device: OpenDevice) -> bool:
+def _drain(device: OpenDevice) -> bool:
     """Wait until all has been sent; False at the deadline. Not with tcdrain, which has none.
 
     If RS-485 is restored then, which may switch the transmitter off, the UART must have sent the last bit too.

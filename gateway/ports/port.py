@@ -37,7 +37,7 @@ class Port(Protocol):
 
     @property
     def has_arrived(self) -> Callable[[], bool] | None:
-        """Whether the other end has received all that was written. None: this port is no connection."""
+        """Tells whether the other end has received all that was written. None: this port is no connection."""
 
     @property
     def errors(self) -> CharacterErrors | None:
@@ -66,7 +66,7 @@ class Received(Protocol):
     """A function that takes received bytes."""
 
     def __call__(self, data: bytes, *, damaged: bool = False) -> None:
-        """These bytes were received; `damaged`: at least one of them is not what was sent."""
+        """Take received bytes; `damaged`: at least one of them is not what was sent."""
 
 
 class PortUser(Protocol):
@@ -77,7 +77,7 @@ class PortUser(Protocol):
         """Takes received bytes."""
 
     def lost(self, error: PortError) -> None:
-        """The port was closed or lost. Called once for every port that was opened."""
+        """Take note that the port was closed or lost. Called once for every port that was opened."""
 
 
 #: Has a connection opened again that is closed because nobody needed it.

@@ -30,21 +30,21 @@ class PortOwner(Protocol):
     """The user of a port that is kept open: a line, an upstream, a serial listener. It starts without a port."""
 
     def port_up(self, port: Port) -> None:
-        """The port is open and can be written to."""
+        """Take the port: it is open and can be written to."""
 
     @property
     def received(self) -> Received:
         """Takes received bytes."""
 
     def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:
-        """The server or the owner has closed the port in order; `at_once`: see ConnectionEnded.
+        """Answer whether the port, which the server or the owner has closed in order, may stay closed for now.
 
-        True: nothing was under way, and it is opened when the owner calls `open_again`; then `port_up` follows, or
-        `port_down`. False: it is a loss, and `port_down` follows now.
+        `at_once`: see ConnectionEnded. True: nothing was under way, and it is opened when the owner calls `open_again`,
+        which may be at once; then `port_up` follows, or `port_down`. False: it is a loss, and `port_down` follows now.
         """
 
     def port_down(self, error: PortError) -> None:
-        """The port was lost. Called once for each `port_up`, unless `port_ended` was True."""
+        """Do without the port: it was lost. Called once for each `port_up`, unless `port_ended` was True."""
 
 
 class Reconnector:
@@ -75,7 +75,7 @@ class Reconnector:
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is open, or will be when it is needed."""
+        """True while the port is open, or will be when it is needed."""
         return self.tried.is_set() and self.error is None
 
     async def run(self) -> None:
@@ -85,7 +85,7 @@ class Reconnector:
                 try:
                     await self._open_and_wait()
                 except PortError as error:
-                    self.failed(error)
+                    self.report_failure(error)
                     self._stay_closed(error)
                 if self._rests:
                     await self._needed.wait()
@@ -96,17 +96,17 @@ class Reconnector:
             self._stay_closed(PortClosed())
 
     def begin_anew(self) -> None:
-        """Before `run` is called again: as before the first attempt."""
+        """Forget what became of earlier attempts; for the time before `run` is called again."""
         self.error = None
         self.tried.clear()
 
-    def withheld(self, error: PortError) -> None:
-        """While `run` is not called: the port is closed on purpose. Nothing is logged."""
+    def withhold(self, error: PortError) -> None:
+        """Say why the port is closed on purpose, while `run` is not called. Nothing is logged."""
         self.error = error
         self.tried.set()
 
-    def failed(self, error: PortError) -> None:
-        """The port could not be opened. Each reason is logged once until the port is open again."""
+    def report_failure(self, error: PortError) -> None:
+        """Log why the port could not be opened; each reason once until it is open again."""
         self.error = error
         if _reason(error) not in self._logged:
             self._log(error)
@@ -131,7 +131,7 @@ class Reconnector:
             await _close(port)
 
     def _tell_owner(self, error: PortError) -> None:
-        """The port is closed or lost."""
+        """Tell the owner that the port is closed or lost, and whether that lasts until the owner needs it."""
         self._needed.clear()
         if isinstance(error, PortClosed | ConnectionEnded):
             at_once = isinstance(error, ConnectionEnded) and error.at_once
@@ -140,7 +140,7 @@ class Reconnector:
             self._owner.port_down(error)
 
     def _stay_closed(self, error: PortError) -> None:
-        """The port is not opened when the owner needs it."""
+        """End the rest of a port that cannot be opened, or is not any more, when the owner needs it."""
         if self._rests:
             self._rests = False
             self._lost_at = _now()
@@ -206,7 +206,7 @@ class _PortSession:
         self._tell_owner = tell_owner
 
     def lost(self, error: PortError) -> None:
-        """The port was lost: the owner is told at once, before the reconnector's task runs."""
+        """Tell the owner of the loss at once, before the reconnector's task runs."""
         if not self.loss.done():
             self.loss.set_result(error)
         if self.is_up:
@@ -215,7 +215,7 @@ class _PortSession:
 
 
 def _reason(error: PortError) -> str:
-    """The error's message, or `_ABSENT` for all messages that mean that."""
+    """Take the error's message, or `_ABSENT` for all messages that mean that."""
     reason = str(error)
     return _ABSENT if any(words in reason for words in _ABSENT_WORDS) else reason
 

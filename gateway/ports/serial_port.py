@@ -108,7 +108,7 @@ class SerialPort:
 
     async def wait_closed(self) -> None:
         """Wait until the driver has closed the port."""
-        await self._transport.wait_closed()
+        await self._transport.closed.wait()
 
     def __repr__(self) -> str:
         state = "closing" if self._transport.is_closing() else "open"
@@ -121,14 +121,14 @@ class SerialPort:
                 return
 
     def _deliver(self) -> bool:
-        """Deliver READ_SIZE bytes at most; whether there may be more."""
+        """Deliver READ_SIZE bytes at most, and tell whether there may be more."""
         data = self._read()
         if data:
             self._received(data)
         return len(data) == READ_SIZE and not self._transport.is_closing()
 
     def _read(self) -> bytes:
-        """What the driver has; empty if that is nothing, or if the port is lost."""
+        """Read what the driver has; empty if that is nothing, or if the port is lost."""
         try:
             data = os.read(self._descriptor, READ_SIZE)
         except (BlockingIOError, InterruptedError):
@@ -141,7 +141,7 @@ class SerialPort:
         return data
 
     def _send(self, data: bytes) -> int:
-        """Write what the driver takes; returns how many bytes."""
+        """Write what the driver takes, and return how many bytes that is."""
         try:
             return os.write(self._descriptor, data)
         except (BlockingIOError, InterruptedError):

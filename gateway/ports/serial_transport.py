@@ -41,13 +41,15 @@ class PortTransport(SerialTransport):
         self._send = send
         self._device = device
         self._user: PortUser | None = user
-        self._closed = asyncio.Event()
+        self._takes_no_more = PortError(f"{device.port} takes no more data")
+        #: Set once the driver has closed the port.
+        self.closed = asyncio.Event()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Keep `data` until the driver takes it; too much is a loss."""
         super().write(data)
         if self.get_write_buffer_size() > WRITE_BOUND:
-            self.lose(self._takes_no_more())
+            self.lose(self._takes_no_more)
 
     def change_baud(self, baud: int) -> None:
         """Change the rate, in a thread, because the driver may block."""
@@ -62,14 +64,7 @@ class PortTransport(SerialTransport):
         """Close the port once the driver has taken what was written, or after FLUSHING_DEADLINE."""
         super().close()
         if self._write_buffer:
-            self._loop.call_later(FLUSHING_DEADLINE, self.lose, self._takes_no_more())
-
-    async def wait_closed(self) -> None:
-        """Wait until the driver has closed the port."""
-        await self._closed.wait()
-
-    def _takes_no_more(self) -> PortError:
-        return PortError(f"{self._device.port} takes no more data")
+            self._loop.call_later(FLUSHING_DEADLINE, self.lose, self._takes_no_more)
 
     def _baud_changed(self, changing: asyncio.Future[None]) -> None:
         error = None if changing.cancelled() else changing.exception()
@@ -93,5 +88,5 @@ class PortTransport(SerialTransport):
         self._write_buffer.clear()
         threads = ThreadPerCall(f"close {self._device.port}")
         closing = self._loop.run_in_executor(threads, partial(close_device, self._device, lost=exc is not None))
-        closing.add_done_callback(lambda _: self._closed.set())
+        closing.add_done_callback(lambda _: self.closed.set())
         user.lost(exc if isinstance(exc, PortError) else PortClosed())

@@ -8,7 +8,7 @@ import os
 import socket
 import ssl
 from contextlib import suppress
-from typing import Final, cast
+from typing import Any, Final, cast
 
 from gateway.errors import ConnectionEnded, PortClosed, PortError
 from gateway.hardware.ioctls import bytes_to_send
@@ -31,7 +31,7 @@ WRITE_BOUND: Final = 16 * 1024
 #: How long a closed port may go on sending them, in seconds.
 FLUSHING_DEADLINE: Final = 1.0
 #: A vanished server is detected within half a minute. Seconds, seconds, probes; while data is sent: `arrives_within`.
-KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 10, 5, 3
+KEEPALIVE: Final = {"idle": 10, "interval": 5, "probes": 3}
 
 #: A server that closes a connection within this many seconds, and has sent nothing, closes it at once.
 AT_ONCE: Final = 1.0
@@ -68,11 +68,11 @@ async def open_tcp(settings: TcpSettings, user: PortUser, context: ssl.SSLContex
     try:
         addresses = await look_up(settings.host, settings.number, socket.SOCK_STREAM, LOOKUP_DEADLINE)
         async with asyncio.timeout(CONNECTING_DEADLINE):
-            port = await _connected(settings, addresses, context)
+            port = await _connect_to_any(settings, addresses, context)
     except (OSError, UnicodeError) as error:
-        raise PortError(_why(settings, error)) from error
+        raise PortError(_why_not_reached(settings, error)) from error
     try:
-        await port.settled()
+        await port.settle()
     except BaseException:
         port.close()
         raise
@@ -93,7 +93,6 @@ class TcpPort(asyncio.BufferedProtocol):
 
     def __init__(self, settings: TcpSettings) -> None:
         self.latency = settings.latency
-        self._verdict_within = 0.0 if settings.tls is None else VERDICT_WITHIN
         self._is_secured = settings.tls is not None
         self._name = settings.port
         self._buffer = memoryview(bytearray(READ_SIZE))
@@ -103,17 +102,22 @@ class TcpPort(asyncio.BufferedProtocol):
         #: Since when received bytes are delivered, and whether any were.
         self._began_at = 0.0
         self._has_heard = False
+        #: Why the connection has ended, or will have.
         self._loss: PortError = PortClosed()
+        #: Until it is made, a transport that cannot be used.
+        self._transport = asyncio.Transport()
+        self._descriptor = -1
         self._closed = asyncio.Event()
 
-    async def settled(self) -> None:
-        """Wait for the latency of the connection.
+    async def settle(self) -> None:
+        """Wait for the latency of the connection, in which the server may close it.
 
         Raises:
             PortError: the server has closed the connection again.
         """
         with suppress(TimeoutError):
-            async with asyncio.timeout(max(min(self.latency, LONGEST_SETTLING), self._verdict_within)):
+            verdict_within = VERDICT_WITHIN if self._is_secured else 0.0
+            async with asyncio.timeout(max(min(self.latency, LONGEST_SETTLING), verdict_within)):
                 await self._closed.wait()
         if self._closed.is_set():
             if isinstance(self._loss, _NotSecuredError):
@@ -137,7 +141,7 @@ class TcpPort(asyncio.BufferedProtocol):
             self._abort(PortError(f"{self._name} takes no more data"))
 
     def pause(self) -> bool:
-        """False: a network does not deliver byte by byte."""
+        """Return False: a network does not deliver byte by byte."""
         return False
 
     def read_now(self) -> None:
@@ -165,7 +169,7 @@ class TcpPort(asyncio.BufferedProtocol):
         self._abort(PortError(f"{self._name}: the device server keeps its rate; set it to {baud} baud there"))
 
     def has_arrived(self) -> bool:
-        """Whether the server has confirmed every byte that was written."""
+        """Tell whether the server has confirmed every byte that was written."""
         if self._transport.get_write_buffer_size():
             return False
         return self._transport.is_closing() or bytes_to_send(self._descriptor) == 0
@@ -183,16 +187,16 @@ class TcpPort(asyncio.BufferedProtocol):
         await self._closed.wait()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The connection is open."""
+        """Take the connection, which is open."""
         self._transport = cast("asyncio.Transport", transport)
         self._descriptor = transport.get_extra_info("socket").fileno()
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the longest frame decides
-        """The buffer that asyncio receives into."""
+        """Return the buffer that asyncio receives into."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Bytes were received."""
+        """Deliver received bytes; before there is a user, keep the last of them."""
         data = bytes(self._buffer[:nbytes])
         if self._user is not None:
             self._deliver(data)
@@ -200,7 +204,7 @@ class TcpPort(asyncio.BufferedProtocol):
             self._early = (self._early + data)[-READ_SIZE:]
 
     def eof_received(self) -> None:
-        """The server has closed the connection."""
+        """Note that the server has closed the connection, and whether it did so at once."""
         age = asyncio.get_running_loop().time() - self._began_at
         if self._has_heard or age > AT_ONCE:
             self._loss = ConnectionEnded(f"{self._name} has closed the connection")
@@ -208,7 +212,7 @@ class TcpPort(asyncio.BufferedProtocol):
             self._loss = ConnectionEnded(CLOSED_AT_ONCE.format(port=self._name), at_once=True)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The connection has ended."""
+        """Note why the connection has ended, and tell the user."""
         self._closed.set()
         if self._is_secured and isinstance(exc, ssl.SSLError):
             self._loss = _NotSecuredError(_NOT_SECURED.format(port=self._name, reason=explain(exc)))
@@ -244,8 +248,10 @@ class TcpPort(asyncio.BufferedProtocol):
         return f"<TcpPort {self._name} {state}, {self._transport.get_write_buffer_size()} bytes to send>"
 
 
-async def _connected(settings: TcpSettings, addresses: list[AddressInfo], context: ssl.SSLContext | None) -> TcpPort:
-    """A connection to the first of the server's addresses that accepts one."""
+async def _connect_to_any(
+    settings: TcpSettings, addresses: list[AddressInfo], context: ssl.SSLContext | None
+) -> TcpPort:
+    """Connect to the first of the server's addresses that accepts it."""
     for address in addresses[:-1]:
         with suppress(OSError):
             async with asyncio.timeout(CONNECTING_DEADLINE / len(addresses)):
@@ -254,44 +260,32 @@ async def _connected(settings: TcpSettings, addresses: list[AddressInfo], contex
 
 
 async def _connect(settings: TcpSettings, address: AddressInfo, context: ssl.SSLContext | None) -> TcpPort:
+    """Connect so that bytes are sent at once and a server that vanishes is detected."""
     family, kind, protocol, _, where = address
+    securing: dict[str, Any] = {}
+    if settings.tls is not None and context is not None:
+        securing = {
+            "ssl": context,
+            "server_hostname": settings.tls.server_name,
+            "ssl_handshake_timeout": CONNECTING_DEADLINE,
+            "ssl_shutdown_timeout": FLUSHING_DEADLINE,  # a server need not answer when we close
+        }
     sock = socket.socket(family, kind, protocol)
     try:
         sock.setblocking(False)
-        _set_options(sock, settings)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        notice_vanished_peers(sock, **KEEPALIVE, user_timeout=round(1000 * settings.arrives_within))
         loop = asyncio.get_running_loop()
         await loop.sock_connect(sock, where)
-        if settings.tls is None or context is None:
-            _, port = await loop.create_connection(lambda: TcpPort(settings), sock=sock)
-            return port
-        _, port = await loop.create_connection(
-            lambda: TcpPort(settings),
-            sock=sock,
-            ssl=context,
-            server_hostname=settings.tls.server_name,
-            ssl_handshake_timeout=CONNECTING_DEADLINE,
-            ssl_shutdown_timeout=FLUSHING_DEADLINE,  # a server need not answer when we close
-        )
+        _, port = await loop.create_connection(lambda: TcpPort(settings), sock=sock, **securing)
     except BaseException:
         sock.close()
         raise
     return port
 
 
-def _set_options(sock: socket.socket, settings: TcpSettings) -> None:
-    """Send at once, and detect a server that vanishes."""
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    notice_vanished_peers(
-        sock,
-        idle=KEEPALIVE_IDLE,
-        interval=KEEPALIVE_INTERVAL,
-        probes=KEEPALIVE_PROBES,
-        user_timeout=round(1000 * settings.arrives_within),
-    )
-
-
-def _why(settings: TcpSettings, error: OSError | UnicodeError) -> str:
-    """Why the server cannot be reached, and what to do."""
+def _why_not_reached(settings: TcpSettings, error: OSError | UnicodeError) -> str:
+    """Say why the server cannot be reached, and what to do."""
     if isinstance(error, UnicodeError):
         reason = _NO_SUCH_NAME
     elif settings.tls is not None and isinstance(error, ssl.SSLError):

@@ -159,7 +159,7 @@ class Running:
             if task is not None:
                 task.cancel()
                 await asyncio.wait((task,), timeout=CLOSING_TIME)
-            line.reconnector.failed(PortError(f"its port is lent to {to}"))
+            line.reconnector.report_failure(PortError(f"its port is lent to {to}"))
             yield borrowers
         finally:
             self._lent.remove(line)
@@ -320,7 +320,7 @@ async def _keep(part: Part, emit: events.Emit) -> None:
             await (part.run() if isinstance(part, GatewayLine) else reconnector.run())
         except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: others go on
             emit(events.PartFailed.of(f"line {part.name}", error))
-            reconnector.failed(PortError(f"a defect in the gateway: {error!r}"))
+            reconnector.report_failure(PortError(f"a defect in the gateway: {error!r}"))
         await asyncio.sleep(_RESTART_PAUSE)
 
 

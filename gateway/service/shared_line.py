@@ -58,7 +58,7 @@ class SharedPort:
 
     def withhold(self, reason: PortError) -> None:
         """See SharedLine."""
-        self._line.reconnector.withheld(reason)
+        self._line.reconnector.withhold(reason)
 
     def state(self) -> dict[str, Any]:
         """Which devices have moved, and the rate if it was changed, each with what the config says."""

@@ -135,7 +135,7 @@ def open_table(file: Path, table: Table) -> Opened:
 
 
 def is_damage(error: BaseException) -> bool:
-    """Whether a file is damaged, or from another program: not only in use, without permission, or on a full disk.
+    """Tell whether a file is damaged or from another program, not just in use, without permission, or on a full disk.
 
     Where the name of its table or of a column is damaged, SQLite finds none of that name, or tells one that is no text.
     """
@@ -145,7 +145,7 @@ def is_damage(error: BaseException) -> bool:
 
 
 def _advice(error: sqlite3.Error, table: Table) -> str:
-    """What an operator can do about it."""
+    """Say what an operator can do about it; empty if that is unknown."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF  # the high bits are the extended error code
     if code == sqlite3.SQLITE_BUSY:
         return "; is another modbus-gateway running?"
@@ -157,7 +157,7 @@ def _advice(error: sqlite3.Error, table: Table) -> str:
 
 
 def _explain_permission(file: Path) -> str:
-    """The message if a permission is missing; empty otherwise."""
+    """Say which permission is missing; empty if none is."""
     for part in filter(Path.exists, _parts(file)):
         if not os.access(part, os.R_OK | os.W_OK, effective_ids=True):
             return f"{part}: no permission to read and write it; as root: chown --reference={part.parent} {part}"
@@ -225,7 +225,7 @@ def _load(file: Path, table: Table, rows: list[Row], unless_used: ExitStack) -> 
 
 
 def _is_new(connection: sqlite3.Connection, file: Path, table: Table) -> bool:
-    """Whether the file is still empty. Otherwise it must be of this program and version."""
+    """Tell whether the file is still empty. Otherwise it must be of this program and version."""
     application, version, tables = (
         connection.execute(question).fetchone()[0]
         for question in ("PRAGMA application_id", "PRAGMA user_version", "SELECT count(*) FROM sqlite_master")

@@ -59,15 +59,15 @@ class Found:
 
 def encode(generation: int, commit: int, records: Iterable[bytes]) -> bytes:
     """Make the pages of a commit; records have no line feed."""
-    contents = list(_packed(records)) or [b""]
+    contents = list(_pack(records)) or [b""]
     return b"".join(
-        _encoded(Page(generation, commit, number, len(contents), content)) for number, content in enumerate(contents)
+        _encode(Page(generation, commit, number, len(contents), content)) for number, content in enumerate(contents)
     )
 
 
 def unused(count: int) -> bytes:
     """Make so many pages without content, which can be told from what was erased."""
-    return _encoded(Page(0, 0, 0, 0, b"")) * count
+    return _encode(Page(0, 0, 0, 0, b"")) * count
 
 
 def read(*files: bytes) -> Found:
@@ -79,7 +79,7 @@ def read(*files: bytes) -> Found:
     found = Found()
     for data in files:
         for start in range(0, len(data), PAGE):
-            _add(found, [_decoded(data[at : at + _COPY]) for at in (start, start + _COPY)])
+            _add(found, [_decode(data[at : at + _COPY]) for at in (start, start + _COPY)])
     return found
 
 
@@ -96,7 +96,7 @@ def _add(found: Found, copies: list[Page | None]) -> None:
             found.commits.setdefault(page.commit, {})[page.number] = page
 
 
-def _packed(records: Iterable[bytes]) -> Iterator[bytes]:
+def _pack(records: Iterable[bytes]) -> Iterator[bytes]:
     content = b""
     for record in records:
         if len(content) + len(record) + 1 > LONGEST:
@@ -107,14 +107,14 @@ def _packed(records: Iterable[bytes]) -> Iterator[bytes]:
         yield content
 
 
-def _encoded(page: Page) -> bytes:
+def _encode(page: Page) -> bytes:
     *numbers, content = page
     body = _HEAD.pack(0, _FORMAT, *numbers, len(content))[_SUM:] + content.ljust(LONGEST, b"\0")
     return (crc32(body).to_bytes(_SUM, "little") + body) * 2
 
 
-def _decoded(copy: bytes) -> Page | None:
-    """The page, unless this copy of it is damaged."""
+def _decode(copy: bytes) -> Page | None:
+    """Decode a copy of a page; None if it is damaged."""
     if len(copy) < _COPY or crc32(copy[_SUM:]) != int.from_bytes(copy[:_SUM], "little"):
         return None
     _, form, generation, commit, number, pages, size = _HEAD.unpack_from(copy)
