@@ -1,6 +1,6 @@
 """The event loop of the gateway: its timers are exact to microseconds, and a ready descriptor is a call, no more.
 
-It is asyncio's loop on a selector that calls what waits for descriptors itself (`clock/poller.py`), and returns only
+It is asyncio's loop on a selector that calls what waits for descriptors itself (`clock/waiter.py`), and returns only
 when there is something else to do. What that gains: docs/performance.md
 """
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Final, TypeVar
 
-from gateway.clock.poller import Poller
+from gateway.clock.waiter import Waiter
 
 T = TypeVar("T")
 
@@ -49,56 +49,56 @@ def exact_loop() -> asyncio.AbstractEventLoop:
 
 
 class ExactSelector(selectors.EpollSelector):
-    """Waits as a Poller does, for the loop below, which registers pairs of callbacks, to read and to write."""
+    """Waits as a Waiter does, for the loop below, which registers pairs of callbacks, to read and to write."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.poller = Poller(self._selector, self.fileno())  # type: ignore[attr-defined]  # private, so not in the stubs
-        self.select = self.poller.wait  # type: ignore[assignment,method-assign]  # for its loop
+        self.waiter = Waiter(self._selector, self.fileno())  # type: ignore[attr-defined]  # private, so not in the stubs
+        self.select = self.waiter.wait  # type: ignore[assignment,method-assign]  # for its loop
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
         """See selectors.BaseSelector."""
         key = super().register(fileobj, events, data)
-        self.poller.register(key.fd, data)
+        self.waiter.register(key.fd, data)
         return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:
         """See selectors.BaseSelector."""
         key = super().unregister(fileobj)
-        self.poller.unregister(key.fd)
+        self.waiter.unregister(key.fd)
         return key
 
     def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
         """See selectors.BaseSelector."""
         key = super().modify(fileobj, events, data)
-        self.poller.register(key.fd, data)
+        self.waiter.register(key.fd, data)
         return key
 
 
 class ExactLoop(asyncio.SelectorEventLoop):
-    """An event loop on an ExactSelector. `mask` and `wake_at`: see Poller."""
+    """An event loop on an ExactSelector. `mask` and `wake_at`: see Waiter."""
 
     time = staticmethod(monotonic)
 
     def __init__(self, selector: ExactSelector) -> None:
         super().__init__(selector)
-        self._poller = selector.poller
-        self._poller.ready = self._ready  # type: ignore[attr-defined]  # private, so not in the stubs
-        self._poller.call_soon = self.call_soon
-        self._poller.failed = self._callback_failed
-        self.mask = self._poller.mask
-        self.wake_at = self._poller.wake_at
+        self._waiter = selector.waiter
+        self._waiter.ready = self._ready  # type: ignore[attr-defined]  # private, so not in the stubs
+        self._waiter.call_soon = self.call_soon
+        self._waiter.failed = self._callback_failed
+        self.mask = self._waiter.mask
+        self.wake_at = self._waiter.wake_at
 
     def call_at(
         self, when: float, callback: Callable[..., object], *args: object, context: Context | None = None
     ) -> asyncio.TimerHandle:
         """See asyncio."""
-        self._poller.end_by(when)
+        self._waiter.end_by(when)
         return super().call_at(when, callback, *args, context=context)
 
     def stop(self) -> None:
         """See asyncio."""
-        self._poller.end_by(0.0)
+        self._waiter.end_by(0.0)
         super().stop()
 
     def _callback_failed(self, error: BaseException) -> None:

@@ -31,12 +31,13 @@ _MODES: Final = """
 #: The suffixes of a database's files.
 _PARTS: Final = ("", "-wal", "-shm", "-journal")
 
+#: The columns of a row, without its checksum.
 Row = tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """The one table of a database: `columns` with their types, the first `keys` of which are the primary key.
+    """The one table of a database: name and SQL type of its `columns`, the first `keys` of which are the primary key.
 
     `check_sum` is that of a row, which is kept beside it. `application` and `version` are in the header of the file.
     `needed_by` says in messages what the file is for.

@@ -12,7 +12,7 @@ import pytest
 
 from gateway.clock import exact_loop as exact_loop_module
 from gateway.clock.exact_loop import ExactLoop, ExactSelector, exact_loop, run_exactly
-from gateway.clock.poller import EXACT_PART
+from gateway.clock.waiter import EXACT_PART
 
 #: asyncio runs what is due within this time.
 CLOCK_RESOLUTION = time.get_clock_info("monotonic").resolution
@@ -99,7 +99,7 @@ def note(called, handle):
 
 def test_a_descriptor_ends_an_exact_wait(selector, pair, handle):
     near, far = pair
-    ready = selector.poller.ready
+    ready = selector.waiter.ready
     selector.register(near, selectors.EVENT_READ, (handle(ready.append, "read"), None))
     far.send(b"x")
     assert selector.select(EXACT_PART) == []
@@ -134,14 +134,14 @@ def test_the_end_of_a_connection_is_for_who_reads_and_for_who_writes(selector, p
 def test_a_masked_descriptor_is_left_alone_unless_what_is_behind_it_is_lost(selector, pair, called, note):
     near, far = pair
     selector.register(near, selectors.EVENT_READ, (note("read"), None))
-    selector.poller.mask(near.fileno(), is_masked=True)
+    selector.waiter.mask(near.fileno(), is_masked=True)
     far.send(b"x")
     selector.select(0)
     assert called == []
-    selector.poller.mask(near.fileno(), is_masked=False)
+    selector.waiter.mask(near.fileno(), is_masked=False)
     selector.select(0)
     assert called == ["read"]
-    selector.poller.mask(near.fileno(), is_masked=True)
+    selector.waiter.mask(near.fileno(), is_masked=True)
     far.close()
     selector.select(0)
     assert called == ["read", "read"]
@@ -151,10 +151,10 @@ def test_who_writes_to_a_masked_descriptor_is_called_all_the_same(selector, pair
     near, far = pair
     selector.register(near, selectors.EVENT_READ | selectors.EVENT_WRITE, (note("read"), note("write")))
     far.send(b"x")
-    selector.poller.mask(near.fileno(), is_masked=True)
+    selector.waiter.mask(near.fileno(), is_masked=True)
     selector.select(0)
     assert called == ["write"]
-    selector.poller.mask(near.fileno(), is_masked=False)
+    selector.waiter.mask(near.fileno(), is_masked=False)
     selector.select(0)
     assert called[1:] == ["read", "write"]
 
@@ -163,14 +163,14 @@ def test_a_masked_descriptor_stays_so_when_somebody_writes_to_it_and_has_done(se
     near, far = pair
     reads = note("read")
     selector.register(near, selectors.EVENT_READ, (reads, None))
-    selector.poller.mask(near.fileno(), is_masked=True)
+    selector.waiter.mask(near.fileno(), is_masked=True)
     far.send(b"x")
     selector.modify(near, selectors.EVENT_READ | selectors.EVENT_WRITE, (reads, note("write")))
     selector.select(0)
     selector.modify(near, selectors.EVENT_READ, (reads, None))
     selector.select(0)
     assert called == ["write"]
-    selector.poller.mask(near.fileno(), is_masked=False)
+    selector.waiter.mask(near.fileno(), is_masked=False)
     selector.select(0)
     assert called == ["write", "read"]
 
@@ -179,7 +179,7 @@ def test_a_masked_descriptor_stays_so_when_somebody_writes_to_it_and_has_done(se
 def test_who_reads_a_descriptor_anew_finds_it_unmasked(selector, pair, called, note, keeps_its_writer):
     near, far = pair
     selector.register(near, selectors.EVENT_READ, (note("read"), None))
-    selector.poller.mask(near.fileno(), is_masked=True)
+    selector.waiter.mask(near.fileno(), is_masked=True)
     far.send(b"x")
     if keeps_its_writer:
         selector.modify(near, selectors.EVENT_WRITE, (None, note("write")))
@@ -200,7 +200,7 @@ def test_it_goes_on_waiting_while_the_loop_has_nothing_to_call(selector, pair, h
         if len(reads) < 3:
             far.send(b"x")
         else:
-            selector.poller.end_by(0.0)
+            selector.waiter.end_by(0.0)
 
     selector.register(near, selectors.EVENT_READ, (handle(read), None))
     far.send(b"x")
@@ -450,7 +450,7 @@ def test_the_loops_own_callbacks_wait_in_what_is_looked_at() -> None:
     with closing(exact_loop()) as loop:
         assert isinstance(loop, ExactLoop)
         loop.call_soon(print)
-        assert len(loop._selector.poller.ready) == 1
+        assert len(loop._selector.waiter.ready) == 1
 
 
 def test_without_a_private_name_the_loop_is_that_of_asyncio(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -471,8 +471,8 @@ class _NoQueue:
     """The loop of a Python without one of the names."""
 
     def __init__(self, selector: ExactSelector) -> None:
-        self._poller = selector.poller
-        self._poller.ready = self._ready
+        self._waiter = selector.waiter
+        self._waiter.ready = self._ready
 
 
 @pytest.mark.parametrize(("parts", "waited"), [(0.3, 0.3), (1.0, 1.0), (1.5, 0.5)])

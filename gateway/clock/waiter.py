@@ -31,8 +31,8 @@ _READABLE: Final = select.EPOLLIN
 _WRITABLE: Final = select.EPOLLOUT
 
 
-class Waiting:
-    """A callback that waits for a descriptor: what a handle of asyncio calls, without the handle."""
+class Callback:
+    """What is called when a descriptor is ready: what a handle of asyncio calls, without the handle."""
 
     def __init__(self, handle: asyncio.Handle) -> None:
         self.handle = handle
@@ -42,10 +42,10 @@ class Waiting:
 
 
 #: What waits to read from a descriptor, and what to write to it.
-Callbacks = tuple[Waiting | None, Waiting | None]
+Callbacks = tuple[Callback | None, Callback | None]
 
 
-class Poller:
+class Waiter:
     """Waits with `epoll`, which has this `descriptor`, and calls `callbacks`, by their descriptors, and what is due.
 
     Of the loop that it serves, `ready` are the callbacks that the loop calls itself, `call_soon` adds one to them, and
@@ -98,8 +98,8 @@ class Poller:
         reader, writer = handles
         self._end(descriptor, reader, writer)
         self.callbacks[descriptor] = (
-            None if reader is None else Waiting(reader),
-            None if writer is None else Waiting(writer),
+            None if reader is None else Callback(reader),
+            None if writer is None else Callback(writer),
         )
         if descriptor in self._masked:
             self.mask(descriptor, is_masked=reader is not None)
@@ -125,9 +125,9 @@ class Poller:
 
     def _end(self, descriptor: int, *going_on: asyncio.Handle | None) -> None:
         """Never call again, even if the descriptor is ready, what waits for it, except these handles."""
-        for waiting in self.callbacks.get(descriptor) or ():
-            if waiting is not None and waiting.handle not in going_on:
-                waiting.is_over = True
+        for callback in self.callbacks.get(descriptor) or ():
+            if callback is not None and callback.handle not in going_on:
+                callback.is_over = True
 
     def _poll(self, timeout: float) -> None:
         """Wait once."""
@@ -155,11 +155,11 @@ class Poller:
                 ready.append(reader)
             if writer is not None and events & ~_READABLE:
                 ready.append(writer)
-        for waiting in ready:
+        for callback in ready:
             if self._is_behind:
-                self.ready.append(waiting.handle)
-            elif not waiting.is_over:
-                self._call(waiting.call)
+                self.ready.append(callback.handle)
+            elif not callback.is_over:
+                self._call(callback.call)
 
     def _call_due(self, now: float) -> None:
         """Call what is due, but not yet what these calls add: descriptors come between."""
@@ -182,4 +182,4 @@ class Poller:
 
 def _serves_no_loop(_: object) -> None:
     """Stand in for a loop until there is one."""
-    raise RuntimeError("the poller serves no loop yet")
+    raise RuntimeError("the waiter serves no loop yet")
