@@ -165,25 +165,22 @@ def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
     """
     try:
         found = fcntl.ioctl(descriptor, TIOCGRS485, bytes(_RS485.size))
+        flags, others = _RS485.unpack(found)
+        wanted = flags & ~SER_RS485_ENABLED
+        if on:  # RTS is high while it sends, and it does not receive itself
+            wanted = flags & ~(SER_RS485_RTS_AFTER_SEND | SER_RS485_RX_DURING_TX)
+            wanted |= SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
+        if wanted == flags:
+            return None
+        restore_rs485(descriptor, _RS485.pack(wanted, others))
+        now, _ = _RS485.unpack(fcntl.ioctl(descriptor, TIOCGRS485, bytes(_RS485.size)))
     except OSError:
         if on:
             raise
         return None
-    flags, others = _RS485.unpack(found)
-    wanted = _switch(flags, on=on)
-    if wanted == flags:
-        return None
-    restore_rs485(descriptor, _RS485.pack(wanted, others))
-    if on and not _RS485.unpack(fcntl.ioctl(descriptor, TIOCGRS485, bytes(_RS485.size)))[0] & SER_RS485_ENABLED:
+    if on and not now & SER_RS485_ENABLED:
         raise OSError(errno.EOPNOTSUPP, "the driver ignores it")
     return found
-
-
-def _switch(flags: int, *, on: bool) -> int:
-    """Work out the flags after `flags`: RTS is high while it sends, and it does not receive itself."""
-    if not on:
-        return flags & ~SER_RS485_ENABLED
-    return flags & ~(SER_RS485_RTS_AFTER_SEND | SER_RS485_RX_DURING_TX) | SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
 
 
 def restore_rs485(descriptor: int, found: bytes) -> None:

@@ -202,19 +202,11 @@ def _set_up(serial: ConfiguredOnce, settings: SerialSettings, *, is_virtual: boo
     baud = _check_baud(descriptor, settings.port, settings.baud)
     if not is_virtual:  # a pseudo-terminal would keep it while a simulator has the other end open
         fcntl.ioctl(descriptor, termios.TIOCEXCL)
-    rs485 = _switch_rs485(descriptor, settings)
-    return OpenDevice(settings.port, serial, is_virtual, latency, baud, rs485)
-
-
-def _switch_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:
-    """Set who switches the direction of the line; return the setting to restore."""
-    is_wanted = settings.rs485 == "kernel"
     try:
-        return switch_rs485(descriptor, on=is_wanted)
+        rs485 = switch_rs485(descriptor, on=settings.rs485 == "kernel")
     except OSError as error:
-        if not is_wanted:
-            return None
         raise PortError(f'{settings.port} has no RS-485 support in its driver; use rs485 = "adapter"') from error
+    return OpenDevice(settings.port, serial, is_virtual, latency, baud, rs485)
 
 
 def _check_format(descriptor: int, settings: SerialSettings) -> None:

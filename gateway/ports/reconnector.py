@@ -68,7 +68,7 @@ class Reconnector:
         self._opened_at = 0.0
         self._lost_at: float | None = None
         #: Whether the port is closed because the owner does not need it; set when it does.
-        self._rests = False
+        self._is_idle = False
         self._needed = asyncio.Event()
         #: Reasons that have been logged since the port was open.
         self._logged: set[str] = set()
@@ -87,7 +87,7 @@ class Reconnector:
                 except PortError as error:
                     self.report_failure(error)
                     self._stay_closed(error)
-                if self._rests:
+                if self._is_idle:
                     await self._needed.wait()
                 else:
                     await asyncio.sleep(self._pause)
@@ -135,14 +135,14 @@ class Reconnector:
         self._needed.clear()
         if isinstance(error, PortClosed | ConnectionEnded):
             at_once = isinstance(error, ConnectionEnded) and error.at_once
-            self._rests = self._owner.port_ended(self._needed.set, at_once=at_once)
-        if not self._rests:
+            self._is_idle = self._owner.port_ended(self._needed.set, at_once=at_once)
+        if not self._is_idle:
             self._owner.port_down(error)
 
     def _stay_closed(self, error: PortError) -> None:
-        """End the rest of a port that cannot be opened, or is not any more, when the owner needs it."""
-        if self._rests:
-            self._rests = False
+        """Count an idle port as lost: it could not be opened when the owner needed it, or is kept open no more."""
+        if self._is_idle:
+            self._is_idle = False
             self._lost_at = _now()
             self._owner.port_down(error)
 
@@ -159,7 +159,7 @@ class Reconnector:
 
     def _report_up(self, port: Port) -> None:
         self.error = None
-        has_rested, self._rests = self._rests, False
+        has_rested, self._is_idle = self._is_idle, False
         self._opened_at = _now()
         self._owner.port_up(port)
         if has_rested:
@@ -177,7 +177,7 @@ class Reconnector:
         """Log the loss of an open port. That the port is absent from now on is not logged again."""
         if _now() - self._opened_at > LONGEST_PAUSE:  # only a port that stayed open for a while ends the back-off
             self._pause = FIRST_PAUSE
-        if self._rests:
+        if self._is_idle:
             return
         self.error = error
         if not isinstance(error, PortClosed):  # then the reason has been logged already
