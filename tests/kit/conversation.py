@@ -1,4 +1,4 @@
-"""Conversations: scripts that read as what passes between a client, the gateway and a line.
+"""Conversations: scripts that read as what passes between clients, the gateway and a line.
 
     # R02 a silent device
     client >> 01 03 00 10 00 01          the client sends: unit, PDU
@@ -9,33 +9,62 @@
     rtu    silent                        nothing else was put on the line
 
 Frames of ASCII lines are written as text, without their CR LF; `\\r`, `\\n` and `\\x00` stand for themselves in others.
+A step with `>>` of a line or `<<` of a client waits until that happens.
+
+A block begins with its title, a comment; an empty line ends it. Further comments are for the reader. Settings
+(`line: retries = 1`, `unit 2: timeout = 2 s`) stand before the steps; those of a block without steps are for all blocks
+behind it. With `mode = rtu or ascii` a conversation is played in both modes. Which settings there are, and what else
+may happen, is for the stage: this module's plays on a whole gateway without settings, `line_stage` on one line.
 """
 
 import asyncio
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from kit.gateway_bench import PATIENCE, Client, GatewayBench
 
 _STEP = re.compile(r"(\w+)\s+(>>|<<|silent)?\s*(.*)")
+_SETTING = re.compile(r"\w+( \d+)?: .*")
+_BOTH_MODES = "mode = rtu or ascii"
 
 
 @dataclass(frozen=True)
 class Conversation:
-    """A title and its steps."""
+    """A title, its steps, and the settings of what it is played on."""
 
     title: str
     steps: tuple[str, ...]
+    settings: tuple[str, ...] = ()
 
 
 def conversations(file: Path) -> list[Conversation]:
-    """Those in a file: a comment is a title, an empty line ends the one before."""
-    found = []
+    """Read those in a file."""
+    found: list[Conversation] = []
+    for_all: tuple[str, ...] = ()
     for block in file.read_text().strip().split("\n\n"):
-        title, *steps = block.splitlines()
-        found.append(Conversation(title.removeprefix("# "), tuple(step for step in steps if not step.startswith("#"))))
+        title, *lines = block.splitlines()
+        lines = [line for line in lines if not line.startswith("#")]
+        settings = tuple(line for line in lines if _SETTING.fullmatch(line) and not line.startswith("counts"))
+        steps = tuple(line for line in lines if line not in settings)
+        if steps:
+            found += _in_each_mode(Conversation(title.removeprefix("# "), steps, for_all + settings))
+        else:
+            for_all += settings
     return found
+
+
+def _in_each_mode(conversation: Conversation) -> list[Conversation]:
+    if not any(_BOTH_MODES in each for each in conversation.settings):
+        return [conversation]
+    return [
+        replace(
+            conversation,
+            title=f"{conversation.title} ({mode})",
+            settings=tuple(each.replace(_BOTH_MODES, f"mode = {mode}") for each in conversation.settings),
+        )
+        for mode in ("rtu", "ascii")
+    ]
 
 
 class Stage:
@@ -49,7 +78,7 @@ class Stage:
         for step in conversation.steps:
             who, what, rest = _STEP.fullmatch(step.strip()).groups()
             if who == "wait":
-                await asyncio.sleep(_seconds(rest))
+                await asyncio.sleep(seconds(rest))
             elif who.startswith("client"):
                 await self._client(who, what, rest)
             else:
@@ -90,6 +119,7 @@ def _shown(data: bytes, like: str) -> str:
     return data.decode().removesuffix("\r\n") if like.startswith(":") else data.hex(" ").upper()
 
 
-def _seconds(text: str) -> float:
+def seconds(text: str) -> float:
+    """Read a duration: `200 ms`, `2 s`."""
     number, unit = text.split()
     return float(number) * {"s": 1.0, "ms": 0.001}[unit]

@@ -1,5 +1,6 @@
 """A line on a table: its bytes, its clock and its events in the test's hands."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
@@ -12,6 +13,7 @@ from gateway.lines.settings import LineSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.rtu import encode
 from gateway.profiles.profile import Profile
+from gateway.service.overdue import as_entry, read_entry
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import TimingTable
@@ -62,6 +64,18 @@ class Bench:
 
     def unplug(self) -> None:
         self.line.port_down(self.now)
+
+    def take_over(self, before: "Bench", *, by_file: bool = False, patience: float = 1.0) -> None:
+        """Follow another line on the same port, as after a reload, or, `by_file`, after a restart.
+
+        Nobody on the line is answered later than `patience` seconds after it has asked.
+        """
+        self.now = before.now
+        self.plug()
+        overdue = before.line.overdue(self.now, patience)
+        if by_file:
+            overdue = read_entry(json.loads(json.dumps(as_entry(overdue, self.now))), self.now, 0.0)
+        self.line.await_overdue(overdue, patience)
 
     def device(
         self, unit: int = 1, profile: Profile | None = None, timeout: float = 0.2, *, urgent: bool = False
