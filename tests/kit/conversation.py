@@ -26,7 +26,6 @@ from kit.gateway_bench import PATIENCE, Client, GatewayBench
 
 _STEP = re.compile(r"(\w+)\s+(>>|<<|silent)?\s*(.*)")
 _SETTING = re.compile(r"\w+( \d+)?: .*")
-_BOTH_MODES = "mode = rtu or ascii"
 
 
 @dataclass(frozen=True)
@@ -55,14 +54,12 @@ def conversations(file: Path) -> list[Conversation]:
 
 
 def _in_each_mode(conversation: Conversation) -> list[Conversation]:
-    if not any(_BOTH_MODES in each for each in conversation.settings):
+    modes = re.findall(r"mode = (\w+(?: or \w+)?)", "\n".join(conversation.settings))[-1:]
+    if modes != ["rtu or ascii"]:
         return [conversation]
+    title, settings = conversation.title, conversation.settings
     return [
-        replace(
-            conversation,
-            title=f"{conversation.title} ({mode})",
-            settings=tuple(each.replace(_BOTH_MODES, f"mode = {mode}") for each in conversation.settings),
-        )
+        replace(conversation, title=f"{title} ({mode})", settings=(*settings, f"line: mode = {mode}"))
         for mode in ("rtu", "ascii")
     ]
 
