@@ -24,8 +24,10 @@ read. What no step has shown when a conversation ends, a frame or an answer, fai
 | `panel silent`, `panel leaves`   | it has got nothing else; it disconnects                                      |
 | `scan >> 09 03 00 00 00 01`      | a scan asks in the line's idle time; `scan <<` is what it gets in time       |
 | `scan hears 09 03 02 00 07`      | the scan is told of this answer, in time or late                             |
+| `scan failed timeout`            | why the first question failed                                                |
 | `line << damaged 01 03`          | a character of these bytes had a parity or framing error                     |
 | `line silent`                    | nothing else was put on the line                                             |
+| `line woken x 40`                | it is woken so often, though it does not want to be                          |
 | `line finishes`                  | the gateway ends: the line takes no more requests                            |
 | `wait 20 ms`                     | time passes, and the line is woken when it wants to be                       |
 | `busy 20 ms`                     | time passes, and nobody wakes the line: the machine is busy                  |
@@ -111,6 +113,7 @@ class LineStage:
             self._settings.setdefault(part, {}).update(_read_settings(text))
         self._clients: dict[str, NamedClient] = {}
         self._heard: list[tuple[Frame, float]] = []
+        self._questions: list[Request] = []
         self._opened = 0
         self._seen: list[Event] = []
         self._bench = self._new_bench()
@@ -170,6 +173,8 @@ class LineStage:
             case "hears":
                 frame, _ = self._heard.pop(0)
                 assert f"{frame.unit:02X} {frame.pdu.hex(' ').upper()}" == text
+            case "failed":
+                assert next(each.error.result for each in self._questions if each.error is not None) == text
             case _:
                 raise ValueError(rest)
 
@@ -185,6 +190,7 @@ class LineStage:
     def _scan(self, client: NamedClient, unit: int, pdu: str) -> None:
         settings = {"awaits_second": True, "patience": 0.0} | self._settings.get("scan", {})
         request = client.ask(pdu, unit=unit, now=self._bench.now)
+        self._questions.append(request)
         asked = ScannedUnit(unit, AnswerTime(TimingTable(), margin=1.0, timeout=0.2), lambda: self._bench.now)
         asked.heard = self._heard
         self._bench.line.submit(
@@ -203,6 +209,9 @@ class LineStage:
                 bench.line.received(data, bench.now, damaged=text.startswith("damaged "))
             case "silent":
                 assert bench.written == []
+            case "woken":
+                for _ in range(int(text.removeprefix("x "))):
+                    bench.line.tick(bench.now)
             case "finishes":
                 bench.line.finish(bench.now)
             case _:
