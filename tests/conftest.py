@@ -63,6 +63,7 @@ class _ByFile(LoadScopeScheduling):
         return nodeid if file.stem in _APART else str(file)
 
 
+@pytest.hookimpl(optionalhook=True)  # mutation testing runs without xdist
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling | None:
     return _ByFile(config, log) if config.getvalue("dist") == "loadfile" else None
 
