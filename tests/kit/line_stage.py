@@ -13,8 +13,8 @@
     counts unit 1: late_responses 1
 
 `[..]` is the frame of this unit and PDU, in the line's mode with its check; before it, `half` and `rest` cut it in two,
-and `wrong` damages it so that its check does not fit. Bytes outside of brackets are as they are, `55 x 600` is so many. Each `line <<` is one
-read. What no step has shown when a conversation ends, a frame or an answer, fails it.
+and `wrong` damages it so that its check does not fit. Bytes outside of brackets are as they are, `55 x 600` is so many.
+Each `line <<` is one read. What no step has shown when a conversation ends, a frame or an answer, fails it.
 
 | step                             | meaning                                                                      |
 |----------------------------------|------------------------------------------------------------------------------|
@@ -41,10 +41,11 @@ read. What no step has shown when a conversation ends, a frame or an answer, fai
 | `no event LateResponse`          | no further event of this name; `no event`: none at all                       |
 | `counts: timeout 1`              | the sum over all units; `counts unit 1: ..` of one; `counts line: ..`        |
 | `unit 1 rests`, `unit 1 awake`   | whether it rests                                                             |
+| `unit 1 moving`, `.. settled`    | whether it may still change its address, so that it cannot be forgotten      |
 
 Settings of `line:` are `mode` (`rtu`: 19200 baud, `ascii`: 9600), `baud`, those of the config (`retries`, `echo`,
-`gap`, ..), and `port`: `virtual` (default), `serial`, whose bytes take their time, or `connection`. Those of `unit 1:` are
-`timeout` (200 ms by default), `urgent`, `answers_03` (what calibration says of function 03), `moves` and
+`gap`, ..), and `port`: `virtual` (default), `serial`, whose bytes take their time, or `connection`. Those of
+`unit 1:` are `timeout` (200 ms by default), `urgent`, `answers_03` (what calibration says of function 03), `moves` and
 `changes_baud`; a unit 0 with settings, `unit 0: alone = true`, is one device asked at address 0. Those of `scan:` are
 `awaits_second` and `patience`.
 
@@ -149,13 +150,17 @@ class LineStage:
                 self._count(step)
             case "unit":
                 unit, word = rest.split()
-                assert (
-                    self._bench.devices[int(unit)].is_resting(self._bench.now) is {"rests": True, "awake": False}[word]
-                )
+                assert self._unit_is(self._bench.devices[int(unit)], word)
             case "reload" | "restart":
                 self._hand_over(by_file=who == "restart")
             case _:
                 self._client(who, rest)
+
+    def _unit_is(self, device: Device, word: str) -> bool:
+        now = self._bench.now
+        is_moving = self._bench.line.changes_until(device.possible_units, now) > now
+        is_resting = device.is_resting(now)
+        return {"rests": is_resting, "awake": not is_resting, "moving": is_moving, "settled": not is_moving}[word]
 
     def _client(self, name: str, rest: str) -> None:
         client = self._clients.setdefault(name, NamedClient(f"{name}:1", host=name))
