@@ -19,6 +19,7 @@ Each `line <<` is one read. What no step has shown when a conversation ends, a f
 | step                             | meaning                                                                      |
 |----------------------------------|------------------------------------------------------------------------------|
 | `panel >> 01 03 00 10 00 01`     | a client of any name asks; each has an address of its own                    |
+| `panel then 01 03 00 10 00 01`   | it asks this as soon as it gets its next answer, out of that                 |
 | `panel << 01 83 0B at once`      | it gets this without any time passing. `line >> .. at once`: the same        |
 | `panel << nothing`               | its request is over without an answer: a broadcast                           |
 | `panel silent`, `panel leaves`   | it has got nothing else; it disconnects                                      |
@@ -56,6 +57,7 @@ which takes 4.6 ms (8 characters); its late window is twice as long. In ASCII 22
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from gateway.devices.addresses import UnitAddresses
 from gateway.devices.device import Device
@@ -84,10 +86,15 @@ Setting = str | float | bool
 class NamedClient(Asker):
     """An Asker whose answers have their unit, and are `nothing` where a request ended without one.
 
-    One that has left gets no answer.
+    One that has left gets no answer. `next` is asked out of its next answer.
     """
 
+    next: Callable[[], None] | None = None
+
     def answer(self, request: Request, pdu: bytes | None) -> None:
+        if self.next is not None:
+            ask, self.next = self.next, None
+            ask()
         if not self.gone:
             self.answers.append("nothing" if pdu is None else f"{request.unit:02X} {pdu.hex(' ').upper()}")
 
@@ -171,6 +178,8 @@ class LineStage:
             case "<<":
                 self._await(text, lambda: client.answers)
                 assert client.answers.pop(0) == text.removesuffix(" at once")
+            case "then":
+                client.next = partial(self._ask, client, text)
             case "silent":
                 assert client.answers == []
             case "leaves":
