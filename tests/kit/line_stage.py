@@ -13,8 +13,9 @@
     counts unit 1: late_responses 1
 
 `[..]` is the frame of this unit and PDU, in the line's mode with its check; before it, `half` and `rest` cut it in two,
-and `wrong` damages it so that its check does not fit. Bytes outside of brackets are as they are, `55 x 600` is so many.
-Each `line <<` is one read. What no step has shown when a conversation ends, a frame or an answer, fails it.
+`to 3` and `from 3` behind its third byte, `wrong` damages its check, `lower` writes it in small letters, and `marked`
+sets the highest bit of each byte. Bytes outside of brackets are as they are, `55 x 600` is so many. Each `line <<` is
+one read. What no step has shown when a conversation ends, a frame or an answer, fails it.
 
 | step                             | meaning                                                                      |
 |----------------------------------|------------------------------------------------------------------------------|
@@ -38,15 +39,16 @@ Each `line <<` is one read. What no step has shown when a conversation ends, a f
 | `port renewed`, `port kept`      | the line closes its connection itself, for a new one, or needs not to        |
 | `port stuck`, `port flows`       | what is written has not arrived at the other end of the connection; it has   |
 | `reload`, `restart`              | another line takes over the port and what is open, from memory or by file    |
-| `event LateResponse unit 1`      | the next event of this name has these fields                                 |
+| `event LateResponse unit 1`      | the next event of this name has these fields; `advice has echo`: as part     |
 | `no event LateResponse`          | no further event of this name; `no event`: none at all                       |
 | `counts: timeout 1`              | the sum over all units; `counts unit 1: ..` of one; `counts line: ..`        |
 | `unit 1 rests`, `unit 1 awake`   | whether it rests                                                             |
 | `unit 1 moving`, `.. settled`    | whether it may still change its address, so that it cannot be forgotten      |
 
 Settings of `line:` are `mode` (`rtu`: 19200 baud, `ascii`: 9600), `baud`, those of the config (`retries`, `echo`,
-`gap`, ..), and `port`: `virtual` (default), `serial`, whose bytes take their time, or `connection`. Those of
-`unit 1:` are `timeout` (200 ms by default), `urgent`, `answers_03` (what calibration says of function 03), `moves` and
+`gap`, ..), `shared` (another gateway asks here in turn: `counts line: askers` is how often it was told of a third one), and
+`port`: `virtual` (default), `serial`, whose bytes take their time, or `connection`. Those of `unit 1:` are
+`timeout` (200 ms by default), `urgent`, `answers_03` (what calibration says of function 03), `moves` and
 `changes_baud`; a unit 0 with settings, `unit 0: alone = true`, is one device asked at address 0. Those of `scan:` are
 `awaits_second` and `patience`.
 
@@ -55,7 +57,7 @@ which takes 4.6 ms (8 characters); its late window is twice as long. In ASCII 22
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -78,7 +80,7 @@ from kit.line_bench import ASCII, TIMING, Bench
 
 #: How long a step waits for what it shows, in seconds.
 _PATIENCE = 120.0
-_PART = re.compile(r"(?:(half|rest|wrong) )?\[([0-9A-F ]+)\]|([0-9A-F]{2})(?: x (\d+))?")
+_PART = re.compile(r"(?:(half|rest|wrong|lower|marked|(?:to|from) \d+) )?\[([0-9A-F ]+)\]|([0-9A-F]{2})(?: x (\d+))?")
 
 Setting = str | float | bool
 
@@ -123,6 +125,7 @@ class LineStage:
         self._heard: list[tuple[Frame, float]] = []
         self._questions: list[Request] = []
         self._opened = 0
+        self._askers = 0
         self._seen: list[Event] = []
         self._bench = self._new_bench()
 
@@ -264,7 +267,11 @@ class LineStage:
         self._seen.append(told)
         for field in fields.split(", ") if fields else ():
             key, _, value = field.partition(" ")
-            assert (key, str(getattr(told, key))) == (key, value)
+            shown = str(getattr(told, key))
+            if value.startswith("has "):
+                assert value.removeprefix("has ") in shown
+            else:
+                assert (key, shown) == (key, value)
 
     def _no_event(self, name: str) -> None:
         assert [event for event in self._unseen() if name in ("", type(event).__name__)] == []
@@ -283,13 +290,20 @@ class LineStage:
         if whose != "line":
             counts: Counts = self._bench.counts
             if whose:
-                counts = total(self._bench.devices[int(whose.removeprefix("unit "))].counts.values())
-            return lambda name: getattr(counts, name)
+                of_unit = self._bench.devices[int(whose.removeprefix("unit "))].counts
+                counts = total(of_unit.values())
+                kept = {
+                    "instead": len(of_unit.received_instead),
+                    "late": sum(each.late for each in of_unit.times.values()),
+                }
+            return lambda name: kept[name] if whose and name in kept else getattr(counts, name)
         others = line.overheard
         return {
             "waiting": line.waiting,
             "late_windows": line.late_windows(now),
             "unasked_bytes": line.unasked_bytes,
+            "askers": self._askers,
+            "copies_in_a_row": line.copies_in_a_row,
             "copies": others.copies,
             "requests": others.requests,
             "second_responses": sum(others.second_responses.values()),
@@ -331,12 +345,17 @@ class LineStage:
         settings = dict(self._settings.get("line", {}))
         timing = ASCII if settings.pop("mode", "rtu") == "ascii" else TIMING
         timing = replace(timing, baud=int(settings.pop("baud", timing.baud)))
-        port = settings.pop("port", "virtual")
+        port, shared = settings.pop("port", "virtual"), settings.pop("shared", False)
         bench = Bench(virtual=port != "serial", connection=port == "connection", timing=timing, **settings)
+        if shared:
+            bench.line.share(lambda: True, self._heard_asker)
         for part, values in self._settings.items():
             if part.startswith("unit "):
                 self._add_device(bench, int(part.removeprefix("unit ")), dict(values))
         return bench
+
+    def _heard_asker(self) -> None:
+        self._askers += 1
 
     def _add_device(self, bench: Bench, unit: int, settings: dict[str, Setting]) -> None:
         settings.pop("alone", None)
@@ -369,11 +388,28 @@ class LineStage:
         how, frame, byte, times = part.groups()
         if byte:
             return bytes.fromhex(byte) * int(times or 1)
-        whole = bytearray.fromhex(self._bench.frame(int(frame[:2], 16), frame[3:]))
-        middle = len(whole) // 2
-        if how == "wrong":
-            whole[-3] ^= 1  # in ASCII the second digit of the LRC
-        return bytes({"half": whole[:middle], "rest": whole[middle:]}.get(how, whole))
+        whole = bytes.fromhex(self._bench.frame(int(frame[:2], 16), frame[3:]))
+        word, _, at = (how or "as it is").partition(" ")
+        return _SHAPES[word](whole, int(at) if at.isdigit() else len(whole) // 2)
+
+
+def _with_wrong_check(whole: bytes, _: int) -> bytes:
+    if not whole.endswith(b"\r\n"):
+        return whole[:-1] + bytes((whole[-1] ^ 1,))
+    digit = b"1" if whole[-3:-2] == b"0" else b"0"
+    return whole[:-3] + digit + whole[-2:]
+
+
+_SHAPES: Mapping[str, Callable[[bytes, int], bytes]] = {
+    "as": lambda whole, _: whole,
+    "half": lambda whole, at: whole[:at],
+    "to": lambda whole, at: whole[:at],
+    "rest": lambda whole, at: whole[at:],
+    "from": lambda whole, at: whole[at:],
+    "wrong": _with_wrong_check,
+    "lower": lambda whole, _: whole.lower(),
+    "marked": lambda whole, _: bytes(byte | 0x80 for byte in whole),
+}
 
 
 def _read_settings(text: str) -> dict[str, Setting]:
