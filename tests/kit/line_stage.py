@@ -46,8 +46,8 @@ one read. What no step has shown when a conversation ends, a frame or an answer,
 | `unit 1 moving`, `.. settled`    | whether it may still change its address, so that it cannot be forgotten      |
 
 Settings of `line:` are `mode` (`rtu`: 19200 baud, `ascii`: 9600), `baud`, those of the config (`retries`, `echo`,
-`gap`, ..), `shared` (another gateway asks here in turn: `counts line: askers` is how often it was told of a third one), and
-`port`: `virtual` (default), `serial`, whose bytes take their time, or `connection`. Those of `unit 1:` are
+`gap`, ..), `shared` (another gateway asks here in turn: `counts line: askers` is how often it was told of a third
+one), and `port`: `virtual` (default), `serial`, whose bytes take their time, or `connection`. Those of `unit 1:` are
 `timeout` (200 ms by default), `urgent`, `answers_03` (what calibration says of function 03), `moves` and
 `changes_baud`; a unit 0 with settings, `unit 0: alone = true`, is one device asked at address 0. Those of `scan:` are
 `awaits_second` and `patience`.
