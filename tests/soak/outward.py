@@ -1,0 +1,275 @@
+"""What is seen of a gateway from outside while a world, or orders of the model, are played: one line of text for each.
+
+    python -P tests/soak/outward.py lines --seed 1 --transactions 1000       # PYTHONPATH=CHECKOUT:CHECKOUT/tests
+
+For `differential`, which compares two versions. Public borders are watched, whatever lies behind them: requests and
+their answers, what clients get, what a line writes, hears and hands over, events, records of the trace, and the status.
+"""
+
+import argparse
+import asyncio
+import random
+import re
+import sys
+from collections.abc import Callable, Iterable
+from functools import wraps
+from pathlib import Path
+from typing import Any, Final
+
+import gateway
+from gateway.lines.line import Line
+from gateway.request import Request
+from gateway.service.running import Running
+from gateway.service.status import status
+from gateway.trace.ring import Ring
+from kit.gateway_bench import Client, GatewayBench
+from kit.virtual_time import VirtualTimeLoop
+from model import search
+from model.letters import do, drain, enabled
+from model.long_orders import LENGTHS
+from model.settings import ALPHABETS, settings
+from model.world import World
+from soak.never_lies import WORLDS
+from soak.outside import Socket
+from soak.worlds import lines
+
+#: The status is noted every so many virtual seconds.
+STATUS_EVERY: Final = 10.0
+#: What a line hands over to the next one on its port, by any of these names.
+HAND_OVER: Final = ("overdue", "handed_over")
+#: Times are compared to a microsecond.
+LONG_NUMBER: Final = re.compile(r"\d+\.\d{7,}(?:e-\d+)?|\d(?:\.\d+)?e-\d+")
+
+
+class _Playing:
+    """What is being played: its virtual time, and the gateway that is running."""
+
+    def __init__(self) -> None:
+        self.time: Callable[[], float] = lambda: 0.0
+        self.running: Running | None = None
+
+
+playing = _Playing()
+
+
+def note(text: str) -> None:
+    """Write down what is seen now."""
+    text = LONG_NUMBER.sub(lambda number: f"{float(number[0]):.6f}", text)
+    print(f"{playing.time():.6f}", text.replace("\n", "\\n"))
+
+
+def watch(owner: type, name: str, tell: Callable[..., str | None]) -> None:
+    """Note what `tell` makes of each call of a method, before it is carried out."""
+    original = getattr(owner, name)
+
+    @wraps(original)
+    def watched(self: Any, *args: Any, **kwargs: Any) -> Any:
+        told = tell(self, *args, **kwargs)
+        if told is not None:
+            note(told)
+        return original(self, *args, **kwargs)
+
+    setattr(owner, name, watched)
+
+
+# --- borders ---
+
+
+def watch_lines(*, with_deadlines: bool) -> None:
+    """Note what a line hears, writes and hands over, and what happens to its port; perhaps when it is to be woken."""
+    watch(Line, "received", lambda line, data, now, **more: f"{_name(line)} << {data.hex(' ')} {more}")
+    for name in ("port_down", "port_ended", "renew", "finish", "change_rate", "be_silent"):
+        watch(Line, name, lambda line, *args, name=name, **more: f"{_name(line)} {name}")
+    port_up = Line.port_up
+
+    def port_up_and_note(line: Line, write: Callable[[bytes], None], *args: Any, **more: Any) -> None:
+        def write_and_note(data: bytes) -> None:
+            note(f"{_name(line)} >> {data.hex(' ')}")
+            write(data)
+
+        note(f"{_name(line)} port_up")
+        port_up(line, write_and_note, *args, **more)
+
+    Line.port_up = port_up_and_note
+    name = next(name for name in HAND_OVER if hasattr(Line, name))
+    _watch_result(name, lambda entries: f"hands over {sorted(map(_entry, entries))}")
+    if with_deadlines:
+        watch(Line, "tick", lambda line, now: f"{_name(line)} tick")
+        _watch_result("deadline", lambda deadline: f"is to be woken at {deadline}")
+
+
+def _watch_result(name: str, tell: Callable[[Any], str]) -> None:
+    original = getattr(Line, name)
+
+    def watched(line: Line, *args: Any) -> Any:
+        result = original(line, *args)
+        note(f"{_name(line)} {tell(result)}")
+        return result
+
+    setattr(Line, name, watched)
+
+
+def _entry(each: Any) -> tuple[object, ...]:
+    """An entry of what is handed over: unit, where answers come from, request, how many are owed and until when."""
+    asked = each.pdu if hasattr(each, "pdu") else each.asked.data
+    return each.unit, str(each.answers_from), asked.hex(), each.owed, round(each.ends_at, 6)
+
+
+def _name(line: Line) -> str:
+    return f"line {line.settings.name}"
+
+
+def watch_requests() -> None:
+    """Note each request and its answer, what clients get, and what is kept for the trace."""
+
+    def told(request: Request) -> str:
+        return f"{request.origin.client}'s {request.unit}: {request.pdu.hex(' ')}"
+
+    watch(Request, "respond", lambda request, pdu: f"{told(request)} is answered {pdu.hex(' ')}")
+    watch(Request, "fail", lambda request, error: f"{told(request)} fails: {error!r}")
+    watch(Request, "end", lambda request: f"{told(request)} ends")
+    watch(
+        Request, "__init__", lambda _, unit, pdu, origin, *rest: f"{origin.client} asks {unit}: {bytes(pdu).hex(' ')}"
+    )
+    watch(Client, "send", lambda client, data: f"{client.session.client} gets {data.hex(' ')}")
+    watch(lines.Client, "send", lambda client, data: f"client {client._number} gets {data.hex(' ')}")
+    watch(Socket, "write", lambda socket, data: f"a client over TCP gets {data.hex(' ')}")
+    Ring.is_on = property(lambda ring: True)
+    Ring.add = lambda ring, record: note(f"trace: {type(record).__name__} {list(_slots(record))}")
+    Ring.add_failure = Ring.add
+
+
+def _slots(each: object) -> Iterable[object]:
+    return [getattr(each, slot) for kind in type(each).__mro__ for slot in getattr(kind, "__slots__", ())]
+
+
+class _Events(list[Any]):
+    def append(self, event: Any) -> None:
+        note(f"event {event}")
+        super().append(event)
+
+
+def watch_gateways() -> None:
+    """Note each event, and know which gateway is running."""
+
+    def set_attribute(bench: GatewayBench, name: str, value: object) -> None:
+        object.__setattr__(bench, name, _Events(value) if name == "events" else value)
+
+    def remember(new: Running, *args: Any, **kwargs: Any) -> None:
+        playing.running = new
+
+    GatewayBench.__setattr__ = set_attribute
+    watch(Running, "__init__", remember)
+
+
+# --- what is played ---
+
+
+async def play_world(name: str, transactions: int, share: float, seed: int) -> None:
+    """Play a world of `never_lies`."""
+    loop = asyncio.get_running_loop()
+    playing.time = loop.time
+
+    def note_status() -> None:
+        if playing.running is not None:
+            note(f"{status(playing.running.gateway, loop.time())}")
+        loop.call_later(STATUS_EVERY, note_status)
+
+    loop.call_later(STATUS_EVERY, note_status)
+    tally = await WORLDS[name](transactions, share, seed)
+    note_status()
+    note(str(tally))
+
+
+class _World(World):
+    """One of the model, whose time is that of what is noted."""
+
+    def __init__(self, *args: Any) -> None:
+        playing.time = lambda: getattr(self, "now", 0.0)
+        super().__init__(*args)
+
+    def _told(self, event: Any) -> None:
+        note(f"event {event}")
+        super()._told(event)
+
+
+def _ended(world: World) -> None:
+    drain(world)
+    units = {unit: [str(each) for each in device.counts.values()] for unit, device in world.devices.items()}
+    overheard = list(_slots(world.line.overheard))
+    note(f"counts {units}, overheard {overheard}, unasked {world.line.unasked_bytes}, wrong: {world.wrong}")
+
+
+def play_long_orders(count: int, seed: int) -> None:
+    """Play random orders of the model."""
+    dice, kinds = random.Random(seed), list(settings(*ALPHABETS))
+    for _ in range(count):
+        setting = dice.choice(kinds)
+        note(f"--- {setting.name}")
+        world = search.replay(setting)
+        for _ in range(dice.choice(LENGTHS)):
+            letter = dice.choice(enabled(world))
+            note(letter)
+            do(world, letter)
+        _ended(world)
+
+
+def play_orders(alphabet: str, file: Path) -> None:
+    """Play the orders in a file."""
+    kinds = list(settings(alphabet))
+    for line in file.read_text().splitlines():
+        number, *path = line.split("|")
+        note(f"--- {kinds[int(number)].name}: {', '.join(path)}")
+        _ended(search.replay(kinds[int(number)], tuple(path)))
+
+
+def find_orders(alphabet: str, depth: int) -> None:
+    """Print the orders that lead to each state of the model, as `every_order` finds them."""
+    replay, path = search.replay, ()
+
+    def remember(setting: Any, way: tuple[str, ...] = ()) -> World:
+        nonlocal path
+        path = way
+        return replay(setting, way)
+
+    search.replay = remember
+    for number, setting in enumerate(settings(alphabet)):
+        search.drain = lambda world, number=number: print(number, *path, sep="|")
+        search.search(setting, depth)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("part", help="a world, `long`, or an alphabet; `parts`: print them all")
+    parser.add_argument("--transactions", type=int, default=1000)
+    parser.add_argument("--faults", type=float, default=0.2)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--depth", type=int, help="print the orders of an alphabet, for --orders")
+    parser.add_argument("--orders", type=Path)
+    parser.add_argument("--deadlines", action="store_true")
+    args = parser.parse_args()
+    if not Path(gateway.__file__).is_relative_to(sys.path[0]):
+        sys.exit(f"this is another gateway: {gateway.__file__}")
+    if args.part == "parts":
+        print(*WORLDS)
+        print(*ALPHABETS)
+        return
+    if args.depth is not None:
+        find_orders(args.part, args.depth)
+        return
+    random.seed(args.seed)
+    search.World = _World
+    watch_lines(with_deadlines=args.deadlines)
+    watch_requests()
+    watch_gateways()
+    if args.part in WORLDS:
+        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+            runner.run(play_world(args.part, args.transactions, args.faults, args.seed))
+    elif args.part == "long":
+        play_long_orders(args.transactions // 10, args.seed)
+    else:
+        play_orders(args.part, args.orders)
+
+
+if __name__ == "__main__":
+    main()
