@@ -232,7 +232,7 @@ def ascii_stream(data: Bytes) -> tuple[bytes, Decode]:
     def decode(chunks: Sequence[bytes]) -> Outcome:
         framer = ascii_framing.AsciiFramer()
         frames = [frame for chunk in chunks for frame in framer.received(chunk, 0.0)]
-        return [*frames, *framer.tick(2.0), framer.conclude(), framer.heard_noise]
+        return [*frames, *framer.tick(2.0), framer.behind, framer.heard_noise]
 
     return data.mixture(frame), decode
 
