@@ -58,16 +58,27 @@ def note(text: str) -> None:
     print(f"{playing.time():.6f}", text.replace("\n", "\\n"))
 
 
-def watch(owner: type, name: str, tell: Callable[..., str | None]) -> None:
-    """Note what `tell` makes of each call of a method, before it is carried out."""
+def watch(owner: type, name: str, tell: Callable[..., str]) -> None:
+    """Note what `tell` makes of the arguments of each call of a method, before it is carried out."""
     original = getattr(owner, name)
 
     @wraps(original)
     def watched(self: Any, *args: Any, **kwargs: Any) -> Any:
-        told = tell(self, *args, **kwargs)
-        if told is not None:
-            note(told)
+        note(tell(self, *args, **kwargs))
         return original(self, *args, **kwargs)
+
+    setattr(owner, name, watched)
+
+
+def watch_result(owner: type, name: str, tell: Callable[[Any, Any], str]) -> None:
+    """Note what `tell` makes of what each call of a method returns."""
+    original = getattr(owner, name)
+
+    @wraps(original)
+    def watched(self: Any, *args: Any) -> Any:
+        result = original(self, *args)
+        note(tell(self, result))
+        return result
 
     setattr(owner, name, watched)
 
@@ -92,21 +103,10 @@ def watch_lines(*, with_deadlines: bool) -> None:
 
     Line.port_up = port_up_and_note
     name = next(name for name in HAND_OVER if hasattr(Line, name))
-    _watch_result(name, lambda entries: f"hands over {sorted(map(_entry, entries))}")
+    watch_result(Line, name, lambda line, entries: f"{_name(line)} hands over {sorted(map(_entry, entries))}")
     if with_deadlines:
         watch(Line, "tick", lambda line, now: f"{_name(line)} tick")
-        _watch_result("deadline", lambda deadline: f"is to be woken at {deadline}")
-
-
-def _watch_result(name: str, tell: Callable[[Any], str]) -> None:
-    original = getattr(Line, name)
-
-    def watched(line: Line, *args: Any) -> Any:
-        result = original(line, *args)
-        note(f"{_name(line)} {tell(result)}")
-        return result
-
-    setattr(Line, name, watched)
+        watch_result(Line, "deadline", lambda line, deadline: f"{_name(line)} is to be woken at {deadline}")
 
 
 def _entry(each: Any) -> tuple[object, ...]:
@@ -155,8 +155,9 @@ def watch_gateways() -> None:
     def set_attribute(bench: GatewayBench, name: str, value: object) -> None:
         object.__setattr__(bench, name, _Events(value) if name == "events" else value)
 
-    def remember(new: Running, *args: Any, **kwargs: Any) -> None:
-        playing.running = new
+    def remember(running: Running, *args: Any) -> str:
+        playing.running = running
+        return "a gateway starts"
 
     GatewayBench.__setattr__ = set_attribute
     watch(Running, "__init__", remember)
