@@ -11,12 +11,13 @@ it. Ends with status 0 if there is none. The orders to each state are found on t
 
 import argparse
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import IO, Final
@@ -47,11 +48,12 @@ def run(checkout: Path, *args: str) -> str:
 
 
 class Versions:
-    """The two checkouts, and where the tests come from for each."""
+    """The two checkouts, where the tests come from for each, and what is left out of each line."""
 
-    def __init__(self, checkouts: Sequence[Path], tests: Path | None) -> None:
+    def __init__(self, checkouts: Sequence[Path], tests: Path | None, ignored: str = "") -> None:
         self.checkouts = checkouts
         self._tests = tests
+        self._ignored = re.compile(ignored) if ignored else None
         self.records = 0
 
     def differ(self, title: str, *args: str) -> bool:
@@ -78,16 +80,24 @@ class Versions:
         """How many lines are the same, and the first difference, if there is one, with what is around it."""
         last: deque[str] = deque(maxlen=BEFORE)
         count = 0
-        for pair in zip_longest(*streams):
+        kept = [self._kept(stream) for stream in streams]
+        for pair in zip_longest(*kept):
             if pair[0] != pair[1]:
                 around = ["    " + line.rstrip() for line in last]
-                for name, line, stream in zip(("first", "second"), pair, streams, strict=True):
+                for name, line, stream in zip(("first", "second"), pair, kept, strict=True):
                     rest = [line or "(it has ended)\n", *islice(stream, BEHIND)]
                     around += [f"{name}:", *("    " + each.rstrip() for each in rest)]
                 return count, around
             last.append(pair[0])
             count += 1
         return count, []
+
+    def _kept(self, stream: IO[str]) -> Iterator[str]:
+        """The lines without what is ignored; without a line that is ignored whole."""
+        if self._ignored is None:
+            return iter(stream)
+        lines = (self._ignored.sub("", line) for line in stream)
+        return (line for line in lines if line.strip())
 
 
 def _text_of(file: IO[str]) -> str:
@@ -107,9 +117,11 @@ def main() -> int:
     parser.add_argument("--part", action="append", help="a world, `long`, or an alphabet; by default all")
     parser.add_argument("--deadlines", action="store_true", help="compare when each line is to be woken, too")
     parser.add_argument("--tests", type=Path, help="the checkout whose tests are used for both, not each its own")
+    parser.add_argument("--ignore", default="", metavar="REGEX", help=r"a difference that is meant: `late_windows=\d+`")
     args = parser.parse_args()
     checkouts = [each.resolve() for each in args.checkouts]
-    versions, begin, different = Versions(checkouts, args.tests and args.tests.resolve()), time.monotonic(), []
+    versions = Versions(checkouts, args.tests and args.tests.resolve(), args.ignore)
+    begin, different = time.monotonic(), []
     worlds, alphabets = (line.split() for line in run(checkouts[0], "parts").splitlines())
     strict = ["--deadlines"] * args.deadlines
     parts = args.part or [*worlds, "long", *alphabets]
