@@ -1,31 +1,41 @@
-"""A request on its way through the gateway, its origin, and its target."""
+"""A request on its way through the gateway: its caller, its origin and its target."""
 
+from dataclasses import dataclass
 from typing import Protocol
 
 from gateway.errors import RequestError
 from gateway.modbus.pdu import exception_response
 
 
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """The client that requests come from, as rights, turns, events and the trace know it."""
+
+    #: Its name in events: `10.2.0.7:49152`.
+    client: str
+    #: Its address, on which its rights depend: `10.2.0.7`; empty if it has none.
+    host: str
+    #: Callers with the same key take turns as one: its address, see `listeners.share_keys`; its name if it has none.
+    share_key: str
+    #: Who it is by its certificate, or by what another site tells of it; both are empty for others.
+    subject: str = ""
+    role: str = ""
+
+    @classmethod
+    def without_address(cls, name: str) -> "Caller":
+        """Make the caller of a part of the gateway, or of a client on a serial line."""
+        return cls(name, "", name)
+
+
 class Origin(Protocol):
     """Where a request comes from and its response goes: a client's session."""
 
     @property
-    def client(self) -> str:
-        """Its name in events: `10.2.0.7:49152`."""
-
-    @property
-    def host(self) -> str:
-        """Its address, `10.2.0.7`, on which its rights depend; empty if it has none."""
-
-    @property
-    def share(self) -> str:
-        """What has one share of a line: its address, see `listeners.origin`; its name if it has none.
-
-        All of one name have the same.
-        """
+    def caller(self) -> Caller:
+        """The client."""
 
     def wants(self, request: "Request") -> bool:
-        """Whether a waiting request should still be sent: not for a client that has disconnected."""
+        """Tell whether a waiting request should still be sent: not for a client that has disconnected."""
 
     def answer(self, request: "Request", pdu: bytes | None) -> None:
         """Take the one response to `request`; None ends it without one. Never raises."""
@@ -45,13 +55,14 @@ class Request:
     what it failed with; `is_over` is true from then on.
     """
 
-    __slots__ = ("error", "is_over", "origin", "pdu", "place", "received_at", "transaction", "unit")
+    __slots__ = ("caller", "error", "is_over", "origin", "pdu", "place", "received_at", "transaction", "unit")
 
     def __init__(self, unit: int, pdu: bytes, origin: Origin, received_at: float, transaction: int = 0) -> None:
         """`unit` is the client's number for it; `transaction` is for the origin."""
         self.unit = unit
         self.pdu = pdu
         self.origin = origin
+        self.caller = origin.caller
         self.received_at = received_at
         self.transaction = transaction
         self.error: RequestError | None = None
@@ -81,17 +92,15 @@ class Request:
             self.place.give_up()
 
     def __repr__(self) -> str:
-        return f"<Request unit={self.unit} {self.pdu.hex(' ').upper()} from {self.origin.client}>"
+        return f"<Request unit={self.unit} {self.pdu.hex(' ').upper()} from {self.caller.client}>"
 
 
 class DerivedOrigin:
-    """The Origin of requests that are made of a client's, as far as the client counts; `answer` is up to subclasses."""
+    """The Origin of requests derived from a client's request: the same caller. `answer` is up to subclasses."""
 
     def __init__(self, original: Request) -> None:
         self.original = original
-        self.client = original.origin.client
-        self.host = original.origin.host
-        self.share = original.origin.share
+        self.caller = original.caller
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - they are wanted as long as the original is
         """See Origin."""

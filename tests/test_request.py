@@ -1,14 +1,13 @@
 import pytest
 
 from gateway.errors import LineDown, QueueFull, ResponseTimeout
-from gateway.request import Request
+from gateway.request import Caller, Request
 
 
 class Client:
     """An origin that keeps what it is answered."""
 
-    client = row = "10.2.0.7:49152"
-    host = address = "127.0.0.1"
+    caller = Caller("10.2.0.7:49152", "127.0.0.1", "127.0.0.1")
     gone = False
 
     def __init__(self) -> None:

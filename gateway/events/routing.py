@@ -27,7 +27,7 @@ class RequestRefused(Event):
     def of(cls, request: Request, error: RequestError, *, listener: str = "", device: str = "") -> Self:
         """The rejection of `request` with `error`."""
         code = f"{error.code:02X}"
-        return cls(request.origin.client, request.unit, request.pdu[0], code, str(error), listener, device)
+        return cls(request.caller.client, request.unit, request.pdu[0], code, str(error), listener, device)
 
 
 class AccessDenied(ClientEvent):

@@ -72,13 +72,14 @@ class Asker(UpstreamDriver):
             super().close()
 
     def _send(self, identifier: int, transaction: Transaction) -> None:
-        passed = passed_on(transaction.requests[0].origin)
+        request = transaction.requests[0]
+        passed = passed_on(request.origin)
         time_left = min(transaction.limit, passed.seconds_left)
         self._last_number += 1
         self._identifiers[self._last_number] = identifier
         headers = {CLIENT: transaction.client, HOPS: str(passed.hops + 1)}
-        if passed.role:
-            headers[ROLE] = passed.role
+        if request.caller.role:
+            headers[ROLE] = request.caller.role
         port, pdu = self._port, transaction.asked.data
         if port is not None:
             headers[DEADLINE] = port.clocks.until(time_left - GUARD, transaction.ends_at)
@@ -106,20 +107,16 @@ class Asker(UpstreamDriver):
 
 
 class PassedOn(NamedTuple):
-    """What a request brings along: the role of its client, how many sites it has passed, how long it may take there."""
+    """What a request from another site brings along: how many sites it has passed, how long it may take."""
 
-    role: str = ""
     hops: int = 0
     seconds_left: float = float("inf")
 
 
 def passed_on(origin: Origin) -> PassedOn:
-    """What the origin of a request says of it."""
-    role = ""
+    """Tell what the origin of a request says of it."""
     if isinstance(origin, ForwardedOrigin):
         origin = origin.original.origin
     if isinstance(origin, AuditedOrigin):
-        role, origin = origin.identity.role, origin.origin
-    if isinstance(origin, SiteOrigin):
-        return PassedOn(role, origin.hops, origin.seconds_left)
-    return PassedOn(role)
+        origin = origin.origin
+    return PassedOn(origin.hops, origin.seconds_left) if isinstance(origin, SiteOrigin) else PassedOn()

@@ -11,7 +11,7 @@ There is no I/O here. `clock` is the one that deadlines are told by: monotonic, 
 """
 
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Final
 
 from gateway.errors import ExceptionCode, Unwanted
 from gateway.events import AccessDenied, Emit
@@ -23,30 +23,20 @@ from gateway.fleet.slots import Slot, Slots
 from gateway.fleet.subjects import Asked, answer_folder, asked_by
 from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.pdu import exception_response
-from gateway.request import Request
-from gateway.routing.identity import Identity
+from gateway.request import Caller, Request, Target
 
 #: What rows of [[access]] call other sites.
 LISTENER: Final = "fleet"
 
 
-class SiteRouter(Protocol):
-    """The router for other sites."""
-
-    def submit_named(self, identity: Identity, request: Request, now: float) -> None:
-        """Take over a request."""
-
-
 class SiteOrigin:
     """The origin of one request of another site. `expires_at` is its deadline, `hops` how many sites it has passed."""
 
-    __slots__ = ("_owner", "client", "expires_at", "hops", "host", "reply", "share", "slot")
+    __slots__ = ("_owner", "caller", "expires_at", "hops", "reply", "slot")
 
-    def __init__(self, owner: "Owner", slot: Slot, reply: str, expires_at: float, hops: int) -> None:
+    def __init__(self, owner: "Owner", caller: Caller, slot: Slot, reply: str, expires_at: float, hops: int) -> None:
         self._owner = owner
-        self.host = self.share = slot.sender
-        #: As an address has a port: what a sender says of its clients is no name that may be trusted.
-        self.client = f"{slot.sender}:{slot.number}"
+        self.caller = caller
         self.slot = slot
         self.reply = reply
         self.expires_at = expires_at
@@ -73,7 +63,7 @@ class Owner:
         self,
         site: str,
         instance: str,
-        router: SiteRouter,
+        router: Target,
         publish: Callable[[Message], bool],
         clock: Callable[[], float],
         emit: Emit,
@@ -140,9 +130,11 @@ class Owner:
             self.counts.busy += 1
             self._refuse(message, ExceptionCode.SERVER_DEVICE_BUSY)
             return
-        origin = SiteOrigin(self, slot, message.reply, expires_at, hops)
-        identity = Identity(client, text_of(headers.get(ROLE, "")))
-        self._router.submit_named(identity, Request(asked.unit, message.body, origin, now), now)
+        # Numbered as an address has a port: what a sender says of its clients is no name that may be trusted.
+        name, role = f"{slot.sender}:{slot.number}", text_of(headers.get(ROLE, ""))
+        caller = Caller(name, host=slot.sender, share_key=slot.sender, subject=client, role=role)
+        origin = SiteOrigin(self, caller, slot, message.reply, expires_at, hops)
+        self._router.submit(Request(asked.unit, message.body, origin, now), now)
 
     def _refuse(self, message: Message, code: ExceptionCode) -> None:
         self._publish(Message(message.reply, exception_response(message.body[0], code)))

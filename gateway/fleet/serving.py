@@ -8,9 +8,10 @@ from gateway.errors import FleetError
 from gateway.events import Emit, PartFailed
 from gateway.fleet.clock import INTERVAL, heartbeat
 from gateway.fleet.messages import Message
-from gateway.fleet.owner import Owner, SiteRouter
+from gateway.fleet.owner import Owner
 from gateway.fleet.slots import MOST_OF_SENDER
 from gateway.fleet.subjects import GROUP, clock_subject, request_subject
+from gateway.request import Target
 
 if TYPE_CHECKING:
     from gateway.fleet.connection import NatsConnection
@@ -25,7 +26,7 @@ class Serving:
     There is a subscription for each unit: who asks for another one learns at once that nobody has it.
     """
 
-    def __init__(self, site: str, instance: str, router: SiteRouter, clock: Callable[[], float], emit: Emit) -> None:
+    def __init__(self, site: str, instance: str, router: Target, clock: Callable[[], float], emit: Emit) -> None:
         self.owner = Owner(site, instance, router, self._publish, clock, emit)
         self._clock = clock
         self._emit = emit

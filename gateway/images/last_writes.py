@@ -35,7 +35,7 @@ class LastWrites:
         if span is None:
             return
         self._writes.pop(span, None)
-        self._writes[span] = LastWrite(span, request.origin.client, request.received_at)
+        self._writes[span] = LastWrite(span, request.caller.client, request.received_at)
         if len(self._writes) > MOST:
             del self._writes[next(iter(self._writes))]
 

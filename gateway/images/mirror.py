@@ -73,7 +73,7 @@ class Mirror:
     def submit(self, request: Request, now: float) -> None:
         """Answer a read, or let it wait for a poll; pass everything else on to the device."""
         self.counts.requests += 1
-        client = request.origin.client
+        client = request.caller.client
         row = self._rows.setdefault(client, _Row())
         row.waiting.append(request)
         self._go_on(client, row, now)
@@ -82,7 +82,7 @@ class Mirror:
         """Fail a request that has met a defect, unless it is over."""
         if request.is_over:
             return
-        row = self._rows.get(request.origin.client)
+        row = self._rows.get(request.caller.client)
         if row is not None and request in row.waiting:
             row.waiting.remove(request)
             row.writes = None
@@ -103,7 +103,7 @@ class Mirror:
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
         """A request that was passed on is finished, with this response; None if it has none. Call `wrote` first."""
         request.place = None
-        self._rows[request.origin.client].under_way -= 1
+        self._rows[request.caller.client].under_way -= 1
         if response is None:
             request.end()
         else:

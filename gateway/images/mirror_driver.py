@@ -9,7 +9,7 @@ from gateway.events import Emit, PartFailed
 from gateway.images.mirror import Mirror
 from gateway.images.polling import MirroredDevice
 from gateway.images.polls import MirrorSettings
-from gateway.request import Request
+from gateway.request import Caller, Request
 from gateway.trace.ring import Ring
 
 
@@ -18,8 +18,6 @@ class MirrorDriver:
 
     An unexpected error ends here: it is logged, the request that met it fails, and polling goes on.
     """
-
-    host = ""
 
     def __init__(
         self,
@@ -32,7 +30,7 @@ class MirrorDriver:
         self.device = device
         self.name = settings.name
         self.mirror = Mirror(settings, device, self, emit, ring)
-        self.client = self.share = f"mirror {settings.name}"
+        self.caller = Caller.without_address(f"mirror {settings.name}")
         self._emit = emit
         self._time = loop.time
         self._timer = LazyTimer(loop, self._wake)
@@ -87,7 +85,7 @@ class MirrorDriver:
         try:
             step(*arguments)
         except Exception as error:  # noqa: BLE001 - the error boundary of a mirror: a defect in it must not reach its line
-            self._emit(PartFailed.of(f"mirror {self.mirror.settings.name}", error))
+            self._emit(PartFailed.of(self.caller.client, error))
             is_sound = False
         if self._is_open:
             self._timer.set(self.mirror.deadline())

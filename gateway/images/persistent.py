@@ -108,8 +108,8 @@ class PersistentImage(Image):
         except RequestError as error:
             outcome = error
         waiting = _Waiting(request, outcome)
-        client = request.origin.client
-        if any(other.request.origin.client == client for other in self._waiting):
+        client = request.caller.client
+        if any(other.request.caller.client == client for other in self._waiting):
             self._waiting.append(waiting)
         else:
             self._finish(waiting.request, waiting.outcome)

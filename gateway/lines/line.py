@@ -568,8 +568,8 @@ class Line:
 
     def _use(self, transaction: Transaction, until: float) -> None:
         """The line was taken until then by the client that asked first for this."""
-        origin = transaction.requests[0].origin
-        client = origin.host or origin.client
+        caller = transaction.requests[0].caller
+        client = caller.host or caller.client
         self.spent.usage.add(client, transaction.unit, transaction.asked.function, until - transaction.sent_at)
 
     def __repr__(self) -> str:

@@ -61,7 +61,7 @@ class WaitingQueue:
         if lost is transaction:
             return lost
         request = transaction.requests[0]
-        row = self._clients_of(transaction).row(request.origin)
+        row = self._clients_of(transaction).row(request.caller)
         shared = self._join(transaction, row) if self._reads else None
         if shared is None and self._coalesce:
             self._offer(transaction)
@@ -82,7 +82,7 @@ class WaitingQueue:
         """Let a transaction wait to be sent again, first in its clients' rows, until its `gives_up_at`."""
         clients = self._clients_of(transaction)
         for request in transaction.requests:
-            row = clients.row(request.origin)
+            row = clients.row(request.caller)
             request.place = Place(request, transaction, row, inf, self._given_up)
             row.add_first(request.place)
         self._repeats.append(transaction)
@@ -236,7 +236,7 @@ class WaitingQueue:
         if self._count < self._size:
             return None
         row = self._crowd.greediest(self._rows())
-        of_client, of_address = self._clients_of(newcomer).waiting_of(newcomer.requests[0].origin)
+        of_client, of_address = self._clients_of(newcomer).waiting_of(newcomer.requests[0].caller)
         if row is None or (row.waiting, row.address.waiting) <= (of_client + 1, of_address + 1):
             return newcomer
         newest = row.places[-1]

@@ -118,7 +118,7 @@ class Transaction:
     @property
     def client(self) -> str:
         """The client of the first request."""
-        return self.requests[0].origin.client
+        return self.requests[0].caller.client
 
     @property
     def is_wanted(self) -> bool:

@@ -19,7 +19,7 @@ from itertools import takewhile
 from typing import Any, Final
 
 from gateway.lines.transaction import Destination, Transaction
-from gateway.request import Origin, Request
+from gateway.request import Caller, Request
 
 #: When a member has its next turn: in the round that is under way, or in the next one. Of a new one it is not known.
 UNKNOWN: Final = 0
@@ -301,19 +301,19 @@ class Clients:
         self.addresses: dict[str, Turns] = {}
         self.turns = Turns(self.addresses)
 
-    def row(self, origin: Origin) -> Row:
+    def row(self, caller: Caller) -> Row:
         """The row of a client, which may be new."""
-        row = self.rows.get(origin.client)
+        row = self.rows.get(caller.client)
         if row is None:
-            address = self.addresses.get(origin.share)
+            address = self.addresses.get(caller.share_key)
             if address is None:
-                address = Turns(self.rows, origin.share, self.turns)
+                address = Turns(self.rows, caller.share_key, self.turns)
                 self.turns.add(address)
-            row = Row(origin.client, address)
+            row = Row(caller.client, address)
             address.add(row)
         return row
 
-    def waiting_of(self, origin: Origin) -> tuple[int, int]:
+    def waiting_of(self, caller: Caller) -> tuple[int, int]:
         """How many requests of a client wait, and how many from its address."""
-        row, address = self.rows.get(origin.client), self.addresses.get(origin.share)
+        row, address = self.rows.get(caller.client), self.addresses.get(caller.share_key)
         return 0 if row is None else row.waiting, 0 if address is None else address.waiting

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from gateway.listeners.session import NEVER
+from gateway.request import Caller
 from gateway.routing.access import Rights
 
 #: A pause of this many seconds between two requests shows a client's interval. Listeners look more often than that.
@@ -18,8 +19,8 @@ class Client(Protocol):
     """A connection or a peer."""
 
     @property
-    def host(self) -> str:
-        """The address, which decides what the client may do."""
+    def caller(self) -> Caller:
+        """The client of units that it is."""
 
     @property
     def role(self) -> str | None:
@@ -67,7 +68,7 @@ class Activity:
     def is_named_by(self, rights: Rights, client: Client) -> bool:
         """Whether a row gives rights to the address of the client."""
         if self.rights is not rights:
-            self.rights, self.is_named = rights, rights.names(client.host, client.role)
+            self.rights, self.is_named = rights, rights.names(client.caller.host, client.role)
         return self.is_named
 
     @property

@@ -56,7 +56,7 @@ class Admission(Generic[AnyClient]):
 
     def enter(self, client: AnyClient, now: float) -> None:
         """A client has connected."""
-        origin = self._origin_of(client.host, now)
+        origin = self._origin_of(client.caller.host, now)
         activity = self._left.pop(origin, None)
         if activity is None or now - activity.active_at > MEMORY:
             activity = Activity(origin, now)

@@ -14,8 +14,7 @@ from gateway.listeners.session import ListenSettings, Session
 from gateway.listeners.sockets import explain
 from gateway.modbus.codes import MAX_TCP_ADU
 from gateway.modbus.mbap import MOST_AT_ONCE
-from gateway.request import Target
-from gateway.routing.identity import ANONYMOUS, Identity
+from gateway.request import Caller, Target
 
 #: The most bytes that are kept for a client that does not read its responses; with a high `in_flight` more.
 UNSENT_BYTES: Final = 64 * 1024
@@ -97,21 +96,12 @@ class TcpConnection:
     def __init__(
         self,
         listener: ConnectionOwner,
-        host: str,
-        client: str,
+        caller: Caller,
         time: Callable[[], float],
         router: Target,
-        identity: Identity = ANONYMOUS,
-        address: str = "",
     ) -> None:
-        """`host` is the peer's address and decides its rights, with `identity`; `client` names it in events.
-
-        `address` is what counts as its address, if that is not `host`.
-        """
-        self.host = host
-        self.address = address or host
-        self.client = client
-        self.identity = identity
+        """`router` takes the requests of `caller`."""
+        self.caller = caller
         self._listener = listener
         #: The time, as of the loop.
         self.time = time
@@ -120,8 +110,7 @@ class TcpConnection:
         self._timer: LazyTimer | None = None
         session = MbapSession if listener.settings.scheme in ("tcp", "tls") else OverTcpSession
         self.session = session(
-            client,
-            host=host,
+            caller,
             router=router,
             connection=self,
             settings=listener.settings,
@@ -190,7 +179,7 @@ class TcpConnection:
                 self._leaves()
             self.session.closed()
         except Exception as error:  # noqa: BLE001 - the error boundary of a connection
-            self._listener.failed(f"client {self.client}", error)
+            self._listener.failed(f"client {self.caller.client}", error)
         if self._timer is not None:
             self._timer.close()
             self._timer = None
@@ -231,7 +220,7 @@ class TcpConnection:
 
     def reject(self, reason: str) -> None:
         """Close because of what the client did, or to accept another client."""
-        self._listener.rejected(self.client, reason)
+        self._listener.rejected(self.caller.client, reason)
         self._part(reason)
 
     def look(self) -> None:
@@ -267,7 +256,7 @@ class TcpConnection:
         """The client closes its side; the listener is told if a response is missing."""
         session = self.session
         if not session.is_idle and session.takes_responses:
-            self._listener.left_early(self.host, self.time() - session.last_asked)
+            self._listener.left_early(self.caller.host, self.time() - session.last_asked)
 
     def _part(self, reason: str) -> None:
         """Close, and drop the responses that the client still waits for."""
@@ -286,7 +275,7 @@ class TcpConnection:
             self._failed(error)
 
     def _failed(self, error: Exception) -> None:
-        self._listener.failed(f"client {self.client}", error)
+        self._listener.failed(f"client {self.caller.client}", error)
         self.abort("a defect in the gateway")
 
 

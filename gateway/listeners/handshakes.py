@@ -16,6 +16,7 @@ from typing import Final
 
 from gateway.listeners.tls_stream import TlsStream
 from gateway.listeners.turns import Turns
+from gateway.request import Caller
 
 #: How many there may be at a listener.
 MOST: Final = 64
@@ -33,14 +34,9 @@ TOO_SLOW: Final = f"its handshake was not done within {DEADLINE:g} s"
 
 @dataclass(frozen=True, slots=True)
 class ConnectingClient:
-    """Where a connection comes from: its address, its name in events, and what counts as its address.
+    """Where a connection comes from; `resumable_until` as in gateway.tls.contexts.Loaded."""
 
-    `resumable_until` as in gateway.tls.contexts.Loaded.
-    """
-
-    host: str
-    client: str
-    origin: str
+    caller: Caller
     resumable_until: float = inf
 
 
@@ -80,19 +76,19 @@ class Handshakes:
     def __len__(self) -> int:
         return len(self._pending)
 
-    def trouble(self, origin: str, now: float) -> str:
+    def trouble(self, share_key: str, now: float) -> str:
         """Why no handshake can begin with a client from there; empty if it can, perhaps after another was ended."""
         if len(self._pending) < MOST:
             return ""
-        share = Counter(handshake.connecting.origin for handshake in self._pending.values())
+        share = Counter(handshake.connecting.caller.share_key for handshake in self._pending.values())
         most = max(share.values())
         delays = {
             stream: handshake.delay(now)
             for stream, handshake in self._pending.items()
-            if share[handshake.connecting.origin] == most
+            if share[handshake.connecting.caller.share_key] == most
         }
         slowest = max(delays, key=delays.__getitem__)
-        if most <= share[origin] + 1 and delays[slowest] < SLOW:
+        if most <= share[share_key] + 1 and delays[slowest] < SLOW:
             return TOO_MANY
         slowest.refuse(MADE_ROOM)
         return ""
@@ -127,7 +123,7 @@ class Handshakes:
         handshake = self._pending.get(stream)
         if handshake is not None:
             handshake.awaited, handshake.awaited_at = handshake.delay(asyncio.get_running_loop().time()), None
-            self._turns.add(stream, handshake.connecting.origin)
+            self._turns.add(stream, handshake.connecting.caller.share_key)
             self._go_on()
 
     def secured(self, stream: TlsStream) -> None:
@@ -138,7 +134,7 @@ class Handshakes:
         """See HandshakeOwner."""
         handshake = self._pending.pop(stream, None)
         if handshake is not None:
-            self._turns.drop(stream, handshake.connecting.origin)
+            self._turns.drop(stream, handshake.connecting.caller.share_key)
             self._refused(handshake.connecting, reason)
 
     def _go_on(self) -> None:

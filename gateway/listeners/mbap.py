@@ -8,7 +8,7 @@ from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import GONE, HALF_CLOSED, Connection, ListenSettings, Session
 from gateway.modbus import mbap
 from gateway.modbus.framings import likeness
-from gateway.request import Request, Target
+from gateway.request import Caller, Request, Target
 
 #: In place of the transaction identifier of a request that another one has replaced.
 _GIVEN_UP: Final = -1
@@ -38,16 +38,15 @@ class MbapSession(Session):
 
     def __init__(
         self,
-        client: str,
+        caller: Caller,
         *,
-        host: str,
         router: Target,
         connection: Connection,
         settings: ListenSettings,
         now: float,
     ) -> None:
         """See Session."""
-        super().__init__(client, host=host, router=router, connection=connection, settings=settings, now=now)
+        super().__init__(caller, router=router, connection=connection, settings=settings, now=now)
         self._framer = mbap.MbapFramer()
         #: The requests in progress by their transaction identifiers.
         self._under_way: dict[int, Request] = {}

@@ -20,7 +20,7 @@ from gateway.modbus.codes import BROADCAST_UNIT, MAX_RTU_ADU
 from gateway.modbus.framings import Framing, likeness
 from gateway.modbus.functions import request_size
 from gateway.modbus.rtu import OVERHEAD
-from gateway.request import Request, Target
+from gateway.request import Caller, Request, Target
 
 # What the client waits for:
 IDLE: Final = "idle"  # no response; the next request can be handed out
@@ -85,16 +85,15 @@ class OverTcpSession(Session):
 
     def __init__(
         self,
-        client: str,
+        caller: Caller,
         *,
-        host: str,
         router: Target,
         connection: Connection,
         settings: ListenSettings,
         now: float,
     ) -> None:
         """See Session."""
-        super().__init__(client, host=host, router=router, connection=connection, settings=settings, now=now)
+        super().__init__(caller, router=router, connection=connection, settings=settings, now=now)
         self._limit += 1  # the awaited one: what arrives after it shows that it was given up
         self._arrivals = Arrivals(settings.scheme, now)
         self._state = IDLE

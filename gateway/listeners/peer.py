@@ -10,7 +10,7 @@ from gateway.errors import Busy
 from gateway.listeners.failures import is_kept_back
 from gateway.listeners.session import NEVER, ListenSettings
 from gateway.modbus import mbap
-from gateway.request import Request, Target
+from gateway.request import Caller, Request, Target
 
 
 class Path(NamedTuple):
@@ -37,20 +37,12 @@ class Peer:
     role: None = None
 
     __slots__ = (
-        "_is_finishing", "_path", "_router", "_settings", "_under_way", "asked", "client", "gone", "host", "last_asked",
-        "share",
+        "_is_finishing", "_path", "_router", "_settings", "_under_way", "asked", "caller", "gone", "last_asked",
     )  # fmt: skip
 
-    def __init__(
-        self, client: str, *, host: str, router: Target, settings: ListenSettings, path: Path, address: str = ""
-    ) -> None:
-        """`client` names the peer in events, `host` is its address; `router` takes its requests.
-
-        `address` is what counts as its address, if that is not `host`.
-        """
-        self.client = client
-        self.host = host
-        self.share = address or host
+    def __init__(self, caller: Caller, *, router: Target, settings: ListenSettings, path: Path) -> None:
+        """`router` takes the requests of `caller`."""
+        self.caller = caller
         self.gone = False
         self.last_asked = NEVER
         self.asked = 0
@@ -131,4 +123,4 @@ class Peer:
             request.give_up()
 
     def __repr__(self) -> str:
-        return f"<Peer {self.client} in_flight={len(self._under_way)}>"
+        return f"<Peer {self.caller.client} in_flight={len(self._under_way)}>"

@@ -35,7 +35,7 @@ from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame, RequestFramer
 from gateway.modbus.rtu import RtuFramer
 from gateway.ports.port import Wire
-from gateway.request import Request, Target
+from gateway.request import Caller, Request, Target
 from gateway.timing.characters import LineTiming
 from gateway.trace.records import Answered, Heard
 from gateway.trace.ring import Ring
@@ -104,9 +104,6 @@ class SerialSession:
     `wake` is called when `deadline` changes outside the driver's calls. It must not call back.
     """
 
-    #: A client on a line has no address.
-    host = ""
-
     def __init__(
         self,
         settings: ServerSettings,
@@ -116,7 +113,7 @@ class SerialSession:
         ring: Ring | None = None,
     ) -> None:
         self.settings = settings
-        self.client = settings.name
+        self.caller = Caller.without_address(settings.name)
         self.counts = Counts()
         self._router = router
         self._wake = wake
@@ -132,11 +129,6 @@ class SerialSession:
         self._glitch_until = 0.0
         self._is_ending = False
         self._tune(latency=0.0)
-
-    @property
-    def share(self) -> str:
-        """See Origin."""
-        return self.client
 
     @property
     def is_idle(self) -> bool:
@@ -255,7 +247,7 @@ class SerialSession:
         else:
             self.counts.foreign_frames += 1
             if self._ring.is_on:
-                self._ring.add(Heard(now, self.client, "nobody", bytes((frame.unit,)) + frame.pdu, 1))
+                self._ring.add(Heard(now, self.settings.name, "nobody", bytes((frame.unit,)) + frame.pdu, 1))
             return
         self._router.submit(request, now)
 
@@ -285,14 +277,14 @@ class SerialSession:
     def _withhold(self, request: Request, reason: str, now: float) -> None:
         """Drop a response that the client does not wait for, or would take for another one."""
         self._drop()
-        name, source, elapsed = self.client, self.settings.source, round((now - request.received_at) * 1000, 1)
+        name, source, elapsed = self.settings.name, self.settings.source, round((now - request.received_at) * 1000, 1)
         self._emit(events.AnswerWithheld(name, request.unit, request.pdu[0], elapsed, reason, source))
         self._record(request, None, now, reason)
 
     def _record(self, request: Request, response: bytes | None, now: float, reason: str = "") -> None:
         """Keep what passed on the line, or why nothing did."""
         if self._ring.is_on:
-            line, unit, asked = self.client, request.unit, request.pdu
+            line, unit, asked = self.settings.name, request.unit, request.pdu
             self._ring.add(Answered(now, line, "", line, unit, asked, response, request.received_at, reason))
 
     def _drop(self) -> None:
@@ -306,4 +298,4 @@ class SerialSession:
 
     def __repr__(self) -> str:
         state = "down" if self._write is None else repr(self._current) if self._current else "listening"
-        return f"<SerialSession {self.client} {state}>"
+        return f"<SerialSession {self.settings.name} {state}>"

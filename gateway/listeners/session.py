@@ -13,7 +13,7 @@ from gateway.errors import NotModbus, QueueFull
 from gateway.listeners.back_pressure import BackPressure
 from gateway.listeners.failures import OnFailure
 from gateway.modbus.functions import only_reads
-from gateway.request import Request, Target
+from gateway.request import Caller, Request, Target
 from gateway.tls.settings import ServerTls
 
 #: How long a client may take to send one ADU, in seconds.
@@ -81,10 +81,6 @@ class Counts:
 class Connection(Protocol):
     """What a session can do to its connection. Nothing here calls back into the session's requests and responses."""
 
-    @property
-    def address(self) -> str:
-        """What counts as the address of its client."""
-
     def time(self) -> float:
         """The time, for the last moment before a response leaves."""
 
@@ -115,8 +111,6 @@ class Connection(Protocol):
 
 class _Gone:
     """Replaces a connection that is closed, and does nothing."""
-
-    address = ""
 
     def time(self) -> float:
         """See Connection."""
@@ -157,22 +151,20 @@ class Session(ABC):
 
     __slots__ = (
         "_back_pressure", "_connection", "_in_flight", "_is_draining", "_life", "_limit", "_out",
-        "_router", "_settings", "_whole_at", "asked", "client", "host", "last_asked",
+        "_router", "_settings", "_whole_at", "asked", "caller", "last_asked",
     )  # fmt: skip
 
     def __init__(
         self,
-        client: str,
+        caller: Caller,
         *,
-        host: str,
         router: Target,
         connection: Connection,
         settings: ListenSettings,
         now: float,
     ) -> None:
-        """`client` names the peer in events, `host` is its address; `router` takes its requests."""
-        self.client = client
-        self.host = host
+        """`router` takes the requests of `caller`."""
+        self.caller = caller
         self.last_asked = NEVER
         #: How many requests it has sent.
         self.asked = 0
@@ -213,11 +205,6 @@ class Session(ABC):
     @abstractmethod
     def _drain(self, now: float) -> None:
         """Submit the requests that have arrived, within the bounds. Raises NotModbus."""
-
-    @property
-    def share(self) -> str:
-        """See Origin."""
-        return self._connection.address
 
     @property
     def gone(self) -> bool:
@@ -369,4 +356,4 @@ class Session(ABC):
             self._connection.close()
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.client} in_flight={self._in_flight}>"
+        return f"<{type(self).__name__} {self.caller.client} in_flight={self._in_flight}>"

@@ -32,8 +32,8 @@ def read_routes() -> str:
     return ""
 
 
-class Origins:
-    """The origins of clients. `read` returns the content of ROUTES."""
+class ShareKeys:
+    """The share keys of clients. `read` returns the content of ROUTES."""
 
     def __init__(self, read: Callable[[], str] = read_routes) -> None:
         self._read = read

@@ -8,10 +8,10 @@ from gateway import events
 from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.departures import Departures
-from gateway.listeners.origin import Origins
 from gateway.listeners.rejections import Rejections
 from gateway.listeners.rounds import Rounds
 from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
+from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (
     BACKLOG,
     OpenSockets,
@@ -28,6 +28,7 @@ from gateway.listeners.sockets import (
 from gateway.listeners.spare_descriptor import SpareDescriptor
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.ports.network import AddressInfo
+from gateway.request import Caller
 from gateway.routing.router import Router
 
 #: How long a connection that is being closed may take to send its remaining data, in seconds.
@@ -58,8 +59,8 @@ class TcpListener:
         self.counts = Counts()
         self.departures = Departures()
         self.rejections = Rejections()
-        self._origins = Origins()
-        self.connections: Admission[TcpConnection] = Admission(self._origins.of)
+        self._share_keys = ShareKeys()
+        self.connections: Admission[TcpConnection] = Admission(self._share_keys.of)
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
         self._sockets: list[socket.socket] = []
@@ -148,10 +149,8 @@ class TcpListener:
         self.connections.enter(connection, _now())
         if self._rounds is not None and self.settings.scheme in _WITHOUT_NUMBERS:
             self._rounds.look_later()
-        identity = connection.identity
-        self.emit(
-            events.ClientConnected(self.settings.name, connection.client, subject=identity.subject, role=identity.role)
-        )
+        caller = connection.caller
+        self.emit(events.ClientConnected(self.settings.name, caller.client, subject=caller.subject, role=caller.role))
 
     def closing(self, connection: TcpConnection) -> None:
         """A connection is being closed and no longer counts for `clients`."""
@@ -162,7 +161,7 @@ class TcpListener:
         """A connection has ended."""
         self.connections.leave(connection, _now())
         self._closing.pop(connection, None)
-        self.emit(events.ClientClosed(self.settings.name, connection.client, reason))
+        self.emit(events.ClientClosed(self.settings.name, connection.caller.client, reason))
 
     def rejected(self, client: str, reason: str) -> None:
         """A client is rejected."""
@@ -211,8 +210,8 @@ class TcpListener:
 
     async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
         loop = asyncio.get_running_loop()
-        address = self._origins.of(host, loop.time())
-        connection = TcpConnection(self, host, client, loop.time, self.router, address=address)
+        caller = Caller(client, host, self._share_keys.of(host, loop.time()))
+        connection = TcpConnection(self, caller, loop.time, self.router)
         stream = TcpStream(loop, sock, connection)
         connection.connection_made(stream)
         stream.resume_reading()

@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import time
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Final
 
@@ -14,8 +15,8 @@ from gateway.listeners.kept_sessions import KeptSessions
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls_stream import TlsStream
-from gateway.routing.identity import Identity
-from gateway.routing.router import CertifiedRouter, Router
+from gateway.request import Caller
+from gateway.routing.router import Router
 from gateway.tls.certificate import Certificate, parse_certificate, shorten
 from gateway.tls.contexts import Loaded, stop_resuming
 from gateway.tls.settings import ServerTls
@@ -77,7 +78,7 @@ class TlsListener(TcpListener):
         """Why no handshake is begun with a client."""
         if not self.router.rights.admits(host):
             return NO_RIGHTS
-        return self._handshakes.trouble(self._origins.of(host, now), now)
+        return self._handshakes.trouble(self._share_keys.of(host, now), now)
 
     async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
         loop, loaded = asyncio.get_running_loop(), self._loaded
@@ -88,7 +89,9 @@ class TlsListener(TcpListener):
         if loaded is not self._loaded:  # a reload came between: others may be trusted now
             stream.abort()
             return
-        connecting = ConnectingClient(host, client, self._origins.of(host, loop.time()), loaded.resumable_until)
+        connecting = ConnectingClient(
+            Caller(client, host, self._share_keys.of(host, loop.time())), loaded.resumable_until
+        )
         self._handshakes.begin(stream, connecting, loop.time())
 
     def _secured(self, stream: TlsStream, connecting: ConnectingClient) -> None:
@@ -99,18 +102,16 @@ class TlsListener(TcpListener):
             return
         try:
             certificate = _parsed(stream.peer_certificate)
-            identity = _identify(certificate)
+            caller = _identify(connecting.caller, certificate)
         except ValueError as wrong:
             self._turn_away(stream, connecting, f"its certificate cannot be used: {wrong}")
             return
-        rights, role = self.router.rights, identity.role
-        why_not = self.connections.refusal(connecting.host, rights, self.settings, now, self._dismiss, role)
+        rights, role = self.router.rights, caller.role
+        why_not = self.connections.refusal(caller.host, rights, self.settings, now, self._dismiss, role)
         if why_not:
             self._turn_away(stream, connecting, why_not)
             return
-        clock, router = asyncio.get_running_loop().time, CertifiedRouter(self.router, identity)
-        host, client, address = connecting.host, connecting.client, connecting.origin
-        connection = SecuredConnection(self, host, client, clock, router, identity, address)
+        connection = SecuredConnection(self, caller, asyncio.get_running_loop().time, self.router)
         connection.valid_until, connection.role = certificate.not_after, role
         stream.begin(connection)
 
@@ -119,7 +120,7 @@ class TlsListener(TcpListener):
         stream.close()
 
     def _refused(self, connecting: ConnectingClient, reason: str) -> None:
-        self.rejected(connecting.client, reason)
+        self.rejected(connecting.caller.client, reason)
 
     def _sweep(self) -> None:
         self._handshakes.sweep(asyncio.get_running_loop().time())
@@ -131,8 +132,8 @@ class TlsListener(TcpListener):
 _parsed = lru_cache(maxsize=256)(parse_certificate)
 
 
-def _identify(certificate: Certificate) -> Identity:
-    """Who a client is.
+def _identify(caller: Caller, certificate: Certificate) -> Caller:
+    """Add to a caller who it is by its certificate.
 
     Raises:
         ValueError: the certificate is not valid now, which a session that is resumed does not look at, or its role is
@@ -140,4 +141,4 @@ def _identify(certificate: Certificate) -> Identity:
     """
     if not certificate.not_before <= time.time() <= certificate.not_after:
         raise ValueError("it is not valid now")
-    return Identity(shorten(certificate.subject), certificate.role)
+    return replace(caller, subject=shorten(certificate.subject), role=certificate.role)

@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 from gateway import events
 from gateway.listeners.admission import MADE_ROOM, NO_RIGHTS, Admission
 from gateway.listeners.datagram import PeerAddress, receive, request_local_address, send_arguments
-from gateway.listeners.origin import Origins
 from gateway.listeners.peer import Path, Peer
 from gateway.listeners.rejections import Rejections
 from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
+from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (
     OpenSockets,
     addresses,
@@ -27,6 +27,7 @@ from gateway.listeners.sockets import (
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.ports.network import AddressInfo
+from gateway.request import Caller
 from gateway.routing.router import Router
 
 #: How often a listener looks for idle peers, in seconds.
@@ -83,8 +84,8 @@ class UdpListener:
         #: Those of peers that wait for their admission. While there are any, the next admission is scheduled.
         self._waiting: dict[tuple[PeerAddress, int], Arrived] = {}
         self._is_finishing = False
-        self._origins = Origins()
-        self._admission: Admission[Peer] = Admission(self._origins.of)
+        self._share_keys = ShareKeys()
+        self._admission: Admission[Peer] = Admission(self._share_keys.of)
         self._addresses: list[AddressInfo] = []
         self._sockets: list[socket.socket] = []
         self._sweeping: asyncio.TimerHandle | None = None
@@ -298,8 +299,8 @@ class UdpListener:
             return why_not
         peer = self._taken_over.pop(key, None)
         if peer is None:
-            path, address = self._path(sock, key), self._origins.of(key.host, now)
-            peer = Peer(client, host=key.host, router=self.router, settings=self.settings, path=path, address=address)
+            caller = Caller(client, key.host, self._share_keys.of(key.host, now))
+            peer = Peer(caller, router=self.router, settings=self.settings, path=self._path(sock, key))
         else:
             peer.resume()
         self._peers[key] = peer
@@ -340,7 +341,7 @@ class UdpListener:
     def _let_go(self, key: PeerAddress, reason: str) -> Peer:
         peer = self._peers.pop(key)
         self._admission.leave(peer, asyncio.get_running_loop().time())
-        self.emit(events.ClientClosed(self.settings.name, peer.client, reason))
+        self.emit(events.ClientClosed(self.settings.name, peer.caller.client, reason))
         return peer
 
     def _sweep_later(self) -> None:

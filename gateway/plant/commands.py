@@ -10,11 +10,12 @@ from gateway.events import CommandRefused, Emit, WriteAudit
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.plant.messages import Command, Delivery, Misdirected
 from gateway.registers.items import WRITERS, most_written, write_function, write_request
-from gateway.request import Origin, Request, Target
+from gateway.request import Caller, Origin, Request, Target
 from gateway.trace.pdus import exception_in_words
 
 #: The name of this client of devices, in rights and events.
 CLIENT: Final = "mqtt"
+CALLER: Final = Caller.without_address(CLIENT)
 #: At most this many commands are carried out at once, and this many are remembered to recognize repeated ones.
 MOST_COMMANDS: Final = 32
 MOST_REMEMBERED: Final = 1000
@@ -141,8 +142,7 @@ class Commands:
 class _Writer:
     """The Origin of a command's request, which is not sent after `until`."""
 
-    client = share = CLIENT
-    host = ""
+    caller = CALLER
 
     def __init__(self, origin: PlantOrigin, command: Command, clock: Callable[[], float], until: float | None) -> None:
         self._origin = origin

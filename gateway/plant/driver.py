@@ -6,7 +6,7 @@ from typing import Any
 
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
-from gateway.plant.commands import CLIENT, CarriedOut
+from gateway.plant.commands import CALLER, CLIENT, CarriedOut
 from gateway.plant.messages import Command, Delivery, Form, Message
 from gateway.plant.polls import PolledTarget
 from gateway.plant.publisher import Publisher, PublisherSettings
@@ -19,8 +19,7 @@ class PublisherDriver:
     `wake` is set when there is something to publish. An unexpected error ends here: it is logged, and reading goes on.
     """
 
-    client = share = CLIENT
-    host = ""
+    caller = CALLER
 
     def __init__(
         self,

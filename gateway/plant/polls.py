@@ -243,7 +243,7 @@ class Polls:
         read.is_refused = True
         span = read.batch.span
         what = f"{span.area} {span.addresses}"
-        self._emit(PollRefused(self._origin.client, read.device.name, what, code, self._source))
+        self._emit(PollRefused(self._origin.caller.client, read.device.name, what, code, self._source))
         if len(read.batch.points) > 1:
             batches = [Batch(point.span, (point,)) for point in read.batch.points]
             read.parts = [_Read(read.device, read.every, batch, now) for batch in batches]

@@ -7,7 +7,6 @@ from gateway.events import Emit, WriteAudit
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import parse_sent
 from gateway.request import Origin, Request
-from gateway.routing.identity import ANONYMOUS, Identity
 
 
 class AuditedOrigin:
@@ -16,9 +15,7 @@ class AuditedOrigin:
     `clock` is that of `received_at`.
     """
 
-    __slots__ = (
-        "_clock", "_emit", "_is_broadcast", "_listener", "client", "host", "identity", "origin", "share",
-    )  # fmt: skip
+    __slots__ = ("_clock", "_emit", "_is_broadcast", "_listener", "caller", "origin")
 
     def __init__(
         self,
@@ -26,20 +23,16 @@ class AuditedOrigin:
         listener: str,
         clock: Callable[[], float],
         emit: Emit,
-        identity: Identity = ANONYMOUS,
         *,
         is_broadcast: bool,
     ) -> None:
-        self.client = origin.client
-        self.host = origin.host
-        self.share = origin.share
+        self.caller = origin.caller
         #: The client's.
         self.origin = origin
         self._listener = listener
         self._is_broadcast = is_broadcast
         self._clock = clock
         self._emit = emit
-        self.identity = identity
 
     def wants(self, request: Request) -> bool:
         """See Origin."""
@@ -50,7 +43,7 @@ class AuditedOrigin:
         address, count = _written(request.pdu)
         self._emit(
             WriteAudit(
-                client=self.client,
+                client=self.caller.client,
                 listener=self._listener,
                 unit=request.unit,
                 function=request.pdu[0],
@@ -59,8 +52,8 @@ class AuditedOrigin:
                 result=self._result(request, pdu),
                 code=f"{pdu[1]:02X}" if pdu is not None and pdu[0] & EXCEPTION_BIT else "",
                 elapsed_ms=round((self._clock() - request.received_at) * 1000, 1),
-                subject=self.identity.subject,
-                role=self.identity.role,
+                subject=self.caller.subject,
+                role=self.caller.role,
             )
         )
         self.origin.answer(request, pdu)

@@ -9,7 +9,6 @@ from gateway.request import NamedTarget, Request
 from gateway.routing.access import EntryPoint, Rights
 from gateway.routing.audit import AuditedOrigin
 from gateway.routing.broadcast import Broadcast
-from gateway.routing.identity import ANONYMOUS, Identity
 from gateway.trace.ring import Ring
 
 
@@ -49,36 +48,18 @@ class Router:
         """Pass the request to its target. Without a route it gets 0A, without a right 01."""
         unit = request.unit
         target = self.routes.get(unit)
-        if target is not None and request.pdu[0] in self.rights[request.origin.host][unit]:
+        if target is not None and request.pdu[0] in self.rights[request.caller.host][unit]:
             target.submit(request, now)
         else:
-            self._submit_other(request, target, now, self.rights, ANONYMOUS)
+            self._submit_other(request, target, now, self.rights)
 
-    def submit_for(self, identity: Identity, request: Request, now: float) -> None:
-        """The same for a client with a certificate, which has the rights of its role."""
-        self._submit_with(self.rights.of_role(identity.role), identity, request, now)
-
-    def submit_named(self, identity: Identity, request: Request, now: float) -> None:
-        """The same for a client of which `identity` is told, for the audit only: it has the rights of its host."""
-        self._submit_with(self.rights, identity, request, now)
-
-    def _submit_with(self, rights: Rights, identity: Identity, request: Request, now: float) -> None:
-        unit = request.unit
-        target = self.routes.get(unit)
-        if target is not None and request.pdu[0] in rights[request.origin.host][unit]:
-            target.submit(request, now)
-        else:
-            self._submit_other(request, target, now, rights, identity)
-
-    def _submit_other(
-        self, request: Request, target: NamedTarget | None, now: float, rights: Rights, identity: Identity
-    ) -> None:
+    def _submit_other(self, request: Request, target: NamedTarget | None, now: float, rights: Rights) -> None:
         """Submit a write, or fail a request without a route or a right."""
         pdu = request.pdu
         if not only_reads(pdu):
             is_broadcast = isinstance(target, Broadcast)
             request.origin = AuditedOrigin(
-                request.origin, self.entry.name, self._clock, self._emit, identity, is_broadcast=is_broadcast
+                request.origin, self.entry.name, self._clock, self._emit, is_broadcast=is_broadcast
             )
         if target is None:
             self.counts.no_route += 1
@@ -87,15 +68,15 @@ class Router:
             self._ring.refuse(request, rejection, now)
             request.fail(rejection)
             return
-        right = rights[request.origin.host][request.unit]
+        caller = request.caller
+        right = rights[caller.host][request.unit]
         if pdu[:1] in right or pdu[:2] in right:
             target.submit(request, now)
         else:
             self.counts.denied += 1
-            client = request.origin.client
             self._emit(
                 events.AccessDenied(
-                    self.entry.name, client, request.unit, pdu[0], subject=identity.subject, role=identity.role
+                    self.entry.name, caller.client, request.unit, pdu[0], subject=caller.subject, role=caller.role
                 )
             )
             denial = errors.AccessDenied(f"through {self.entry.name}")
@@ -103,15 +84,14 @@ class Router:
             request.fail(denial)
 
 
-class CertifiedRouter:
-    """The router of one certified client: that of its listener, with the rights of its role."""
-
-    __slots__ = ("_identity", "_router")
-
-    def __init__(self, router: Router, identity: Identity) -> None:
-        self._router = router
-        self._identity = identity
+class CertifiedRouter(Router):
+    """The router of clients that have shown a certificate: each has the rights of its role."""
 
     def submit(self, request: Request, now: float) -> None:
-        """See Router.submit."""
-        self._router.submit_for(self._identity, request, now)
+        """See Router."""
+        unit, caller = request.unit, request.caller
+        target, rights = self.routes.get(unit), self.rights.of_role(caller.role)
+        if target is not None and request.pdu[0] in rights[caller.host][unit]:
+            target.submit(request, now)
+        else:
+            self._submit_other(request, target, now, rights)

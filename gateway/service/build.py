@@ -22,7 +22,7 @@ from gateway.listeners.tls import TlsListener
 from gateway.listeners.udp import UdpListener
 from gateway.ports.port import Opener, SiteSettings
 from gateway.routing.access import EntryPoint, Rights
-from gateway.routing.router import Router
+from gateway.routing.router import CertifiedRouter, Router
 from gateway.service.fleet import Fleet
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.plant import Publishing
@@ -246,9 +246,10 @@ def _listener(
     why_no_route = "no such unit"
     if settings.line:
         why_no_route += f": {settings.name} leads to line {settings.line} only"
-    router = Router(_entry_point(settings), loop.time, emit, why_no_route, ring)
+    entry = _entry_point(settings)
     if settings.tls is not None:
-        return TlsListener(settings, router, emit, contexts)
+        return TlsListener(settings, CertifiedRouter(entry, loop.time, emit, why_no_route, ring), emit, contexts)
+    router = Router(entry, loop.time, emit, why_no_route, ring)
     return (UdpListener if settings.scheme == "udp" else TcpListener)(settings, router, emit)
 
 

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from gateway.config.plan import Plan
 from gateway.config.problem import did_you_mean
@@ -15,7 +15,7 @@ from gateway.modbus.functions import only_reads
 from gateway.ports.port import SiteSettings
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
-from gateway.request import Request
+from gateway.request import Caller, Request
 from gateway.routing.router import Router
 from gateway.service.build import Gateway
 from gateway.service.frames import frames_of
@@ -40,14 +40,16 @@ class UnitPicture:
     points: tuple[Point, ...]
 
 
+#: The operators at the control socket.
+AT_CONTROL: Final = Caller.without_address(CONTROL)
+
+
 class AwaitedOrigin:
     """The Origin of one request of an operator. `outcome` is its error, if any, and its response."""
 
-    def __init__(self, is_there: Callable[[], bool], client: str = CONTROL, host: str = "") -> None:
-        """`is_there` tells whether the `client` at the address `host` is still connected."""
-        self.client = client
-        self.host = host
-        self.share = host or client
+    def __init__(self, is_there: Callable[[], bool], caller: Caller = AT_CONTROL) -> None:
+        """`is_there` tells whether the operator is still connected."""
+        self.caller = caller
         self.outcome: asyncio.Future[tuple[RequestError | None, bytes | None]] = (
             asyncio.get_running_loop().create_future()
         )

@@ -358,7 +358,7 @@ def _listener(listener: Listener) -> ListenerStatus:
 def _clients(listener: Listener, now: float) -> Iterator[ClientStatus]:
     for each in listener.connected_clients:
         yield ClientStatus(
-            each.client, listener.settings.name, _since(each.last_asked, now), each.asked, each.in_progress
+            each.caller.client, listener.settings.name, _since(each.last_asked, now), each.asked, each.in_progress
         )
 
 

@@ -239,7 +239,7 @@ class _Answers:
 
     async def ask(self, unit: int, pdu: bytes, client: WebClient) -> Answer:
         """By the way of `[[access]] listen = ["web"]`."""
-        question = AwaitedOrigin(client.is_there, client.client, client.host)
+        question = AwaitedOrigin(client.is_there, client.caller)
         done = await send(self._running.gateway.web, unit, pdu, question)
         response = exception_response(pdu[0], 0) if done.pdu is None else done.pdu
         if done.error is None:

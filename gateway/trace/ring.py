@@ -75,7 +75,7 @@ class Ring:
     ) -> None:
         """Keep a request that is not sent to anybody; see `Refused`."""
         if self.is_on:
-            client, received_at = request.origin.client, request.received_at
+            client, received_at = request.caller.client, request.received_at
             self.add_failure(
                 Refused(now, line, name, client, request.unit, request.pdu, error, received_at, until, count)
             )
@@ -83,7 +83,7 @@ class Ring:
     def answer(self, request: Request, response: bytes, now: float, name: str) -> None:
         """Keep a request that is answered here, from the image or mirror of this name."""
         if self.is_on:
-            client, received_at = request.origin.client, request.received_at
+            client, received_at = request.caller.client, request.received_at
             self.add(Answered(now, "", name, client, request.unit, request.pdu, response, received_at))
 
     def add_port(self, line: str, now: float, reason: str = "") -> None:

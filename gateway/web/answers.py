@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from gateway.profiles.point import Point
+from gateway.request import Caller
 from gateway.timing.history import Past
 from gateway.web.unit_answers import UnitAnswers
 
@@ -98,10 +99,9 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class WebClient:
-    """A client: `client` in the log, at the address `host`. `is_there` tells whether it still waits."""
+    """A client of units. `is_there` tells whether it still waits."""
 
-    client: str
-    host: str
+    caller: Caller
     is_there: Callable[[], bool]
 
 

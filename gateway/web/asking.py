@@ -13,7 +13,7 @@ from gateway.web.values import Ask
 def ask_for(request: web.Request, answers: Answers, unit: Unit) -> Ask:
     """What sends request PDUs to a unit, with the rights of the visitor; see `ask_as`."""
     visitor = request[VISITOR]
-    return ask_as(WebClient(visitor.client, visitor.host, partial(is_there, request)), answers, unit)
+    return ask_as(WebClient(visitor.caller, partial(is_there, request)), answers, unit)
 
 
 def ask_as(client: WebClient, answers: Answers, unit: Unit) -> Ask:

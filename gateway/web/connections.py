@@ -15,7 +15,7 @@ from weakref import WeakSet
 
 from aiohttp import web
 
-from gateway.listeners.origin import Origins
+from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import overlap
 from gateway.ports.network import notice_vanished_peers
 from gateway.web.pieces import InPieces
@@ -73,7 +73,7 @@ class Connections:
         self._open: list[_Connection] = []
         #: Those that have asked something, as their handlers know them.
         self._asked: WeakSet[asyncio.BaseTransport] = WeakSet()
-        self._origins = Origins()
+        self._share_keys = ShareKeys()
         self._look_again: asyncio.TimerHandle | None = None
 
     def connected(self, tls: Context | None = None) -> asyncio.Protocol:
@@ -91,7 +91,7 @@ class Connections:
         """Serve a new connection, or close it if there is no room."""
         now = asyncio.get_running_loop().time()
         self._open = [each for each in self._open if each.is_open]
-        origin = self._origins.of(new.host, now)
+        origin = self._share_keys.of(new.host, now)
         has_room = new.tls is None or self._secured.has_room(origin, now)
         if not has_room or (len(self._open) >= MOST_CONNECTIONS and not self._make_room(now)):
             new.close()
@@ -121,7 +121,7 @@ class Connections:
         by_origin: defaultdict[str, list[_Connection]] = defaultdict(list)
         for each in self._open:
             if not each.transport.is_closing():
-                by_origin[self._origins.of(each.host, now)].append(each)
+                by_origin[self._share_keys.of(each.host, now)].append(each)
         most = max(by_origin.values(), key=len, default=[])
         if len(most) <= MOST_OF_ONE_ADDRESS:
             most = [each for each in self._open if not (each.transport.is_closing() or each.has_asked(self._asked))]

@@ -20,6 +20,7 @@ from urllib.parse import quote, urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
+from gateway.request import Caller
 from gateway.web.cookies import cookie
 from gateway.web.problems import Handler, ProblemError
 from gateway.web.sessions import Sessions
@@ -66,6 +67,11 @@ class Visitor:
     def client(self) -> str:
         """What the log calls him: `web:anna@10.2.0.7`."""
         return f"web:{self.user}@{self.host}" if self.user else f"web@{self.host}"
+
+    @property
+    def caller(self) -> Caller:
+        """The client of units that he is."""
+        return Caller(self.client, self.host, share_key=self.host or self.client)
 
 
 #: Where handlers find the visitor of a request.

@@ -9,6 +9,7 @@ from aiohttp import web
 
 from gateway.listeners.handshakes import ConnectingClient, Handshakes
 from gateway.listeners.tls_stream import TlsStream
+from gateway.request import Caller
 from gateway.web.pieces import InPieces
 
 #: How often it is looked for handshakes that take too long, while there are any, in seconds.
@@ -50,18 +51,18 @@ class SecuredConnections:
         self._handshakes = Handshakes(self._secured, lambda *_: None)
         self._sweeping: asyncio.TimerHandle | None = None
 
-    def has_room(self, origin: str, now: float) -> bool:
+    def has_room(self, share_key: str, now: float) -> bool:
         """Whether a handshake can begin with a client from there, perhaps after another was ended."""
-        return not self._handshakes.trouble(origin, now)
+        return not self._handshakes.trouble(share_key, now)
 
     def stream(self, context: ssl.SSLContext) -> SecuredStream:
         """What is the protocol of a new connection; `begin` its handshake at once."""
         return SecuredStream(context, self._handshakes)
 
-    def begin(self, stream: SecuredStream, host: str, origin: str) -> None:
+    def begin(self, stream: SecuredStream, host: str, share_key: str) -> None:
         """A client has connected; it is served once its handshake is done."""
         loop = asyncio.get_running_loop()
-        self._handshakes.begin(stream, ConnectingClient(host, host, origin), loop.time())
+        self._handshakes.begin(stream, ConnectingClient(Caller(host, host, share_key)), loop.time())
         if self._sweeping is None:
             self._sweeping = loop.call_later(_SWEEP_STEP, self._sweep)
 

@@ -14,7 +14,7 @@ from typing import Final
 
 from aiohttp import web
 
-from gateway.listeners.origin import Origins
+from gateway.listeners.share_keys import ShareKeys
 from gateway.web.answers import EventSource
 from gateway.web.guard import Visitor
 from gateway.web.problems import ProblemError
@@ -41,7 +41,7 @@ class Streams:
     def __init__(self) -> None:
         #: Who reads: user and address. The oldest first.
         self._readers: dict[asyncio.Task[None], _Reader] = {}
-        self._origins = Origins()
+        self._share_keys = ShareKeys()
 
     def __len__(self) -> int:
         return len(self._readers)
@@ -54,7 +54,7 @@ class Streams:
         Raises:
             ProblemError: there are too many readers.
         """
-        reader = visitor.user, self._origins.of(visitor.host, asyncio.get_running_loop().time())
+        reader = visitor.user, self._share_keys.of(visitor.host, asyncio.get_running_loop().time())
         if len(self._readers) >= MOST_READERS and not self._make_room(reader):
             raise ProblemError(503, f"{MOST_READERS} others read already", {"Retry-After": "30"})
         response = web.StreamResponse(headers=_HEADERS)

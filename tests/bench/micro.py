@@ -23,7 +23,7 @@ from gateway.modbus.pdu import parse_anew, parse_request
 from gateway.modbus.scan import Expected, Scanner
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
-from gateway.request import Request
+from gateway.request import Caller, Request
 from gateway.service.build import Gateway, build
 from gateway.service.state import Memory
 from gateway.timing.budget import AnswerTime, Budget
@@ -70,12 +70,10 @@ class Table:
         self._frame = rtu.encode(UNIT, response)
         self.time = loop.time
         self._sent = b""
-        self.address = "127.0.0.1"
         gateway = running(CONFIG, print)
         listener, line = gateway.listeners[0], gateway.lines[0]
         self._session = MbapSession(
-            "127.0.0.1:49152",
-            host="127.0.0.1",
+            Caller("127.0.0.1:49152", "127.0.0.1", "127.0.0.1"),
             router=listener.router,
             connection=self,
             settings=listener.settings,
@@ -114,8 +112,8 @@ class Client:
     is_gone = False
 
     def __init__(self, number: int) -> None:
-        self.host = self.share = f"127.0.{number // 250}.{number % 250 + 1}"
-        self.client = f"{self.host}:1"
+        host = f"127.0.{number // 250}.{number % 250 + 1}"
+        self.caller = Caller(f"{host}:1", host, host)
 
     def wants(self, request: Request) -> bool:
         """As long as it is there."""

@@ -3,7 +3,7 @@
 from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.profiles.profile import Profile
-from gateway.request import Request, Target
+from gateway.request import Caller, Request, Target
 from gateway.routing.broadcast import Broadcast, Recipient
 
 UNIT = 10
@@ -20,8 +20,7 @@ MINT = Profile(
 class Answers:
     """The origin of the requests; keeps what comes back, None for a request that ended without a response."""
 
-    client = row = "test"
-    host = share = "127.0.0.1"
+    caller = Caller("test", "127.0.0.1", "127.0.0.1")
 
     def __init__(self) -> None:
         self.came: list[bytes | None] = []

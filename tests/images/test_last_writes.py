@@ -1,14 +1,12 @@
 """Who has written last to an image."""
 
 from gateway.images.last_writes import MOST, LastWrites
-from gateway.request import Request
+from gateway.request import Caller, Request
 
 
 class Client:
-    host = ""
-
     def __init__(self, name: str) -> None:
-        self.client = name
+        self.caller = Caller.without_address(name)
 
 
 def done(writes: LastWrites, pdu: str, client: str, at: float) -> None:

@@ -8,7 +8,7 @@ from gateway.images.polling import MOST_POLLS
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
-from gateway.request import Request
+from gateway.request import Caller, Request
 
 FIVE = "03 02 00 05"
 SIX = "03 02 00 06"
@@ -17,8 +17,7 @@ SIX = "03 02 00 06"
 class Bench:
     """A mirror, its device, its poller and its clients in one: whoever asks is written beside what was asked."""
 
-    host = share = "127.0.0.1"
-    client = row = "mirror"
+    caller = Caller("mirror", "127.0.0.1", "127.0.0.1")
 
     def __init__(self, *polls: Poll, stale: float = 2.0, profile: Profile | None = None) -> None:
         profile = profile or Profile("generic")
@@ -78,10 +77,8 @@ class Bench:
 
 
 class Client:
-    host = share = "127.0.0.1"
-
     def __init__(self, bench: Bench, client: str = "10.0.0.9:1") -> None:
-        self.client = client
+        self.caller = Caller(client, "127.0.0.1", "127.0.0.1")
         self.is_there = True
         #: What it asks as soon as it has an answer.
         self.next: list[str] = []

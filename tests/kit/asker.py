@@ -1,16 +1,14 @@
 """A client for tests of the parts behind it: it asks, and remembers what it was answered."""
 
-from gateway.request import Request
+from gateway.request import Caller, Request
 
 
 class Asker:
     """An Origin. `answers` holds the response PDUs in hex, in the order they came; None for a broadcast that ended."""
 
-    def __init__(self, client: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", share: str = "") -> None:
-        """`share` is `host` unless it is given."""
-        self.client = client
-        self.host = host
-        self.share = share or host
+    def __init__(self, client: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", share_key: str = "") -> None:
+        """`share_key` is `host` unless it is given."""
+        self.caller = Caller(client, host, share_key or host)
         self.answers: list[str | None] = []
         self._asked: list[Request] = []
         self._gone = False

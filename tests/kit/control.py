@@ -13,7 +13,7 @@ from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.request import Request
 from gateway.service.control import _line
-from gateway.service.operator import UnitPicture
+from gateway.service.operator import AT_CONTROL, UnitPicture
 
 PROFILE = Profile("generic", limits={3: 4})
 
@@ -21,9 +21,8 @@ PROFILE = Profile("generic", limits={3: 4})
 class FakeDaemon:
     """Stands in for `Conversation`. `asked` are the requests that came, `silent` what the gateway says of them."""
 
-    client = share = "control"
+    caller = AT_CONTROL
     gateway = Path("/run/gw.sock")
-    host = ""
 
     def __init__(self, points: Iterable[Point] = (), *, functions: tuple[int, ...] | None = None) -> None:
         settings = ImageSettings(41, "silo-1", PROFILE, dict.fromkeys(Area, ((0, 19),)))

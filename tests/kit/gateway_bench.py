@@ -13,6 +13,7 @@ from gateway.images.store import Store
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
+from gateway.request import Caller
 from gateway.service.build import Gateway, build
 from gateway.service.recent import Recent
 from gateway.service.running import Running
@@ -34,11 +35,9 @@ class Client:
         self, gateway: Gateway, name: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", listener: int = 0
     ) -> None:
         self._loop = asyncio.get_running_loop()
-        self.address = host
         door = gateway.listeners[listener]
         self.session = MbapSession(
-            name,
-            host=host,
+            Caller(name, host, host),
             router=door.router,
             connection=self,
             settings=door.settings,

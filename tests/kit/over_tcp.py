@@ -7,6 +7,7 @@ from gateway.listeners.arrivals import LOOK_STEP
 from gateway.listeners.over_tcp import OverTcpSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
+from gateway.request import Caller
 from gateway.service.build import Listener
 
 ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
@@ -15,14 +16,11 @@ ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
 class OverTcpClient:
     """A client as programs for serial ports are: whatever comes after its request is the response to it."""
 
-    address = "127.0.0.1"
-
     def __init__(self, listener: Listener, name: str = "10.0.0.9:49152") -> None:
         self._loop = asyncio.get_running_loop()
         self._encode = ENCODE[listener.settings.scheme]
         self.session = OverTcpSession(
-            name,
-            host="127.0.0.1",
+            Caller(name, "127.0.0.1", "127.0.0.1"),
             router=listener.router,
             connection=self,
             settings=listener.settings,

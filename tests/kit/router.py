@@ -21,9 +21,10 @@ def router(
     rows: Iterable[Row] = DEFAULT_ROWS,
     entry: EntryPoint = _SCADA,
     now: float = 0.0,
+    kind: type[Router] = Router,
 ) -> Router:
     """A router whose clock stands at `now`."""
-    made = Router(entry, lambda: now, emit)
+    made = kind(entry, lambda: now, emit)
     made.routes = routes
     made.rights = Rights(rows, entry)
     return made

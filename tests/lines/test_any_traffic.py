@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from gateway.lines.counts import RESULTS
 from gateway.modbus.checks import crc_fits
-from gateway.request import Request
+from gateway.request import Caller, Request
 from kit.line_bench import ASCII, LIMIT, TIMING, Bench, is_empty
 
 CLIENTS = 3
@@ -34,8 +34,7 @@ class Client:
     """An Origin that checks each answer against its request."""
 
     def __init__(self, name: str) -> None:
-        self.client = name
-        self.host = self.share = "127.0.0.1"
+        self.caller = Caller(name, "127.0.0.1", "127.0.0.1")
         self.gone = False
         self.answers: dict[Request, str | None] = {}
 
@@ -132,7 +131,7 @@ class Traffic(Bench):
             self._check_broadcast(data)
             return
         for request in current.requests:
-            key = (request.origin.client, request.unit)
+            key = (request.caller.client, request.unit)
             assert self.serials[request] >= self.last_sent.get(key, -1), "out of order"
             self.last_sent[key] = self.serials[request]
         answer = right_answer(current.unit, current.asked.data)
@@ -143,7 +142,7 @@ class Traffic(Bench):
         body = bytes.fromhex(data[1:-4].decode()) if self.settings.timing.mode == "ascii" else data[:-2]
         serial = int.from_bytes(body[-2:])
         (request,) = (request for request, number in self.serials.items() if number == serial)
-        client = request.origin.client
+        client = request.caller.client
         for unit in (0, *UNITS):
             assert serial > self.last_sent.get((client, unit), -1), "a broadcast out of order"
             self.last_sent[client, unit] = serial

@@ -44,11 +44,11 @@ class Full:
     def leave(self, client: Asker) -> None:
         """A client leaves: nobody is refused before its requests are dropped."""
         client.gone = True
-        self.by_address[client.share] -= self.by_client.pop(client, 0)
+        self.by_address[client.caller.share_key] -= self.by_client.pop(client, 0)
 
     def _count(self, request: Request, more: int) -> None:
         self.by_client[request.origin] += more
-        self.by_address[request.origin.share] += more
+        self.by_address[request.caller.share_key] += more
 
 
 @pytest.mark.parametrize("depth", [1, 2, 6])
@@ -65,18 +65,18 @@ def test_who_is_refused_has_most_waiting_by_connection_and_if_all_have_one_by_ad
             full.take()
         elif dice.random() < 0.02:
             full.leave(client)
-            clients[at] = Asker(f"{number}", host=client.share)
+            clients[at] = Asker(f"{number}", host=client.caller.share_key)
         elif full.by_client[client] < depth:
             loads, addresses = full.by_client.copy(), full.by_address.copy()
             loads[client] += 1
-            addresses[client.share] += 1
+            addresses[client.caller.share_key] += 1
             lost = full.ask(client)
             if lost is not None:
                 refused += 1
                 loser = lost.requests[0].origin
                 assert sum(loads.values()) == full.size + 1
                 assert loads[loser] == max(loads.values())
-                assert loads[loser] > 1 or addresses[loser.share] == max(addresses.values())
+                assert loads[loser] > 1 or addresses[loser.caller.share_key] == max(addresses.values())
     assert refused > 500
 
 

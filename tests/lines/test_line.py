@@ -321,7 +321,7 @@ def test_a_full_queue_answers_06_and_says_so() -> None:
     for _ in range(4):
         bench.ask()
     assert bench.client.answers == ["83 06"]
-    assert bench.events == [QueueFull("hall-a", 1, "unit-1", bench.client.client)]
+    assert bench.events == [QueueFull("hall-a", 1, "unit-1", bench.client.caller.client)]
 
 
 def test_who_has_most_waiting_in_a_full_queue_gets_06_for_its_newest_request() -> None:
@@ -331,7 +331,7 @@ def test_who_has_most_waiting_in_a_full_queue_gets_06_for_its_newest_request() -
         bench.ask(unit=unit)
     bench.ask(unit=4, client=modest)
     assert bench.client.answers == ["83 06"]
-    assert bench.events == [QueueFull("hall-a", 3, "unit-3", bench.client.client)]
+    assert bench.events == [QueueFull("hall-a", 3, "unit-3", bench.client.caller.client)]
     assert bench.devices[3].counts[3].queue_full == 1
     bench.respond(unit=1)
     bench.pass_time(0.01)

@@ -79,7 +79,7 @@ class Waiting:
 
 
 def name(transaction: Transaction) -> str:
-    clients = "+".join(request.origin.client for request in transaction.requests)
+    clients = "+".join(request.caller.client for request in transaction.requests)
     write = "" if transaction.asked.function == 3 else "!"
     return f"{clients}{transaction.device.unit}{write}"
 
@@ -614,7 +614,7 @@ def test_what_counts_as_one_address_does_here_too() -> None:
     """Of IPv6, the network of one customer."""
     waiting = Waiting(size=4)
     for number, client in enumerate(("B1", "A1", "A2", "A3")):
-        waiting.clients[client] = Asker(client, host=f"2001:db8::{number}", share=client[0])
+        waiting.clients[client] = Asker(client, host=f"2001:db8::{number}", share_key=client[0])
         waiting.put(client, unit=number + 1)
     assert waiting.refused_for("C1", unit=9) == "A12"
 

@@ -7,6 +7,7 @@ import pytest
 
 from gateway.listeners.admission import ALL_BUSY, MEMORY, MOST_REMEMBERED, NO_RIGHTS, NONE_REPLACEABLE, Admission
 from gateway.listeners.session import NEVER, ListenSettings
+from gateway.request import Caller
 from gateway.routing.access import DEFAULT_ROWS, READING, EntryPoint, Rights, Row
 
 EVERYBODY = Rights(DEFAULT_ROWS, EntryPoint("scada"))
@@ -18,7 +19,7 @@ LOOK = 0.25
 
 @dataclass(eq=False)
 class Client:
-    host: str
+    caller: Caller
     last_asked: float = NEVER
     is_idle: bool = True
     role: str | None = None
@@ -44,7 +45,7 @@ class Lobby:
         refusal = self.room.refusal(host, self.rights, settings, self.now, self._dismiss, role)
         if refusal:
             return refusal
-        client = Client(host, role=role)
+        client = Client(Caller(f"{host}:1", host, host), role=role)
         self.room.enter(client, self.now)
         assert len(self.room) <= self.places
         if asks:
@@ -122,7 +123,7 @@ def test_then_who_is_silent_for_longest_when_nobody_has_asked_twice(lobby: Lobby
         lobby.passes(0.01)
         client.last_asked = lobby.now
     assert lobby.makes_room("E") is clients[1]
-    assert lobby.makes_room("F").host == "192.0.2.69"  # E has not asked
+    assert lobby.makes_room("F").caller.host == "192.0.2.69"  # E has not asked
 
 
 def test_silence_is_measured_by_the_interval_at_which_a_client_usually_asks(lobby: Lobby) -> None:
@@ -170,7 +171,7 @@ def test_who_asks_as_usual_gives_up_what_its_address_has_beyond_others(lobby: Lo
     clients = [lobby.comes(host) for host in "AABC"]
     for client in clients:
         lobby.polls(client, 3, every=1)
-    assert lobby.makes_room("D").host == clients[0].host
+    assert lobby.makes_room("D").caller.host == clients[0].caller.host
 
 
 def test_addresses_with_equally_many_make_room_for_one_that_has_none(lobby: Lobby) -> None:
@@ -201,7 +202,7 @@ def test_who_waited_long_for_an_answer_is_not_taken_for_silent(lobby: Lobby) -> 
     client.is_idle = True
     for host in "BCD":
         lobby.comes(host)
-    assert lobby.makes_room("E").host == "192.0.2.66"
+    assert lobby.makes_room("E").caller.host == "192.0.2.66"
     lobby.comes("E")
     lobby.polls(client, 1, every=0.5)
     assert client in lobby.room
@@ -272,15 +273,15 @@ def test_unknown_clients_leave_the_reserve_to_those_whom_rows_name() -> None:
     for number in range(2):
         assert isinstance(lobby.comes(f"10.0.0.{number}"), Client)
     assert len(lobby.room) == 4
-    assert {lobby.makes_room(host).host[:3] for host in "DEFGH"} == {"192"}
+    assert {lobby.makes_room(host).caller.host[:3] for host in "DEFGH"} == {"192"}
 
 
 def test_those_whom_rows_name_take_the_other_places_too_as_long_as_there_are_any() -> None:
     lobby = Lobby(places=3, reserve=1, rights=NAMED)
     for number in range(3):
         lobby.comes(f"10.0.0.{number}")
-    assert lobby.makes_room("A").host == "10.0.0.0"
-    assert lobby.makes_room("10.0.0.9").host == "10.0.0.1"
+    assert lobby.makes_room("A").caller.host == "10.0.0.0"
+    assert lobby.makes_room("10.0.0.9").caller.host == "10.0.0.1"
 
 
 def test_a_role_that_no_row_names_for_its_address_gets_no_reserved_place() -> None:
@@ -323,7 +324,7 @@ def test_new_rights_count_for_those_who_are_in() -> None:
     lobby.makes_room("C")
     lobby.rights = Rights((Row(READING, networks=(ip_network("192.0.2.0/24"),)), Row(READING)), EntryPoint("scada"))
     assert isinstance(lobby.comes("10.0.0.2"), Client)
-    assert lobby.makes_room("10.0.0.3").host == "10.0.0.1"
+    assert lobby.makes_room("10.0.0.3").caller.host == "10.0.0.1"
 
 
 # --- a crowd: promise P18 ---

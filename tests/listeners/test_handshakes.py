@@ -12,6 +12,7 @@ from gateway.listeners.handshakes import (
     ConnectingClient,
     Handshakes,
 )
+from gateway.request import Caller
 
 
 class Stream:
@@ -48,7 +49,7 @@ def begun(owner: Handshakes, *origins: str) -> list[Stream]:
     for origin in origins:
         assert owner.trouble(origin, now) == ""
         streams.append(Stream(owner))
-        owner.begin(streams[-1], ConnectingClient(origin, f"{origin}:1", origin), now)
+        owner.begin(streams[-1], ConnectingClient(Caller(f"{origin}:1", origin, origin)), now)
     return streams
 
 

@@ -19,7 +19,7 @@ from gateway.listeners.session import SENDING_DEADLINE, TAKING_DEADLINE, ListenS
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
-from gateway.request import Request
+from gateway.request import Caller, Request
 
 READ = bytes.fromhex("03 00 10 00 01")
 RESPONSE = bytes.fromhex("03 02 01 10")
@@ -94,8 +94,7 @@ class Client:
         self.target = Target()
         self.connection = Connection()
         self.session = MbapSession(
-            "10.0.0.9:49152",
-            host="127.0.0.1",
+            Caller("10.0.0.9:49152", "127.0.0.1", "127.0.0.1"),
             router=self.target,
             connection=self.connection,
             settings=ListenSettings("scada", "::", 502, in_flight=3, **settings),

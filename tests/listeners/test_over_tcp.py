@@ -13,7 +13,7 @@ from gateway.listeners.over_tcp import MOST_BROADCASTS, MOST_NOISE, OverTcpSessi
 from gateway.listeners.session import SENDING_DEADLINE, ListenSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
-from gateway.request import Request
+from gateway.request import Caller, Request
 from kit.waiting import Waiting
 
 READ = bytes.fromhex("03 00 10 00 01")
@@ -102,8 +102,7 @@ class Client:
         self.target = Target()
         self.connection = Connection()
         self.session = OverTcpSession(
-            "10.0.0.9:49152",
-            host="127.0.0.1",
+            Caller("10.0.0.9:49152", "127.0.0.1", "127.0.0.1"),
             router=self.target,
             connection=self.connection,
             settings=ListenSettings(

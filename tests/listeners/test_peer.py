@@ -8,7 +8,7 @@ from gateway.errors import AccessDenied, IllegalDataValue, LineDown, QueueFull, 
 from gateway.listeners.peer import Path, Peer
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.mbap import TcpFrame, encode
-from gateway.request import Request
+from gateway.request import Caller, Request
 from kit.waiting import Waiting
 
 READ = bytes.fromhex("03 00 10 00 01")
@@ -37,7 +37,12 @@ class Client:
         self.unread: list[TcpFrame] = []
         self.settings = ListenSettings("field", "", 502, in_flight=3, scheme="udp", **settings)
         self.path = Path(self._read, self.sent.append)
-        self.peer = Peer("10.0.0.9:49152", host="127.0.0.1", router=self.target, settings=self.settings, path=self.path)
+        self.peer = Peer(
+            Caller("10.0.0.9:49152", "127.0.0.1", "127.0.0.1"),
+            router=self.target,
+            settings=self.settings,
+            path=self.path,
+        )
 
     def ask(self, transaction: int, pdu: bytes = READ, unit: int = 7) -> None:
         self.peer.received(TcpFrame(transaction, unit, pdu), 5.0)

@@ -32,8 +32,8 @@ class TestOnBothKindsOfLine:
     def test_a_request_for_our_unit_is_answered(self, timing: LineTiming) -> None:
         bench = ServerBench(timing)
         request = bench.ask(READ)
-        assert (request.unit, request.pdu, request.origin.client) == (41, bytes.fromhex(READ), "panel")
-        assert request.origin.host == ""
+        assert (request.unit, request.pdu, request.caller.client) == (41, bytes.fromhex(READ), "panel")
+        assert request.caller.host == ""
         assert request.origin.wants(request)
         bench.pass_time(0.1)
         request.respond(RESPONSE)

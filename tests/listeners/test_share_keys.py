@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.listeners.origin import KEPT, MOST_READ, Origins, read_routes
+from gateway.listeners.share_keys import KEPT, MOST_READ, ShareKeys, read_routes
 from kit.ipv6 import needs_ipv6
 
 #: As the system shows them: a link, what is reached through a router, a tunnel for everything, an address of our own.
@@ -30,12 +30,12 @@ ROUTES = f"{LINK}\n{SITE_LINK}\n{ROUTED}\n{TUNNEL}\n{OURS}\n20010d".format("0" *
     ],
 )
 def test_an_ipv6_network_counts_as_one_address_unless_it_is_a_link_of_ours(host: str, origin: str) -> None:
-    assert Origins(lambda: ROUTES).of(host, 0.0) == origin
+    assert ShareKeys(lambda: ROUTES).of(host, 0.0) == origin
 
 
 def test_routes_that_change_are_seen_after_a_while() -> None:
     routes = [""]
-    origins = Origins(lambda: routes[0])
+    origins = ShareKeys(lambda: routes[0])
     assert origins.of("2001:db8:0:1::7", 100.0) == "2001:db8:0:1::/64"
     routes[0] = ROUTES
     assert origins.of("2001:db8:0:1::7", 100.0 + KEPT - 0.1) == "2001:db8:0:1::/64"
@@ -43,7 +43,7 @@ def test_routes_that_change_are_seen_after_a_while() -> None:
 
 
 def test_where_there_is_no_ipv6_there_are_no_routes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.listeners.origin.ROUTES", "/nowhere")
+    monkeypatch.setattr("gateway.listeners.share_keys.ROUTES", "/nowhere")
     assert read_routes() == ""
 
 
@@ -52,4 +52,4 @@ def test_the_routes_of_this_machine_can_be_read() -> None:
     routes = read_routes()
     assert len(routes) <= MOST_READ
     assert all(len(line.split()) == 10 for line in routes.splitlines()[:-1])
-    assert Origins().of("2001:db8:ffff::1", 0.0) == "2001:db8:ffff::/64"
+    assert ShareKeys().of("2001:db8:ffff::1", 0.0) == "2001:db8:ffff::/64"

@@ -20,7 +20,7 @@ from gateway.listeners.session import ListenSettings
 from gateway.listeners.tls import TlsListener
 from gateway.listeners.tls_stream import TlsStream
 from gateway.modbus.mbap import encode
-from gateway.request import Request
+from gateway.request import Caller, Request
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
 from gateway.tls.contexts import load
@@ -31,7 +31,8 @@ from kit.pki import OPERATOR, client_context, handshake_without_tickets, pki
 from kit.router import router
 
 READ, WRITE = bytes.fromhex("03 0000 0001"), bytes.fromhex("06 0000 0007")
-CLIENT = ConnectingClient("10.0.0.1", "10.0.0.1:1", "10.0.0.1")
+CALLER = Caller("10.0.0.1:1", "10.0.0.1", "10.0.0.1")
+CLIENT = ConnectingClient(CALLER)
 
 
 class Network(asyncio.Transport):
@@ -179,7 +180,7 @@ def connected(
     now = asyncio.get_running_loop().time
     listener = listener or Listener()
     peer, network = Peer(version), Network()
-    owner = Handshaker(lambda stream: stream.begin(SecuredConnection(listener, "10.0.0.1", "10.0.0.1:1", now, target)))
+    owner = Handshaker(lambda stream: stream.begin(SecuredConnection(listener, CALLER, now, target)))
     stream = TlsStream(context(), owner)
     stream.connection_made(network)
     stream.start()
@@ -545,9 +546,11 @@ def test_what_counts_as_a_clients_address_is_what_did_for_its_handshake() -> Non
         shown = ssl.PEM_cert_to_DER_cert((pki() / f"{OPERATOR}.crt").read_text())
         stream = SimpleNamespace(is_resumed=False, peer_certificate=shown, begin=begun.append)
         host = "2001:db8:1:2::7"
-        listener._secured(stream, ConnectingClient(host, f"[{host}]:1", "2001:db8:1:2::/64"))  # type: ignore[arg-type]
+        listener._secured(stream, ConnectingClient(Caller(f"[{host}]:1", host, "2001:db8:1:2::/64")))  # type: ignore[arg-type]
         (connection,) = begun
-        assert (connection.host, connection.session.share) == (host, "2001:db8:1:2::/64")
+        caller = connection.session.caller
+        assert (caller.host, caller.share_key) == (host, "2001:db8:1:2::/64")
+        assert (caller.subject, caller.role) == (f"CN={OPERATOR}", "operator")
 
     asyncio.run(scenario())
 

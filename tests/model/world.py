@@ -24,7 +24,7 @@ from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.pdu import parse_request
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.profiles.profile import Profile
-from gateway.request import Request
+from gateway.request import Caller, Request
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
 from model.picture import EPOCH, PLACES
@@ -70,12 +70,11 @@ class Setting:
 class Question:
     """A client's request, as its Origin; `then` is what the client does when it is answered."""
 
-    host = share = "127.0.0.1"
-
     def __init__(
         self, world: "World", client: str, unit: int, pdu: bytes, then: Callable[["World"], None] | None
     ) -> None:
         self.client = client
+        self.caller = Caller(client, "127.0.0.1", "127.0.0.1")
         self.unit = unit
         self.pdu = pdu
         self.asked_at = world.now

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 from gateway.events import AccessDenied, Event, WriteAudit
 from gateway.modbus.functions import only_reads
-from gateway.request import Request
+from gateway.request import Caller, Request
 from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, MOST_ROLES, NOTHING, READING, EntryPoint, Rights, Row
-from gateway.routing.identity import Identity
 from gateway.routing.router import CertifiedRouter
 from kit.router import router
 
@@ -25,16 +24,15 @@ HERE, ELSEWHERE = "127.0.0.1", "10.9.9.9"
 class Bench:
     """A client with a certificate: what arrives at the units, what it is answered, and what is told of it."""
 
-    client = "10.9.9.9:1"
     name = "bench"
 
     def __init__(self, rows: tuple[Row, ...], role: str, host: str = ELSEWHERE, entry: EntryPoint = REMOTE) -> None:
-        self.host = self.share = host
+        self.caller = Caller("10.9.9.9:1", host, host, "CN=somebody", role)
         self.reached: list[Request] = []
         self.answers: list[bytes | None] = []
         self.events: list[Event] = []
-        made = router(dict.fromkeys(range(256), self), self.events.append, rows=rows, entry=entry)
-        self.router = CertifiedRouter(made, Identity("CN=somebody", role))
+        routes = dict.fromkeys(range(256), self)
+        self.router = router(routes, self.events.append, rows=rows, entry=entry, kind=CertifiedRouter)
 
     def asks(self, unit: int, pdu: bytes) -> bool:
         """Whether a request reaches its unit; the answer is 01 otherwise."""

@@ -258,7 +258,7 @@ async def test_the_frames_of_a_request_are_those_of_its_line() -> None:
         client, now = home.client(), asyncio.get_running_loop().time()
         await client.asks(52, READ)
         pdu = bytes.fromhex(READ)
-        found = frames_of(home.gateway, client.session.client, pdu, now)
+        found = frames_of(home.gateway, client.session.caller.client, pdu, now)
         assert bytes.fromhex(found["sent"]) == b":020300000001FA\r\n"
         assert bytes.fromhex(found["received"]) == b":0203020000F9\r\n"
         assert frames_of(home.gateway, "somebody", pdu, now) == {}

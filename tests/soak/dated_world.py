@@ -179,7 +179,8 @@ class JudgingClient(Client):
         if trouble:
             story = [] if served.device is None else self._world.passed.get(served.device.number, ())
             self._tally.complain(
-                f"at {self._loop.time():.6f} s {self.session.client} asked {unit}: {pdu.hex(' ').upper()} and got "
+                f"at {self._loop.time():.6f} s {self.session.caller.client} asked {unit}: "
+                f"{pdu.hex(' ').upper()} and got "
                 + "\n    ".join((f"{response.hex(' ').upper()}: {trouble} ({row})", *story))
             )
         return not response[0] & EXCEPTION_BIT
@@ -199,7 +200,7 @@ class JudgingClient(Client):
         response = await answer
         self._tally.slowest = max(self._tally.slowest, self._loop.time() - asked_at)
         if response and response[0] != unit:
-            self._tally.complain(f"{self.session.client} asked {unit}, and {response[0]} answered")
+            self._tally.complain(f"{self.session.caller.client} asked {unit}, and {response[0]} answered")
         return response[1:]
 
     def send(self, data: bytes) -> None:
@@ -210,16 +211,16 @@ class JudgingClient(Client):
 
     def _answered(self, transaction: int, response: bytes) -> None:
         if transaction not in self._open:
-            self._tally.complain(f"{self.session.client}: an answer to {transaction}, which is not open")
+            self._tally.complain(f"{self.session.caller.client}: an answer to {transaction}, which is not open")
             return
         served, answer = self._open[transaction]
         earlier = takewhile(lambda each: each != transaction, self._open)
         if not response[1] & EXCEPTION_BIT and any(self._open[each][0] is served for each in earlier):
             self._tally.complain(
-                f"{self.session.client}: {response.hex(' ')} came before the answer to an earlier request"
+                f"{self.session.caller.client}: {response.hex(' ')} came before the answer to an earlier request"
             )
         del self._open[transaction]
         answer.set_result(response)
 
     def reject(self, reason: str) -> None:
-        self._tally.complain(f"{self.session.client} was rejected: {reason}")
+        self._tally.complain(f"{self.session.caller.client} was rejected: {reason}")

@@ -15,6 +15,7 @@ from gateway.listeners.peer import Path, Peer
 from gateway.modbus import rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
+from gateway.request import Caller
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.faulty import FaultyDevice, FaultyLine, word
 from kit.gateway_bench import GatewayBench, gateway_bench
@@ -141,7 +142,8 @@ class UdpClient:
         self._answers: dict[int, bytes] = {}
         listener = bench.gateway.listeners[3]
         path = Path(lambda: None, self._take)
-        self._peer = Peer("10.0.0.5:1", host="127.0.0.1", router=listener.router, settings=listener.settings, path=path)
+        caller = Caller("10.0.0.5:1", "127.0.0.1", "127.0.0.1")
+        self._peer = Peer(caller, router=listener.router, settings=listener.settings, path=path)
         self._transaction = 0
 
     async def ask(self, unit: int, address: int, time_out: float) -> bytes:

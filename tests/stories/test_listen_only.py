@@ -5,6 +5,7 @@ import asyncio
 from gateway.events import RequestTimeout, WriteAudit
 from gateway.listeners.peer import Path, Peer
 from gateway.modbus import mbap, rtu
+from gateway.request import Caller
 from kit.conversation import Conversation, Stage
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
@@ -76,7 +77,8 @@ async def test_a_client_of_modbus_udp() -> None:
         furnish(bench)
         sent: list[bytes] = []
         listener, path = bench.gateway.listeners[0], Path(lambda: None, sent.append)
-        peer = Peer("127.0.0.1:1", host="127.0.0.1", router=listener.router, settings=listener.settings, path=path)
+        caller = Caller("127.0.0.1:1", "127.0.0.1", "127.0.0.1")
+        peer = Peer(caller, router=listener.router, settings=listener.settings, path=path)
         for number, (unit, pdu) in enumerate([(1, LISTEN_ONLY), (2, READ)]):
             peer.received(mbap.TcpFrame(number, unit, bytes.fromhex(pdu)), asyncio.get_running_loop().time())
             await asyncio.sleep(0.2)

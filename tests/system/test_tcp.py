@@ -30,8 +30,8 @@ from gateway.listeners.tcp import Counts, TcpListener
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
-from gateway.ports import network
-from gateway.request import Request
+from gateway.ports import lookup
+from gateway.request import Caller, Request
 from gateway.routing.access import EVERYTHING, Rights, Row
 from kit.free_port import free_port
 from kit.ipv6 import needs_ipv6
@@ -206,7 +206,7 @@ async def until(condition: Callable[[], object]) -> None:
 async def block(client: Client, bench: Bench) -> None:
     """Let `client` ask for more than it takes, until the gateway keeps its responses."""
     client.ask(count=2000)
-    connection = next(each for each in bench.listener.connections if each.client == client.name)
+    connection = next(each for each in bench.listener.connections if each.caller.client == client.name)
     await until(lambda: connection.session._back_pressure.blocked_at is not None)
 
 
@@ -428,13 +428,11 @@ async def test_a_half_closed_client_is_answered_then_closed() -> None:
 async def test_a_request_knows_what_counts_as_the_address_of_its_client() -> None:
     """As at the admission of clients: of IPv6, the network of one customer."""
     async with listening() as bench:
-        bench.listener._origins.of = lambda host, now: f"the network of {host}"  # type: ignore[method-assign]
+        bench.listener._share_keys.of = lambda host, now: f"the network of {host}"  # type: ignore[method-assign]
         client = await bench.client()
         client.ask(PATIENT)
         await until(lambda: bench.plant.waiting)
-        origin = bench.plant.waiting[0].origin
-        assert (origin.host, origin.share) == ("127.0.0.1", "the network of 127.0.0.1")
-        assert origin.client == client.name
+        assert bench.plant.waiting[0].caller == Caller(client.name, "127.0.0.1", "the network of 127.0.0.1")
         bench.plant.answer_all()
 
 
@@ -469,7 +467,8 @@ async def test_who_leaves_is_freed_without_the_collector_which_passes_over_those
     monkeypatch.setattr(session_module, "SENDING_DEADLINE", PATIENCE)
 
     def remains() -> list[TcpConnection]:
-        return [each for each in gc.get_objects() if isinstance(each, TcpConnection) and each.client == client.name]
+        found = (each for each in gc.get_objects() if isinstance(each, TcpConnection))
+        return [each for each in found if each.caller.client == client.name]
 
     async with listening(scheme=scheme) as bench:
         gc.disable()
@@ -670,7 +669,7 @@ async def test_an_ipv6_listener_takes_ipv4_clients_who_look_like_such() -> None:
         assert await old.is_open()
         assert await new.is_open()
         assert [event.client for event in bench.told(ClientConnected)] == [old.name, new.name]
-        assert {each.host for each in bench.listener.connections} == {"127.0.0.1", "::1"}
+        assert {each.caller.host for each in bench.listener.connections} == {"127.0.0.1", "::1"}
 
 
 @needs_ipv6

@@ -13,7 +13,7 @@ from gateway.listeners.connection import UNSENT_BYTES, TcpConnection, most_unsen
 from gateway.listeners.session import ListenSettings
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.modbus.mbap import encode
-from gateway.request import Request
+from gateway.request import Caller, Request
 from kit.process import PATIENCE
 
 READ, RESPONSE = bytes.fromhex("03 0000 0001"), bytes.fromhex("03 02 0007")
@@ -106,7 +106,8 @@ class Served:
     def __init__(self, accepted, target=None, in_flight=16):
         loop = asyncio.get_running_loop()
         self.target, self.listener = target or Slow(), Listener(in_flight)
-        self.connection = TcpConnection(self.listener, "127.0.0.1", "127.0.0.1:1", loop.time, self.target)
+        caller = Caller("127.0.0.1:1", "127.0.0.1", "127.0.0.1")
+        self.connection = TcpConnection(self.listener, caller, loop.time, self.target)
         self.stream = TcpStream(loop, accepted, self.connection)
         self.connection.connection_made(self.stream)
         self.stream.resume_reading()

@@ -331,14 +331,14 @@ async def test_beyond_in_flight_the_answer_is_busy() -> None:
 async def test_the_ports_of_one_address_take_turns_as_one() -> None:
     """C15, and what counts as one address is as at the admission of clients."""
     async with listening() as bench:
-        bench.listener._origins.of = lambda host, now: host.removesuffix(".9")  # type: ignore[method-assign]
+        bench.listener._share_keys.of = lambda host, now: host.removesuffix(".9")  # type: ignore[method-assign]
         for own in ("127.0.0.1", "127.0.0.1", "127.0.0.9"):
             bench.client(own=own).ask(PATIENT)
         await until(lambda: len(bench.plant.requests) == 3)
-        one, same, other = (request.origin for request in bench.plant.requests)
-        assert one.share == same.share == "127.0.0.1"
+        one, same, other = (request.caller for request in bench.plant.requests)
+        assert one.share_key == same.share_key == "127.0.0.1"
         assert one.client != same.client
-        assert (other.share, other.host) == ("127.0.0", "127.0.0.9")
+        assert (other.share_key, other.host) == ("127.0.0", "127.0.0.9")
 
 
 async def test_many_forged_senders_leave_no_more_than_the_bound() -> None:

@@ -8,7 +8,7 @@ from typing import Final
 from aiohttp import web
 
 from gateway.clock.threads import ThreadPerCall
-from gateway.listeners.origin import Origins
+from gateway.listeners.share_keys import ShareKeys
 from gateway.web.answers import Answers
 from gateway.web.api import session_as_json
 from gateway.web.guard import VISITOR, Guard, Need, Visitor
@@ -43,7 +43,7 @@ class LoginPage:
         self._sessions = sessions
         self._renderer = renderer
         self._attempts = Attempts()
-        self._origins = Origins()
+        self._share_keys = ShareKeys()
         self._logins = 0
         self._one_login_at_a_time = asyncio.Lock()
 
@@ -64,7 +64,7 @@ class LoginPage:
         form, now = await request.post(), asyncio.get_running_loop().time
         name, password = str(form.get("user", "")), str(form.get("password", ""))
         visitor = request[VISITOR]
-        address = self._origins.of(visitor.host, now())
+        address = self._share_keys.of(visitor.host, now())
         user = self._table.users.get(name)
         if wait := self._attempts.wait(address, user, now()):
             return await self._refused(request, 429, "Too many wrong passwords: try again later.", ceil(wait))

@@ -163,7 +163,7 @@ class WritePages:
         unit = question.unit
         if not self._is_as_asked(question):
             return Result(_CHANGED, 0.0)
-        client = WebClient(visitor.client, visitor.host, is_awaited)
+        client = WebClient(visitor.caller, is_awaited)
         ask = ask_as(client, self._answers, unit)
         answer = await ask(question.pdu)
         self._reads.forget(unit)

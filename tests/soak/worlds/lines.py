@@ -17,6 +17,7 @@ from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.frame import Frame
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
+from gateway.request import Caller
 from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
 from kit.faulty import Fault, FaultyDevice, FaultyLine
@@ -124,7 +125,7 @@ class World:
             sent = faulty.encode(transaction.unit, transaction.asked.data)
             codes = {injection.code for data, injection in [each for each in faulty.latest if each[0] == sent][-tries:]}
             for request in transaction.requests:
-                client = self.clients.get(request.origin.client)
+                client = self.clients.get(request.caller.client)
                 if client is not None and (question := client.open.get(request.transaction)) is not None:
                     question.fault, question.codes, question.tries = faulty.last.fault, codes, tries
 
@@ -218,8 +219,7 @@ class Client:
         listener = self._world.bench.gateway.listeners[0]
         name = f"10.0.0.{self._number}:{self._connections}"
         self._session = MbapSession(
-            name,
-            host="127.0.0.1",
+            Caller(name, "127.0.0.1", "127.0.0.1"),
             router=listener.router,
             connection=self,
             settings=listener.settings,
@@ -232,7 +232,7 @@ class Client:
     def _leave(self) -> None:
         """Close the connection, whatever is under way, and come back."""
         self._session.closed()
-        del self._world.clients[self._session.client]
+        del self._world.clients[self._session.caller.client]
         for question in self.open.values():
             self._tally.abandoned += 1
             if question.settle is not None:

@@ -18,7 +18,7 @@ from gateway.events import ClientRejected, PartFailed
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.tcp import TcpListener
 from gateway.modbus.frame import Frame
-from gateway.request import Request
+from gateway.request import Caller, Request
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.faulty import Fault
 from kit.gateway_bench import GatewayBench, gateway_bench
@@ -227,7 +227,8 @@ class Client:
         self._given_up: list[Question] = []
         self._round = 0
         self._asked_at = self._sent_at = self._answered_at = 0.0
-        connection = TcpConnection(listener, "127.0.0.1", f"10.0.0.{number}:49152", loop.time, _Router(world, listener))
+        caller = Caller(f"10.0.0.{number}:49152", "127.0.0.1", "127.0.0.1")
+        connection = TcpConnection(listener, caller, loop.time, _Router(world, listener))
         self._socket = Socket(self._outside, self._dice, connection, self._heard)
         connection.connection_made(self._socket)
         self._socket.resume_reading()
