@@ -8,7 +8,6 @@ from binascii import Error as NotHexadecimal
 from binascii import unhexlify
 from typing import Final
 
-from gateway.modbus.checks import lrc
 from gateway.modbus.codes import MAX_ASCII_ADU
 from gateway.modbus.frame import Frame, RequestFramer
 
@@ -21,6 +20,11 @@ START: Final = b":"
 END: Final = b"\r\n"
 #: A port with eight data bits receives the parity of a device with seven in bit 7.
 _SEVEN_BITS: Final = bytes(range(128)) * 2
+
+
+def lrc(data: bytes) -> int:
+    """Compute the LRC of `data` (S 2.5.2.2): two's complement of the sum of its bytes, one byte."""
+    return -sum(data) & 0xFF
 
 
 def encode(unit: int, pdu: bytes) -> bytes:

@@ -4,13 +4,12 @@ from typing import Final, Literal
 
 from gateway.modbus import mbap
 from gateway.modbus.ascii import AsciiFramer
-from gateway.modbus.checks import crc_fits
 from gateway.modbus.codes import Area
 from gateway.modbus.codes import FunctionCode as Code
 from gateway.modbus.framings import Framing, looks_like
 from gateway.modbus.functions import response_size
 from gateway.modbus.pdu import RequestPdu
-from gateway.modbus.rtu import SHORTEST
+from gateway.modbus.rtu import SHORTEST, crc_fits
 
 Mode = Literal["rtu", "ascii", "tcp"]
 

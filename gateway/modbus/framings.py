@@ -3,8 +3,8 @@
 from typing import Final, Literal
 
 from gateway.modbus.ascii import END, decode
-from gateway.modbus.checks import crc_fits
 from gateway.modbus.functions import request_size, response_size
+from gateway.modbus.rtu import crc_fits
 
 #: The framings, as messages name them.
 Framing = Literal["Modbus TCP", "RTU", "ASCII"]

@@ -8,10 +8,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
-from gateway.modbus import codes, files
+from gateway.modbus import codes
 from gateway.modbus.codes import DEVICE_IDENTIFICATION, EXCEPTION_BIT, MAX_PDU, ONE_OBJECT, Area
 from gateway.modbus.codes import FunctionCode as Code
-from gateway.modbus.shapes import Identification, Shape, any_size, counted, fixed
+from gateway.modbus.shapes import (
+    Identification,
+    Shape,
+    any_size,
+    are_records,
+    counted,
+    fixed,
+    record_bytes,
+    record_registers,
+)
 
 #: What a request does. A `broadcast` is a write that may be sent to unit 0 (S 2.1). To `inspect` changes nothing, but
 #: needs the right to write, as all of its function does.
@@ -134,11 +143,11 @@ _ROWS: Final = (
              writes=Items(Area.HOLDING, 123, values_at=6)),
     Function(Code.REPORT_SERVER_ID, "6.13", "read", fixed(1), counted(1)),
     Function(Code.READ_FILE_RECORD, "6.14", "read", counted(1, range(7, 246, 7)), counted(1),
-             registers=files.registers, head=lambda pdu: bytes((pdu[0], files.byte_count(pdu))),
-             rules={f"the response must fit {MAX_PDU} bytes": lambda pdu: 2 + files.byte_count(pdu) <= MAX_PDU},
-             accepts=files.are_records),
+             registers=record_registers, head=lambda pdu: bytes((pdu[0], record_bytes(pdu))),
+             rules={f"the response must fit {MAX_PDU} bytes": lambda pdu: 2 + record_bytes(pdu) <= MAX_PDU},
+             accepts=are_records),
     Function(Code.WRITE_FILE_RECORD, "6.15", "write", counted(1, range(9, 252)), counted(1), ALL,
-             registers=files.registers),
+             registers=record_registers),
     Function(Code.MASK_WRITE_REGISTER, "6.16", "broadcast", fixed(7), fixed(7), 7, writes=Items(Area.HOLDING, 1)),
     Function(Code.READ_WRITE_MULTIPLE_REGISTERS, "6.17", "write", counted(9), counted(1),
              reads=Items(Area.HOLDING, 125), writes=Items(Area.HOLDING, 121, at=5, values_at=10)),

@@ -4,8 +4,10 @@ A frame of a known function ends on its last byte, whatever gaps it has: why, se
 """
 
 from collections.abc import Callable, Container
+from typing import Final
 
-from gateway.modbus.checks import crc_fits, with_crc
+from fastcrc import crc16 as _crc16
+
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_PDU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame, RequestFramer
 from gateway.modbus.functions import request_size, response_size
@@ -16,6 +18,23 @@ OVERHEAD = 3
 SHORTEST = OVERHEAD + 1
 #: Switching an RS-485 line may leave this many bytes before a frame.
 _GLITCH = 3
+
+_modbus_crc: Final = _crc16.modbus
+
+
+def crc16(data: bytes) -> int:
+    """Compute the CRC-16 of `data` (S 2.5.1.2): initial FFFF, polynomial A001 reflected. Its low byte goes first."""
+    return _modbus_crc(data)
+
+
+def with_crc(data: bytes) -> bytes:
+    """Append the CRC of `data`, low byte first."""
+    return data + _modbus_crc(data).to_bytes(2, "little")
+
+
+def crc_fits(frame: bytes) -> bool:
+    """Tell whether a frame ends with the CRC of what is before: the CRC over both is then zero."""
+    return _modbus_crc(frame) == 0
 
 
 def encode(unit: int, pdu: bytes) -> bytes:

@@ -18,11 +18,10 @@ from heapq import heappop, heappush
 from typing import Final, cast
 
 from gateway.modbus import rtu
-from gateway.modbus.checks import crc_fits
 from gateway.modbus.codes import MAX_PDU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import request_size, response_size
-from gateway.modbus.rtu import OVERHEAD, SHORTEST
+from gateway.modbus.rtu import OVERHEAD, SHORTEST, crc_fits
 from gateway.modbus.scan import EXCEPTION_SIZE, NEVER, Expected, Scanner, Token
 
 #: The ADU of an exception response.

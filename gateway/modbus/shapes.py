@@ -1,7 +1,16 @@
-"""How the size of a PDU is known: from its function, from its first bytes, or only from the silence after it."""
+"""How the size of a PDU is known: from its function, from its first bytes, or only from the silence after it.
 
-from gateway.errors import IllegalDataValue, RequestError
-from gateway.modbus.codes import MAX_PDU
+So is that of file records, functions 20 and 21: a request may name several, each in its own file (A 6.14, 6.15).
+"""
+
+from typing import Final
+
+from gateway.errors import IllegalDataAddress, IllegalDataValue, RequestError
+from gateway.modbus.codes import MAX_PDU, FunctionCode
+
+#: Bytes before a record's registers: reference type (only 6 is defined), file, record, number of registers.
+_RECORD_HEAD: Final = 7
+_REFERENCE_TYPE: Final = 6
 
 
 class Shape:
@@ -68,3 +77,35 @@ def need(fits: bool, pdu: bytes, rule: str, error: type[RequestError] = IllegalD
     """Raise `error` with the rule and the bytes of `pdu`, unless it `fits`."""
     if not fits:
         raise error(f"function {pdu[0]:02d}: {rule}: {pdu.hex(' ').upper()}")
+
+
+def record_registers(pdu: bytes) -> list[int]:
+    """Count the registers in each record of a request.
+
+    Raises:
+        IllegalDataValue: the byte count is not that of the records.
+        IllegalDataAddress: a record has another reference type than 6.
+    """
+    counts, types, at = [], set(), 2
+    while at < len(pdu):
+        types.add(pdu[at])
+        counts.append(int.from_bytes(pdu[at + 5 : at + _RECORD_HEAD], "big"))
+        at += _RECORD_HEAD + (2 * counts[-1] if pdu[0] == FunctionCode.WRITE_FILE_RECORD else 0)
+    need(at == len(pdu), pdu, "the byte count must be that of the records")
+    need(types == {_REFERENCE_TYPE}, pdu, f"the reference type must be {_REFERENCE_TYPE}", IllegalDataAddress)
+    return counts
+
+
+def record_bytes(request: bytes) -> int:
+    """Compute the byte count of the response with the records that a request reads."""
+    return sum(2 + 2 * count for count in record_registers(request))
+
+
+def are_records(request: bytes, response: bytes) -> bool:
+    """Tell whether each record in a response of the right size has the requested size, and the reference type."""
+    at = 2
+    for count in record_registers(request):
+        if response[at : at + 2] != bytes((1 + 2 * count, _REFERENCE_TYPE)):
+            return False
+        at += 2 + 2 * count
+    return True

@@ -5,7 +5,7 @@ from typing import Any
 
 from gateway.modbus import mbap, rtu
 from gateway.modbus.ascii import END, START
-from gateway.modbus.checks import with_crc
+from gateway.modbus.rtu import with_crc
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.trace.pcapng import Dissector, Packet

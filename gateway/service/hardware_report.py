@@ -15,8 +15,7 @@ from typing import Final, Literal, NamedTuple
 import gateway
 from gateway.errors import PortError
 from gateway.hardware.listing import Adapter, adapter_of
-from gateway.modbus.checks import crc_fits
-from gateway.modbus.rtu import SHORTEST, encode
+from gateway.modbus.rtu import SHORTEST, crc_fits, encode
 from gateway.ports.port import CharacterErrors, Opener, Port, SerialSettings
 from gateway.timing.characters import CharacterFormat, LineTiming
 

@@ -7,9 +7,9 @@ nothing if the CRC is wrong. So too little silence before a request means no res
 from typing import Final, Protocol
 
 from gateway.modbus import ascii as ascii_framing
-from gateway.modbus.checks import crc_fits
 from gateway.modbus.codes import MAX_RTU_ADU
 from gateway.modbus.frame import Frame
+from gateway.modbus.rtu import crc_fits
 
 #: Unit identifier, function code, CRC.
 _SHORTEST: Final = 4

@@ -18,8 +18,9 @@ from gateway.events import Emit, discard_event
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
-from gateway.modbus.checks import crc16, lrc
+from gateway.modbus.ascii import lrc
 from gateway.modbus.pdu import parse_anew, parse_request
+from gateway.modbus.rtu import crc16
 from gateway.modbus.scan import Expected, Scanner
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner

@@ -12,9 +12,10 @@ the answer to what is asked: elsewhere such frames are many, and to turn a bit w
 from collections import deque
 from typing import Final
 
-from gateway.modbus.checks import crc_fits, lrc
+from gateway.modbus.ascii import lrc
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
 from gateway.modbus.functions import response_size
+from gateway.modbus.rtu import crc_fits
 from gateway.timing.characters import Mode
 from kit.noise import flipped
 

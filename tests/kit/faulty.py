@@ -22,10 +22,11 @@ from typing import Final
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.modbus.checks import crc_fits, lrc
+from gateway.modbus.ascii import lrc
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.modbus.rtu import crc_fits
 from gateway.timing.characters import LineTiming
 from kit.chance import Chance
 from kit.device import Answer, SimulatedDevice

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, Self
 
-from gateway.modbus.checks import crc_fits, with_crc
+from gateway.modbus.rtu import crc_fits, with_crc
 from kit.pty import VirtualPort
 
 #: A register of a unit holds 256 x unit + register, so that each answer tells what it is the answer to.

@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.modbus import rtu
-from gateway.modbus.checks import crc_fits
+from gateway.modbus.rtu import crc_fits
 from kit.faulty import Fault, FaultyDevice, FaultyLine
 from kit.line_bench import TIMING
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.lines.counts import RESULTS
-from gateway.modbus.checks import crc_fits
+from gateway.modbus.rtu import crc_fits
 from gateway.request import Caller, Request
 from kit.line_bench import ASCII, LIMIT, TIMING, Bench, is_empty
 

@@ -8,7 +8,7 @@ from gateway.events import BadFrame, ForeignFrame, QueueFull, RequestTimeout
 from gateway.lines.counts import Counts
 from gateway.lines.line import RATE_CHANGE_PAUSE
 from gateway.modbus import ascii as ascii_framing
-from gateway.modbus.checks import with_crc
+from gateway.modbus.rtu import with_crc
 from gateway.profiles.profile import Profile
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.asker import Asker

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.modbus.ascii import AsciiFramer, encode
+from gateway.modbus.ascii import AsciiFramer, encode, lrc
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
 from kit.noise import chunkings, noise
@@ -198,3 +198,21 @@ class TestDamaged:
 @pytest.mark.parametrize("at", range(1, len(GOOD)))
 def test_a_nul_between_characters_spoils_the_frame(at):
     assert hear(AsciiFramer(), GOOD[:at] + b"\0" + GOOD[at:]) == []
+
+
+@pytest.mark.parametrize(
+    ("data", "value"),
+    [
+        pytest.param("02 03 00 1D", 0xDE, id="example of the Mint application note"),
+        pytest.param("", 0x00, id="nothing"),
+        pytest.param("80 80", 0x00, id="the sum wraps"),
+        pytest.param("FF FF", 0x02, id="two's complement"),
+    ],
+)
+def test_lrc(data, value):
+    assert lrc(bytes.fromhex(data)) == value
+
+
+@given(st.binary(max_size=254))
+def test_the_sum_over_data_and_lrc_is_zero(data):
+    assert (sum(data) + lrc(data)) % 256 == 0

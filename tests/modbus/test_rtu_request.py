@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import KNOWN_FUNCTIONS
-from gateway.modbus.rtu import RtuFramer, encode
+from gateway.modbus.rtu import RtuFramer, crc16, crc_fits, encode, with_crc
 from kit.noise import chunkings, flipped, noise, random_chunks
 from kit.vectors import UNIT, exchanges, meaning, seed_frames
 
@@ -235,3 +235,42 @@ def test_behind_a_frame_that_silence_ends_nothing_of_the_noise_before_it_counts(
     frame = encode(UNIT, bytes.fromhex("41 01 02"))
     assert hear(framer, b"\xff" + frame) == [(UNIT, frame[1:-2])]
     assert framer.behind == 0
+
+
+def crc_of_the_specification(data: bytes) -> int:
+    """Bit by bit, as S 6.2.2 describes it."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+    return crc
+
+
+@pytest.mark.parametrize(
+    ("data", "crc"),
+    [
+        pytest.param(b"123456789", 0x4B37, id="check value of CRC-16/MODBUS"),
+        pytest.param(bytes.fromhex("02 07"), 0x1241, id="example of S 6.2.2"),
+        pytest.param(b"", 0xFFFF, id="nothing"),
+    ],
+)
+def test_crc(data, crc):
+    assert crc16(data) == crc
+
+
+def test_the_crc_goes_low_byte_first():
+    assert with_crc(bytes.fromhex("02 07")) == bytes.fromhex("02 07 41 12")
+
+
+@given(st.binary(max_size=260))
+def test_the_crc_is_that_of_the_specification(data):
+    assert crc16(data) == crc_of_the_specification(data)
+
+
+@given(st.binary(min_size=1, max_size=254), st.integers(1, 255), st.data())
+def test_a_crc_fits_its_data_and_no_data_with_a_wrong_byte(data, error, choice):
+    frame = bytearray(with_crc(data))
+    assert crc_fits(bytes(frame))
+    frame[choice.draw(st.integers(0, len(frame) - 1))] ^= error
+    assert not crc_fits(bytes(frame))

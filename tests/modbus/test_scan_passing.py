@@ -4,11 +4,10 @@ import random
 
 import pytest
 
-from gateway.modbus.checks import crc_fits
 from gateway.modbus.codes import MAX_PDU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import request_size, response_size
-from gateway.modbus.rtu import encode
+from gateway.modbus.rtu import crc_fits, encode
 from gateway.modbus.scan_rtu import RtuScanner
 from kit.noise import chunkings, noise, random_chunks
 

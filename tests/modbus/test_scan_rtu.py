@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.modbus.checks import crc_fits, with_crc
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response, parse_request
-from gateway.modbus.rtu import encode
+from gateway.modbus.rtu import crc_fits, encode, with_crc
 from gateway.modbus.scan_rtu import RtuScanner
 from kit.asked import SILENCE, Asked
 from kit.noise import chunkings, noise

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gateway.errors import PortClosed, PortError
-from gateway.modbus.checks import with_crc
+from gateway.modbus.rtu import with_crc
 from gateway.ports.port import CharacterErrors, SerialSettings
 from gateway.service.hardware_report import RATES, READS, look_at, read_for, wait_for_loss, wait_for_return
 from gateway.timing.characters import CharacterFormat

@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 
-from gateway.modbus.checks import crc_fits
+from gateway.modbus.rtu import crc_fits
 from gateway.simulator.faults import NO_FAULTS, Faults, flip_bit
 from gateway.simulator.generic import Generic
 from simulator.playing import CHARACTER, arrivals, ask, rtu_frame, rtu_line, write

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from gateway.modbus.checks import with_crc
+from gateway.modbus.rtu import with_crc
 from gateway.routing.access import READING, Rights, Row
 from gateway.web.answers import Answer
 from gateway.web.pages.questions import KEPT, MOST, PATIENCE
