@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from struct import unpack
 from typing import Final
 
-from gateway.registers.bits import unpack_bits
+from gateway.registers.items import unpack_bits
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 import re
 from typing import Final
 
-from gateway.profiles.builtin import BUILTIN_PROFILES, builtin_text
+from gateway.profiles import BUILTIN_PROFILES, builtin_text
 
 _COMMENT: Final = re.compile(r"\A(#.*\n)*\n*")
 _HEADING: Final = re.compile(r"^\[profile\.[^]]*\]\n", re.MULTILINE)

@@ -8,9 +8,8 @@ from gateway.cli.values import Failure, Outcome
 from gateway.errors import ExceptionCode
 from gateway.modbus.pdu import Span
 from gateway.profiles.batches import Batch, batches
-from gateway.profiles.point import Point
-from gateway.profiles.reading import Reading
-from gateway.registers.reference import MANUAL_BASES
+from gateway.profiles.point import Point, Reading
+from gateway.registers.items import MANUAL_BASES
 
 #: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.
 _MAY_BE_ANSWERED_IN_PARTS: Final = frozenset({ExceptionCode.ILLEGAL_DATA_ADDRESS, ExceptionCode.ILLEGAL_DATA_VALUE})

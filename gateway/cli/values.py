@@ -9,9 +9,8 @@ from gateway.cli.columns import align
 from gateway.cli.unit import Answer, Unit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.profiles.reading import Reading
-from gateway.registers.items import has_bits
-from gateway.registers.reference import reference
+from gateway.profiles.point import Reading
+from gateway.registers.items import has_bits, reference
 
 #: The text of an empty cell.
 _NOTHING: Final = "-"

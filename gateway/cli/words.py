@@ -10,8 +10,7 @@ from gateway.config.problem import did_you_mean
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 from gateway.registers.datatypes import DATA_TYPES, registers_of
-from gateway.registers.items import WRITERS, has_bits
-from gateway.registers.reference import place_of
+from gateway.registers.items import WRITERS, has_bits, place_of
 
 _ADDRESSES: Final = re.compile(r"(0x[0-9a-f]+|\d+)(?:-(0x[0-9a-f]+|\d+))?", re.IGNORECASE)
 _LAST_ADDRESS: Final = 65535

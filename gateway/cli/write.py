@@ -18,7 +18,7 @@ from gateway.cli.words import Assignment, Command, find_assignments
 from gateway.errors import ExceptionCode, GatewayError
 from gateway.modbus.codes import FunctionCode
 from gateway.modbus.pdu import Span
-from gateway.profiles.reading import Reading
+from gateway.profiles.point import Reading
 from gateway.registers.items import WRITERS, has_bits, most_written, write_request
 
 _EXAMPLES: Final = """\

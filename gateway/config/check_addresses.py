@@ -12,7 +12,7 @@ from gateway.config.schema import Config
 from gateway.config.schema_profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Range
-from gateway.registers.reference import MANUAL_BASES
+from gateway.registers.items import MANUAL_BASES
 
 #: How many reference numbers with five digits an area has.
 _SPAN: Final = 9999

@@ -26,7 +26,7 @@ from gateway.config.source import Source
 from gateway.config.syntax import syntax_problem
 from gateway.config.table import Table
 from gateway.config.wording import keys_of, not_text, unknown_key, value_problems
-from gateway.profiles.builtin import BUILTIN_PROFILES, builtin_text
+from gateway.profiles import BUILTIN_PROFILES, builtin_text
 
 #: Sections that are written [[name]], [name], and [name.name].
 _LISTS: Final[Mapping[str, type[Table]]] = {

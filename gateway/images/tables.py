@@ -12,7 +12,7 @@ from typing import ClassVar, Final
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers
-from gateway.registers.bits import pack_bits, unpack_bits
+from gateway.registers.items import pack_bits, unpack_bits
 
 #: Addresses have 16 bits: the last one of the largest table (A 4.4).
 LAST_ADDRESS: Final = 0xFFFF

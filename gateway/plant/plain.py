@@ -16,8 +16,8 @@ from gateway.plant.messages import (
     Received,
 )
 from gateway.plant.topics import Topics
+from gateway.profiles.point import finite
 from gateway.profiles.published import PublishedDevice, PublishedPoint
-from gateway.profiles.reading import finite
 
 ONLINE: Final = b"online"
 OFFLINE: Final = b"offline"

@@ -1,15 +1,15 @@
-"""A point: the meaning of some coils or registers of a device."""
+"""A point, the meaning of some coils or registers of a device, and what was read or written there."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
-from math import isinf
-from typing import Final, Literal
+from math import isfinite, isinf
+from typing import Any, Final, Literal
 
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.registers.datatypes import Value, bounds, decode, encode, is_float, is_whole
-from gateway.registers.items import has_bits
+from gateway.registers.items import has_bits, reference
 
 #: Whether a point can be written: no, yes, or only written and never read.
 Writing = Literal["no", "yes", "only"]
@@ -57,7 +57,7 @@ class Point:
         return self._scaled(carried)
 
     def show(self, value: Value) -> str:
-        """A value of this point as text, without its unit."""
+        """Write a value of this point as text, without its unit."""
         if self.decimals is not None and not isinstance(value, str):
             return f"{value:.{self.decimals}f}"
         return str(value)
@@ -78,7 +78,7 @@ class Point:
         return encode(self._carried(text, number), self.type, self.swap)
 
     def _number(self, text: str) -> Decimal:
-        """The number that `text` means; for a label, the encoded number."""
+        """Find the number that `text` means; for a label, the encoded number."""
         for number, label in self.labels.items():
             if label == text:
                 return Decimal(number) * self._factor
@@ -91,7 +91,7 @@ class Point:
         return number_
 
     def _carried(self, text: str, number: Decimal) -> int | float:
-        """The encoded number for a value."""
+        """Compute the encoded number for a value."""
         if not number.is_finite():
             if is_float(self.type):
                 raise ValueError(f"{text} is not a finite number")
@@ -129,6 +129,44 @@ class Point:
         return Decimal(repr(self.scale))
 
 
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A point and the items that were read or written there; `before` are those that were there before a write."""
+
+    point: Point
+    items: bytes
+    before: bytes | None = None
+
+    @property
+    def value(self) -> Value:
+        """What the items mean."""
+        return self.point.value(self.items)
+
+    @property
+    def registers(self) -> list[int]:
+        """The registers as numbers; coils and inputs have none."""
+        if has_bits(self.point.area):
+            return []
+        return [int.from_bytes(self.items[at : at + 2], "big") for at in range(0, len(self.items), 2)]
+
+    def as_json(self, *, with_area: bool) -> dict[str, Any]:
+        """Make the reading for programs; points of several areas need `with_area`."""
+        point = self.point
+        named = {"point": point.name} if point.name else {}
+        unit = {"unit": point.unit} if point.unit else {}
+        before = {} if self.before is None else {"old": finite(point.value(self.before))}
+        return {
+            **named,
+            **({"area": point.area} if with_area else {}),
+            "address": point.address,
+            "reference": reference(point.area, point.address),
+            "value": finite(self.value),
+            **before,
+            **unit,
+            "registers": self.registers,
+        }
+
+
 def parse_number(text: str) -> Decimal | None:
     """Parse a number: 12, -3.5, 1e3, 0x1F, 0b101; None if it is not one."""
     digits = text.strip().lower()
@@ -144,3 +182,8 @@ def parse_number(text: str) -> Decimal | None:
         return Decimal(digits)
     except InvalidOperation:
         return None
+
+
+def finite(value: Value) -> Value | None:
+    """Turn a value into one of JSON, which has no infinity and no not-a-number: those become None."""
+    return None if isinstance(value, float) and not isfinite(value) else value

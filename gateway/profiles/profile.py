@@ -60,7 +60,7 @@ class Profile:
         return asked
 
     def knows(self, function: int) -> bool:
-        """Whether the device has this function."""
+        """Tell whether the device has this function."""
         return self.functions is None or function in self.functions
 
     @property
@@ -75,5 +75,5 @@ class Profile:
 
 
 def covers(ranges: tuple[Range, ...] | None, span: Span) -> bool:
-    """Whether every address of `span` is in one of `ranges` (ascending, adjacent ones joined); None is no limit."""
+    """Tell whether all of `span` is in one of `ranges` (ascending, adjacent ones joined); None is no limit."""
     return ranges is None or any(first <= span.start and span.end - 1 <= last for first, last in ranges)

@@ -1,4 +1,4 @@
-"""Request PDUs that read and write items, and the items in responses.
+"""Items, that is coils and registers: their reference numbers, the requests that read and write them, the responses.
 
 Items are bytes: two for a register, as in a response, and one for a coil or an input, 0 or 1.
 """
@@ -9,7 +9,6 @@ from typing import Final
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import FUNCTIONS, READERS
 from gateway.modbus.pdu import Span
-from gateway.registers.bits import pack_bits, unpack_bits
 
 _ON: Final = b"\xff\0"
 _OFF: Final = b"\0\0"
@@ -27,21 +26,29 @@ WRITERS: Final[Mapping[Area, tuple[FunctionCode, FunctionCode, int]]] = {
 }
 
 _BITS: Final = frozenset({Area.COILS, Area.DISCRETE})
+_AS_DIGIT: Final = bytes([ord("0"), ord("1")]) + bytes(254)
+_AS_BIT: Final = bytes.maketrans(b"01", b"\0\1")
+
+#: The digit with which the reference numbers of each area begin.
+DIGITS: Final[Mapping[Area, str]] = {Area.COILS: "0", Area.DISCRETE: "1", Area.INPUT: "3", Area.HOLDING: "4"}
+
+#: The first address of an area in manuals that count addresses so too.
+MANUAL_BASES: Final[Mapping[Area, int]] = {Area.HOLDING: 40001, Area.INPUT: 30001, Area.DISCRETE: 10001}
 
 
 def has_bits(area: Area) -> bool:
-    """Whether the items of an area are single bits."""
+    """Tell whether the items of an area are single bits."""
     return area in _BITS
 
 
 def read_request(span: Span) -> bytes:
-    """The request PDU that reads a span."""
+    """Make the request PDU that reads a span."""
     function, _ = READERS[span.area]
     return bytes((function, *span.start.to_bytes(2, "big"), *span.count.to_bytes(2, "big")))
 
 
 def items_read(span: Span, response: bytes) -> bytes:
-    """The items in a normal response to a read of `span`.
+    """Take the items out of a normal response to a read of `span`.
 
     Raises:
         ValueError: the response is not that long.
@@ -56,7 +63,7 @@ def items_read(span: Span, response: bytes) -> bytes:
 def write_function(
     area: Area, count: int, functions: Container[int] | None = None, *, multiple: bool = False
 ) -> FunctionCode:
-    """The function that writes this many coils or holding registers of a unit that knows `functions` (None: all).
+    """Choose the function that writes so many coils or holding registers of a unit that knows `functions` (None: all).
 
     One item is written with 05 or 06, unless `multiple` or the unit knows only 15 or 16; several with 15 or 16.
     """
@@ -66,7 +73,7 @@ def write_function(
 
 
 def most_written(area: Area, limits: Mapping[int, int]) -> int:
-    """The most coils or holding registers that one request writes; `limits` is the most of a function."""
+    """Find the most coils or holding registers that one request writes; `limits` is the most of a function."""
     _, several, most = WRITERS[area]
     return min(most, limits.get(several, most))
 
@@ -74,7 +81,7 @@ def most_written(area: Area, limits: Mapping[int, int]) -> int:
 def write_request(
     area: Area, start: int, items: bytes, functions: Container[int] | None = None, *, multiple: bool = False
 ) -> bytes:
-    """The request PDU that writes items from `start` on, with the function that `write_function` names."""
+    """Make the request PDU that writes items from `start` on, with the function that `write_function` names."""
     count = len(items) if has_bits(area) else len(items) // 2
     function = write_function(area, count, functions, multiple=multiple)
     if function == WRITERS[area][0]:
@@ -82,3 +89,31 @@ def write_request(
         return bytes((function, *start.to_bytes(2, "big"), *value))
     data = pack_bits(items) if has_bits(area) else items
     return bytes((function, *start.to_bytes(2, "big"), *count.to_bytes(2, "big"), len(data), *data))
+
+
+def pack_bits(bits: bytes) -> bytes:
+    """Pack coils or inputs, one byte of 0 or 1 each, eight in a byte, the first one lowest (A 6.1)."""
+    size = (len(bits) + 7) // 8
+    return int(bits[::-1].translate(_AS_DIGIT) or b"0", 2).to_bytes(size, "little")
+
+
+def unpack_bits(data: bytes, count: int) -> bytes:
+    """Unpack the first `count` bits of `data`, one 0 or 1 each: the opposite of `pack_bits`."""
+    digits = format(int.from_bytes(data, "little"), f"0{len(data) * 8}b").encode()
+    return digits[::-1][:count].translate(_AS_BIT)
+
+
+def reference(area: Area, address: int) -> str:
+    """Make the number of an item in manuals: a digit for the area, then a number from 1.
+
+    Holding 107 of the protocol, which counts from 0, is 40108; holding 9999 is 410000.
+    """
+    return f"{DIGITS[area]}{address + 1:04}"
+
+
+def place_of(number: str) -> tuple[Area, int] | None:
+    """Find the area and the protocol address of a reference number with five or six digits; None if it is none."""
+    area = next((area for area, digit in DIGITS.items() if number.startswith(digit)), None)
+    if area is None or not number.isdecimal() or len(number) not in (5, 6) or not 1 <= int(number[1:]) <= 65536:
+        return None
+    return area, int(number[1:]) - 1

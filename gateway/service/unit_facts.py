@@ -15,8 +15,7 @@ from gateway.images.self_image import SelfImage
 from gateway.lines.counts import Counts
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers
-from gateway.registers.bits import unpack_bits
-from gateway.registers.items import has_bits
+from gateway.registers.items import has_bits, unpack_bits
 from gateway.service.build import Gateway
 from gateway.service.calibration import measured
 from gateway.service.status import milliseconds, optional_ms

@@ -8,7 +8,7 @@ import tomllib
 from gateway.config.duration import parse_duration
 from gateway.config.ranges import parse_ranges
 from gateway.modbus.codes import Area
-from gateway.profiles.builtin import builtin_text
+from gateway.profiles import builtin_text
 from gateway.profiles.profile import Profile
 from gateway.timing.table import Point, TimingTable
 

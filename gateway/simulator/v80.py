@@ -10,7 +10,7 @@ from typing import ClassVar, Final
 from gateway.images.tables import Values
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Range
-from gateway.registers.bits import unpack_bits
+from gateway.registers.items import unpack_bits
 from gateway.simulator.builtin import builtin_profile
 from gateway.simulator.device import Device
 from gateway.simulator.faults import NO_FAULTS, Faults

@@ -9,9 +9,7 @@ from typing import Final
 from gateway.errors import RequestError
 from gateway.modbus.codes import EXCEPTION_BIT, FunctionCode
 from gateway.modbus.pdu import RequestPdu, Span, parse_sent
-from gateway.registers.bits import unpack_bits
-from gateway.registers.items import has_bits
-from gateway.registers.reference import reference
+from gateway.registers.items import has_bits, reference, unpack_bits
 
 #: The names of the functions and exceptions in the standard.
 FUNCTIONS: Final[Mapping[int, str]] = {

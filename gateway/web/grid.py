@@ -7,8 +7,7 @@ from typing import Any, Final
 
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.profiles.point import Point
-from gateway.profiles.reading import Reading
+from gateway.profiles.point import Point, Reading
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import has_bits
 from gateway.web.unit_answers import ImageWindow, PolledAge, Written

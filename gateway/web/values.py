@@ -8,8 +8,7 @@ from gateway.errors import ExceptionCode, WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.batches import Batch, batches
-from gateway.profiles.point import Point
-from gateway.profiles.reading import Reading
+from gateway.profiles.point import Point, Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
 from gateway.registers.items import WRITERS, has_bits, most_written, write_request
 from gateway.web.answers import Answer, Unit

@@ -12,7 +12,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span, exception_response, parse_request
-from gateway.registers.bits import pack_bits, unpack_bits
+from gateway.registers.items import pack_bits, unpack_bits
 from kit.asked import Asked
 
 ADDRESSES = st.integers(0, 0xFFFF)

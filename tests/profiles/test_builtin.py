@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import pytest
 
-from gateway.profiles.builtin import BUILTIN_PROFILES, builtin_text
+from gateway.profiles import BUILTIN_PROFILES, builtin_text
 
 
 def profile(name: str) -> dict:

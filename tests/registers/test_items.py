@@ -1,6 +1,8 @@
-"""Request PDUs that read and write items, and the items in the responses."""
+"""Items: their reference numbers, the requests that read and write them, and the responses."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
@@ -10,7 +12,11 @@ from gateway.registers.items import (
     has_bits,
     items_read,
     most_written,
+    pack_bits,
+    place_of,
     read_request,
+    reference,
+    unpack_bits,
     write_function,
     write_request,
 )
@@ -85,3 +91,58 @@ def test_registers_in_a_response_stay_as_they_are():
 def test_a_response_that_is_too_short_is_refused():
     with pytest.raises(ValueError, match="carries 2 bytes, and 4 were asked for"):
         items_read(Span(Area.HOLDING, 0, 2), bytes.fromhex("03 04 45 9C"))
+
+
+def test_bits_are_packed_lowest_first_and_padded_with_zeros():
+    """Coils 20-38 of A 6.1: CD 6B 05."""
+    bits = bytes(int(bit) for bit in "1011001111010110101")
+    assert pack_bits(bits) == bytes.fromhex("CD 6B 05")
+    assert unpack_bits(bytes.fromhex("CD 6B 05"), 19) == bits
+
+
+def test_no_bits_are_no_bytes():
+    assert pack_bits(b"") == unpack_bits(b"", 0) == b""
+
+
+@given(st.lists(st.integers(0, 1), max_size=2000).map(bytes))
+def test_unpacking_is_the_opposite_of_packing(bits):
+    packed = pack_bits(bits)
+    assert len(packed) == (len(bits) + 7) // 8
+    assert unpack_bits(packed, len(bits)) == bits
+
+
+@given(st.binary(max_size=250))
+def test_packing_is_the_opposite_of_unpacking(data):
+    assert pack_bits(unpack_bits(data, 8 * len(data))) == data
+
+
+@pytest.mark.parametrize(
+    ("area", "address", "number"),
+    [
+        (Area.HOLDING, 0, "40001"),
+        (Area.HOLDING, 107, "40108"),
+        (Area.HOLDING, 9998, "49999"),
+        (Area.HOLDING, 9999, "410000"),
+        (Area.HOLDING, 65535, "465536"),
+        (Area.COILS, 126, "00127"),
+        (Area.COILS, 9999, "010000"),
+        (Area.DISCRETE, 0, "10001"),
+        (Area.INPUT, 0, "30001"),
+    ],
+)
+def test_a_reference_counts_from_1_behind_the_digit_of_its_area(area, address, number):
+    assert reference(area, address) == number
+
+
+@given(st.sampled_from(Area), st.integers(0, 65535))
+def test_each_reference_leads_back(area, address):
+    assert place_of(reference(area, address)) == (area, address)
+
+
+def test_a_short_address_may_have_six_digits():
+    assert place_of("400001") == (Area.HOLDING, 0)
+
+
+@pytest.mark.parametrize("text", ["", "40000", "4001", "20001", "465537", "4000x", "4000001", "²0001"])
+def test_other_numbers_are_none(text):
+    assert place_of(text) is None

@@ -5,7 +5,7 @@ import pytest
 
 from gateway.config.load import builtin_profiles
 from gateway.config.resolve_profile import profile_of
-from gateway.profiles.builtin import BUILTIN_PROFILES
+from gateway.profiles import BUILTIN_PROFILES
 from gateway.simulator.builtin import builtin_profile
 
 

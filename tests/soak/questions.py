@@ -7,7 +7,7 @@ from functools import cache
 from typing import Final
 
 from gateway.modbus.codes import COUNTERS, Area
-from gateway.registers.bits import pack_bits, unpack_bits
+from gateway.registers.items import pack_bits, unpack_bits
 from kit.faulty import OWN_FUNCTION, Fault, bit, counter, word
 from soak.kinds_of_lines import NUMBERS
 

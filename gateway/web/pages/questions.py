@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.profiles.reading import Reading
+from gateway.profiles.point import Reading
 from gateway.web.answers import Unit
 from gateway.web.problems import Complaint
 

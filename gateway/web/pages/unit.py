@@ -11,10 +11,9 @@ from gateway.errors import WrongQuestion
 from gateway.lines.counts import RESULTS
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
-from gateway.profiles.point import Point
-from gateway.profiles.reading import Reading
+from gateway.profiles.point import Point, Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
-from gateway.registers.reference import reference
+from gateway.registers.items import reference
 from gateway.web.answers import Answers, Unit
 from gateway.web.api import unit_in
 from gateway.web.asking import ask_for

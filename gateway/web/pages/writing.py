@@ -16,8 +16,7 @@ from gateway.errors import ExceptionCode, WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.profiles.point import Point
 from gateway.registers.datatypes import registers_of
-from gateway.registers.items import WRITERS
-from gateway.registers.reference import reference
+from gateway.registers.items import WRITERS, reference
 from gateway.web.answers import Answer, Answers, Unit, WebClient
 from gateway.web.api import unit_in
 from gateway.web.asking import ask_as, ask_for, is_there
