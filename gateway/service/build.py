@@ -8,12 +8,12 @@ from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
 from gateway.devices.device import Device
 from gateway.events import Emit
+from gateway.images.drivers.mirror_driver import MirrorDriver
+from gateway.images.drivers.store import Store
 from gateway.images.image import Image, ImageSettings
-from gateway.images.mirror_driver import MirrorDriver
 from gateway.images.persistent import PersistentImage
 from gateway.images.polls import MirrorSettings
 from gateway.images.self_image import SelfImage
-from gateway.images.store import Store
 from gateway.lines.driver import LineDriver
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.session import ListenSettings

@@ -12,7 +12,7 @@ from gateway import events
 from gateway.clock.exact_loop import run_exactly
 from gateway.config.plan import Plan, WebPlan
 from gateway.errors import ListenError, StateError, TlsError
-from gateway.images.store import Store
+from gateway.images.drivers.store import Store
 from gateway.listeners.sockets import OpenSockets
 from gateway.observe.fan_out import FanOut
 from gateway.observe.journal import leads_to_journal

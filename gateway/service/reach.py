@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from gateway.config.plan import ServerPlan
 from gateway.devices.device import Device
+from gateway.images.drivers.mirror_driver import MirrorDriver
 from gateway.images.image import Image
-from gateway.images.mirror_driver import MirrorDriver
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 from gateway.request import NamedTarget

@@ -3,8 +3,8 @@
 import errno
 from copy import deepcopy
 
+from gateway.images.drivers.saved import Opened, Values, add
 from gateway.images.persistent import Change
-from gateway.images.saved import Opened, Values, add
 from gateway.modbus.codes import Area
 
 

@@ -9,7 +9,7 @@ from gateway.config.character_format import DEFAULT_FORMATS
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.events import Event
-from gateway.images.store import Store
+from gateway.images.drivers.store import Store
 from gateway.listeners.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings

@@ -11,7 +11,7 @@ from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.errors import ListenError
 from gateway.events import ConfigApplied, ConfigRejected, ConfigWarning, LineLost, LineUp, PartFailed
-from gateway.images.store import Store
+from gateway.images.drivers.store import Store
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
 from gateway.modbus.mbap import TcpFrame
@@ -342,7 +342,7 @@ INTERVAL, ALWAYS = IMAGE + 'persist = "interval"\n', IMAGE + 'persist = "always"
 @pytest.fixture
 def files(monkeypatch):
     files = MemoryFiles()
-    monkeypatch.setattr("gateway.images.store.open_saved", files.open)
+    monkeypatch.setattr("gateway.images.drivers.store.open_saved", files.open)
     return files
 
 
@@ -387,7 +387,7 @@ async def test_what_images_keep_is_read_beside_the_loop(keeping, files, monkeypa
 
     opened_in: list[str] = []
     monkeypatch.setattr(loop, "run_in_executor", run_in_executor)
-    monkeypatch.setattr("gateway.images.store.open_saved", open_saved)
+    monkeypatch.setattr("gateway.images.drivers.store.open_saved", open_saved)
     async with keeping(ALWAYS):
         assert opened_in == ["read state"]
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.images import old_database
-from gateway.images.saved import LOG
+from gateway.images.drivers import old_database
+from gateway.images.drivers.saved import LOG
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
 from gateway.state.database import open_table

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.images import old_database
-from gateway.images.saved import LOG, open_saved
-from gateway.images.store import INTERVAL
+from gateway.images.drivers import old_database
+from gateway.images.drivers.saved import LOG, open_saved
+from gateway.images.drivers.store import INTERVAL
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
 from gateway.state.database import open_table

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gateway.events import PartFailed
-from gateway.images.mirror_driver import MirrorDriver
+from gateway.images.drivers.mirror_driver import MirrorDriver
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile

@@ -17,8 +17,8 @@ from typing import Final
 
 from gateway.clock.threads import ThreadPerCall
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.images.drivers.saved import LOG, SavedValues, Values, add, open_saved
 from gateway.images.persistent import Change, Done
-from gateway.images.saved import LOG, SavedValues, Values, add, open_saved
 from gateway.modbus.codes import Area
 
 #: How often changes of `keep_soon` are written, in seconds: the most that a crash loses.

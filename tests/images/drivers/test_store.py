@@ -5,8 +5,8 @@ import asyncio
 import pytest
 
 from gateway.events import StateKeptAgain, StateNotKept
+from gateway.images.drivers.store import INTERVAL, Store
 from gateway.images.persistent import Change
-from gateway.images.store import INTERVAL, Store
 from gateway.modbus.codes import Area
 from images.disk import MemoryFiles
 
@@ -41,7 +41,7 @@ class Bench:
 @pytest.fixture
 def files(monkeypatch):
     files = MemoryFiles()
-    monkeypatch.setattr("gateway.images.store.open_saved", files.open)
+    monkeypatch.setattr("gateway.images.drivers.store.open_saved", files.open)
     return files
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from gateway.images import old_database
+from gateway.images.drivers import old_database
 from gateway.modbus.codes import Area
 from gateway.state.page_log import PageLog
 
