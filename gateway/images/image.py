@@ -6,11 +6,9 @@ from typing import Literal
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
 from gateway.events import Emit, RequestRefused, discard_event
-from gateway.images.diagnostics import Diagnostics
-from gateway.images.functions import perform
-from gateway.images.identity import PRODUCT, Identity
 from gateway.images.last_writes import LastWrites
-from gateway.images.tables import make_tables
+from gateway.images.services import PRODUCT, Diagnostics, Identity
+from gateway.images.tables import make_tables, perform
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import TABLE_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu

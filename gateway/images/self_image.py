@@ -5,9 +5,9 @@ from math import inf
 from typing import Final
 
 from gateway.events import Emit, discard_event
-from gateway.images.diagnostics import Diagnostics
 from gateway.images.image import Image, ImageSettings
 from gateway.images.self_map import FRESHNESS, PROFILE, RANGES, Shown, registers
+from gateway.images.services import Diagnostics
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.request import Request

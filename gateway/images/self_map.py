@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from gateway.images.diagnostics import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
+from gateway.images.services import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range

@@ -2,9 +2,9 @@
 
 from typing import Final, Protocol
 
-from gateway.images.diagnostics import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
 from gateway.images.self_image import SelfImage
 from gateway.images.self_map import LAYOUT, LINES, SERVERS, UPSTREAMS, Shown, Values
+from gateway.images.services import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
 from gateway.lines.counts import Counts, UnitCounts, total, total_of_units
 from gateway.ports.reconnector import Reconnector
 from gateway.service.build import Gateway

@@ -4,8 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import ClassVar, Literal, NamedTuple
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
-from gateway.images.functions import perform
-from gateway.images.tables import Values, make_tables
+from gateway.images.tables import Values, make_tables, perform
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import BROADCAST_FUNCTIONS, TABLE_FUNCTIONS

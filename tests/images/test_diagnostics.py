@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from gateway.errors import Busy, NoRoute, RequestError, ServerDeviceFailure
-from gateway.images.diagnostics import Diagnostics
 from gateway.images.persistent import PersistentImage
+from gateway.images.services import Diagnostics
 from gateway.request import Request
 from images.asking import Answers, ask, broadcast, image
 from images.disk import Disk

@@ -3,7 +3,7 @@
 import pytest
 
 from gateway import __version__
-from gateway.images.identity import Identity
+from gateway.images.services import Identity
 from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.pdu import parse_request
 from images.asking import image

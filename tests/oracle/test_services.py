@@ -7,8 +7,7 @@ from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ModbusPDU, diag_message, file_message, mei_message, other_message
 from pymodbus.pdu.file_message import FileRecord
 
-from gateway.images.diagnostics import Diagnostics
-from gateway.images.identity import Identity
+from gateway.images.services import Diagnostics, Identity
 from gateway.modbus.pdu import parse_request
 from gateway.request import Request
 from kit.asked import Asked

@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-from gateway.images.polled_range import PolledRange
-from gateway.images.polling import Polling
+from gateway.images.polling import PolledRange, Polling
 from gateway.lines.late import LateWindows
 from gateway.modbus.mbap import TcpFrame
 from gateway.service.parts import GatewayLine

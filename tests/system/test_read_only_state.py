@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.images.drivers import old_database
-from gateway.images.drivers.saved import LOG
+from gateway.images.drivers.saved import LOG, OLD_TABLE
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
 from gateway.state.database import open_table
@@ -142,7 +141,7 @@ def test_values_of_an_earlier_version_wait_until_they_can_be_taken_over(
     tmp_path: Path, state: Path, disk: Callable[[str], None], is_link: bool
 ) -> None:
     old = state / "images.sqlite"
-    database = open_table(old, old_database._TABLE).database
+    database = open_table(old, OLD_TABLE).database
     database.write([("always", Area.HOLDING, 0, 7)])
     database.close()
     if is_link:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.images.drivers import old_database
-from gateway.images.drivers.saved import LOG, open_saved
+from gateway.images.drivers.saved import LOG, OLD_TABLE, open_saved
 from gateway.images.drivers.store import INTERVAL
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
@@ -130,7 +129,7 @@ def test_an_image_that_is_not_kept_needs_no_file(tmp_path: Path, state: Path) ->
 
 def test_values_of_an_earlier_version_are_taken_over(tmp_path: Path, state: Path) -> None:
     state.mkdir()
-    old = open_table(state / "images.sqlite", old_database._TABLE).database
+    old = open_table(state / "images.sqlite", OLD_TABLE).database
     old.write([("shift-data", Area.HOLDING, 0, 7), ("shift-data", Area.HOLDING, 50, 8), ("other", Area.COILS, 3, 1)])
     old.close()
     asked(tmp_path, "always", "06 0001 0009", end=signal.SIGKILL)

@@ -1,11 +1,13 @@
-"""The values of persistent images on the disk. All calls block."""
+"""The values of persistent images on the disk, and those in the file of an earlier version. All calls block."""
 
+import errno
 import json
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
+from zlib import crc32
 
-from gateway.images.drivers import old_database
 from gateway.modbus.codes import Area
 from gateway.state.page_log import PageLog
 
@@ -69,7 +71,7 @@ def open_saved(folder: Path) -> Opened:
     """
     log = PageLog(folder / _NAME)
     records, damage = log.open()
-    old = None if records or damage else old_database.find(folder)
+    old = None if records or damage else find_old(folder)
     values: Values = {}
     if old is None:
         for record in records:
@@ -99,3 +101,51 @@ def _runs(addresses: Iterable[int]) -> Iterator[list[int]]:
         run.append(address)
     if run:
         yield run
+
+
+class OldFile(NamedTuple):
+    """The file of an earlier version, which had a row in a database for each value: image, area, address, value.
+
+    `damage` says what was wrong with it.
+    """
+
+    file: Path
+    rows: tuple[tuple[str, Area, int, int], ...]
+    damage: str
+
+
+def _check_sum(row: Row) -> int:
+    image, area, address, value = row
+    return crc32(f"{image}/{area}/{address}={value}".encode())
+
+
+#: Of earlier versions.
+OLD_TABLE: Final = Table(
+    name="items",
+    columns=(("image", "TEXT"), ("area", "TEXT"), ("address", "INTEGER"), ("value", "INTEGER")),
+    keys=3,
+    check_sum=_check_sum,
+    application=0x4D424757,  # "MBGW"
+    version=1,
+    needed_by="images that persist",
+)
+
+
+def find_old(folder: Path) -> OldFile | None:
+    """Read the file of an earlier version in `folder`, if there is one. A damaged one is moved aside first.
+
+    Raises:
+        StateError: it is in use or from a later version, or it cannot be read or moved.
+        OSError: it is a link, or cannot be written: SQLite writes to what it opens.
+    """
+    file = folder / "images.sqlite"
+    if not file.is_file():
+        return None
+    if file.is_symlink():
+        raise OSError(errno.ELOOP, f"{file} is a symbolic link, which is not followed; remove it")
+    for place in (folder, file):
+        if not os.access(place, os.R_OK | os.W_OK, effective_ids=True):
+            raise OSError(errno.EACCES, f"the values of {file} cannot be taken over: {place} cannot be written")
+    database, rows, damage = open_table(file, OLD_TABLE)
+    database.close()
+    return OldFile(file, tuple((image, Area(area), address, value) for image, area, address, value in rows), damage)
