@@ -21,7 +21,7 @@ from gateway.cli.unit import DaemonUnit
 from gateway.cli.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.config.duration import parse_duration, show_duration
 from gateway.errors import DaemonError, GatewayError
-from gateway.timing.proposal import Proposal, Row
+from gateway.timing.proposal import MeasuredTimes, Proposal
 from gateway.timing.verdict import ENOUGH_TO_SHORTEN
 
 #: How often the gateway is asked for new times, in seconds, and how many are kept for one row here.
@@ -172,10 +172,10 @@ class Source:
         """How many responses came."""
         return sum(each.count for each in self._gathered.values())
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[MeasuredTimes]:
         """The times by function and number of items."""
         return [
-            Row(*key, tuple(each.times), *self._limits[key], each.longest, each.count)
+            MeasuredTimes(*key, tuple(each.times), *self._limits[key], each.longest, each.count)
             for key, each in sorted(self._gathered.items())
             if each.times
         ]
@@ -184,7 +184,7 @@ class Source:
 class Calibration(Proposal):
     """The proposal for the device that `about` describes, as text and as JSON. `more` is what brings more responses."""
 
-    def __init__(self, about: Mapping[str, Any], rows: list[Row], more: str) -> None:
+    def __init__(self, about: Mapping[str, Any], rows: list[MeasuredTimes], more: str) -> None:
         super().__init__(rows, float(about["margin"]))
         self.more = more
         self.about = about
@@ -235,7 +235,7 @@ class Calibration(Proposal):
         timing = [{"fc": function, "items": items, "time_ms": _ms(time)} for function, items, time in self.timing]
         return {**{key: self.about[key] for key in keys}, "rows": rows, "timing": timing, "margin": self.margin}
 
-    def _cells(self, row: Row) -> tuple[str, ...]:
+    def _cells(self, row: MeasuredTimes) -> tuple[str, ...]:
         times = (row.quantile(0.5), row.quantile(0.99), row.slowest, self.fitted(row), row.limit_ms / 1000)
         return (str(row.function), str(row.items), str(row.count), *(show_duration(each) for each in times))
 

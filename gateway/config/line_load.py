@@ -16,7 +16,7 @@ from gateway.ports.port import SerialSettings
 from gateway.profiles.profile import Profile
 from gateway.profiles.published import timed_batches
 from gateway.registers.items import read_request
-from gateway.timing.pace import Pace
+from gateway.timing.budget import Pace
 
 #: From this share on a line has little time left for anything but its polls.
 FULL: Final = 0.9

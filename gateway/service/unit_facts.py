@@ -24,7 +24,7 @@ from gateway.service.trace import causes
 from gateway.service.trace_reader import what_is_seen
 from gateway.timing.histogram import SECONDS
 from gateway.timing.measured import Times
-from gateway.timing.proposal import Proposal, Row
+from gateway.timing.proposal import MeasuredTimes, Proposal
 from gateway.timing.verdict import CLOSE, ENOUGH_TO_SHORTEN, verdict
 from gateway.trace.pdus import request_in_words
 from gateway.web.unit_answers import Failure, FunctionTimes, ImageWindow, Kept, PolledAge, Written
@@ -165,7 +165,7 @@ def _proposed(gateway: Gateway, unit: int) -> Mapping[int, float]:
     except WrongQuestion:
         return {}
     rows = [
-        Row(
+        MeasuredTimes(
             each.function,
             each.items,
             tuple(time / 1000 for time in each.times_ms),

@@ -1,9 +1,15 @@
-"""The time limit of a transaction: from the last character of the request to the last one of the response.
+"""The time limit of a transaction, and how long it takes a line up: arithmetic, before anything is sent.
+
+The limit is from the last character of the request to the last one of the response.
 
     limit = longest expected response on the wire + margin x table(function, items) + latency
 
 A device's own `timeout`, or that of its profile for a function without a row in the table, replaces `margin x table`.
 A response of unknown size has no time on the wire; silence ends it.
+
+    time = gap + request on the wire + answer time of the device + response on the wire + latency
+
+For that, a device is assumed that answers every request, in the largest form that it allows.
 """
 
 from dataclasses import dataclass
@@ -60,3 +66,32 @@ class Budget:
     def request_wire_time(self, asked: RequestPdu) -> float:
         """Seconds of the request on the wire."""
         return self.line.frame(len(asked.data))
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """What takes time on a line; all in seconds.
+
+    `gap` is the silence before each request, and `frame_end` the one by which a device notices the end of its request:
+    no answer comes sooner. `latency` is what the port adds to each answer. Without a wire bytes take no time.
+    """
+
+    timing: LineTiming
+    gap: float
+    frame_end: float
+    latency: float = 0.0
+    has_wire: bool = True
+
+    def time_of(self, asked: RequestPdu, table: TimingTable) -> float:
+        """From the first character of the request until the next request may be sent.
+
+        A function without a row in `table` is answered as soon as can be, so the time is the shortest possible one.
+        """
+        answer = table.time(asked.function, asked.items) or 0.0
+        if not self.has_wire:
+            return self.gap + answer + self.latency
+        frames = self._wire_time(len(asked.data)) + self._wire_time(asked.longest_response)
+        return self.gap + frames + max(answer, self.frame_end) + self.latency
+
+    def _wire_time(self, pdu_size: int) -> float:
+        return self.timing.frame(pdu_size) if pdu_size else 0.0

@@ -1,16 +1,53 @@
 """Measurements on a line: how long requests took, and how the line's time was used. All in seconds."""
 
+from collections import deque
 from dataclasses import dataclass
 from math import inf
 from typing import Final
 
 from gateway.timing.characters import LineTiming
 from gateway.timing.histogram import SECONDS, SHARES, Histogram
-from gateway.timing.samples import Samples
 from gateway.timing.usage import Usage
 
 #: `answered_at` before the first response.
 NEVER: Final = -inf
+#: For each function, at most this many different numbers of items are kept, and for each of them this many times.
+MOST_SIZES: Final = 24
+KEPT: Final = 32
+
+
+class TimesOfSize:
+    """Responses with the same number of items: how many there were, the last times, and the longest, in seconds."""
+
+    __slots__ = ("count", "longest", "times")
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.longest = 0.0
+        self.times: deque[float] = deque(maxlen=KEPT)
+
+
+class Samples:
+    """The last response times of a function: what a timing table can be found from.
+
+    Times from the end of a request to the end of its normal response, by number of items.
+    """
+
+    __slots__ = ("rows",)
+
+    def __init__(self) -> None:
+        self.rows: dict[int, TimesOfSize] = {}
+
+    def add(self, items: int, seconds: float) -> None:
+        """A response has come. Beyond MOST_SIZES, new numbers of items are left out."""
+        row = self.rows.get(items)
+        if row is None:
+            if len(self.rows) >= MOST_SIZES:
+                return
+            row = self.rows[items] = TimesOfSize()
+        row.count += 1
+        row.times.append(seconds)
+        row.longest = max(row.longest, seconds)
 
 
 class Times:

@@ -1,17 +1,46 @@
 """A timing table from measured response times: the lines through them, and the margin that the slowest needs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
+from itertools import combinations, groupby
 from math import ceil
+from statistics import median
 
-from gateway.timing.fit import Fit, fit
 from gateway.timing.verdict import CLOSE
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class Fit:
+    """A device's time for `items` items: `start + per_item * items`, in seconds; it never decreases."""
+
+    start: float
+    per_item: float
+
+    def time(self, items: int) -> float:
+        """Seconds for this many items."""
+        return max(self.start + self.per_item * items, 0.0)
+
+
+def fit(times: Mapping[int, Sequence[float]]) -> Fit:
+    """Draw the line through the medians of `times`, by number of items: the median of all slopes (Theil and Sen).
+
+    Up to a half of the times of one number of items may be outliers, and some of these numbers.
+
+    Raises:
+        ValueError: there are no times.
+    """
+    middles = {items: median(values) for items, values in sorted(times.items()) if values}
+    if not middles:
+        raise ValueError("no response times")
+    pairs = combinations(middles.items(), 2)
+    slopes = [(slower - faster) / (more - fewer) for (fewer, faster), (more, slower) in pairs]
+    per_item = max(median(slopes), 0.0) if slopes else 0.0
+    return Fit(median(middle - per_item * items for items, middle in middles.items()), per_item)
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredTimes:
     """The response times of one function with so many items, in seconds, and what the limit is now.
 
     `allowed_ms` is the part of the limit that is for the device; the rest is the response on the wire, and latency.
@@ -43,7 +72,7 @@ class Proposal:
     `timing` has the function, items and seconds of each row of the table.
     """
 
-    def __init__(self, rows: Sequence[Row], present_margin: float) -> None:
+    def __init__(self, rows: Sequence[MeasuredTimes], present_margin: float) -> None:
         self.rows = tuple(rows)
         self.fits: dict[int, Fit] = {}
         self.timing: list[tuple[int, int, float]] = []
@@ -63,10 +92,10 @@ class Proposal:
         needed = [row.slowest / CLOSE / max(self.fitted(row), 0.001) for row in self.rows]
         return max(self._present_margin, ceil(round(10 * max(needed), 6)) / 10)
 
-    def fitted(self, row: Row) -> float:
+    def fitted(self, row: MeasuredTimes) -> float:
         """The time of a row's requests by the table, in seconds."""
         return self.fits[row.function].time(row.items)
 
-    def limit(self, row: Row) -> float:
+    def limit(self, row: MeasuredTimes) -> float:
         """The limit that a row's requests would have, in seconds."""
         return (row.limit_ms - row.allowed_ms) / 1000 + self.margin * max(self.fitted(row), 0.001)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.timing.proposal import Proposal, Row
+from gateway.timing.proposal import Proposal, MeasuredTimes
 from gateway.timing.verdict import verdict
 
 
@@ -28,16 +28,16 @@ def test_a_limit_is_judged_by_what_responses_need_of_it(share, responses, late, 
 
 
 def test_a_proposed_limit_is_the_wire_and_the_table_with_its_margin():
-    row = Row(3, 10, (0.02,) * 20, limit_ms=1010.0, allowed_ms=1000.0)
+    row = MeasuredTimes(3, 10, (0.02,) * 20, limit_ms=1010.0, allowed_ms=1000.0)
     assert Proposal([row], 1.5).limit(row) == pytest.approx(0.01 + 1.5 * 0.02)
 
 
 def test_the_margin_grows_where_some_responses_take_much_longer():
-    row = Row(3, 10, (0.02,) * 20 + (0.04,) * 5, limit_ms=1000.0, allowed_ms=1000.0)
+    row = MeasuredTimes(3, 10, (0.02,) * 20 + (0.04,) * 5, limit_ms=1000.0, allowed_ms=1000.0)
     assert Proposal([row], 1.5).margin == pytest.approx(2.5)
 
 
 def test_a_proposed_limit_stays_when_the_slowest_response_is_not_among_the_last_ones():
-    row = Row(3, 10, (0.02,) * 20, limit_ms=1000.0, allowed_ms=1000.0, longest=0.2)
+    row = MeasuredTimes(3, 10, (0.02,) * 20, limit_ms=1000.0, allowed_ms=1000.0, longest=0.2)
     assert Proposal([row], 1.5).limit(row) == pytest.approx(0.25, abs=0.002)
     assert verdict(0.05, 1000, 0, 1000.0, 250.0) == "right"

@@ -2,8 +2,8 @@
 
 import pytest
 
-from gateway.timing.fit import fit
-from gateway.timing.samples import KEPT, MOST_SIZES, Samples
+from gateway.timing.measured import KEPT, MOST_SIZES, Samples
+from gateway.timing.proposal import fit
 
 
 def table(items: int) -> float:
