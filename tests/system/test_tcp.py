@@ -30,7 +30,7 @@ from gateway.listeners.tcp import Counts, TcpListener
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
-from gateway.ports import lookup
+from gateway.ports import network
 from gateway.request import Caller, Request
 from gateway.routing.access import EVERYTHING, Rights, Row
 from kit.free_port import free_port

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.timing.proposal import Proposal, MeasuredTimes
+from gateway.timing.proposal import MeasuredTimes, Proposal
 from gateway.timing.verdict import verdict
 
 

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from zlib import crc32
 
 from gateway.modbus.codes import Area
+from gateway.state.database import Row, Table, open_table
 from gateway.state.page_log import PageLog
 
 _NAME: Final = "images"
