@@ -12,12 +12,12 @@
 """
 
 from collections import deque
-from collections.abc import Iterator
-from itertools import chain
+from collections.abc import Iterable, Iterator
+from heapq import heapify, heappop, heappush, heapreplace
+from itertools import chain, count
 from math import inf
 from typing import Final, cast
 
-from gateway.lines.crowd import Crowd
 from gateway.lines.transaction import Destination, Transaction
 from gateway.lines.turns import Clients, Held, Place, Row
 from gateway.request import Request
@@ -26,6 +26,45 @@ from gateway.request import Request
 YIELDS: Final = 16
 #: For each request that may wait, so many entries are kept at most, those of requests that wait no more included.
 _ENTRIES: Final = 4
+
+
+class Crowd:
+    """The rows in which most requests wait; of equals, those whose address has most. None is searched for.
+
+    It is a heap that is made when somebody is refused, and used until `most` entries are in it. Until then a row that
+    grows is entered again. One that shrinks is not: an entry that says too much is corrected when it comes up.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._entries: list[tuple[int, int, int, Row]] = []
+        self._numbers = count()
+
+    def grown(self, row: Row) -> None:
+        """Count one more request in a row."""
+        if len(self._entries) >= self._most:
+            self._entries.clear()
+        if self._entries:
+            heappush(self._entries, self._entry(row))
+
+    def greediest(self, rows: Iterable[Row]) -> Row | None:
+        """Find the row that loses a request, of all `rows`. Repeats are not lost: 06 means that nothing was sent."""
+        entries = self._entries
+        if not entries:
+            entries.extend(map(self._entry, rows))
+            heapify(entries)
+        while entries:
+            row = entries[0][-1]
+            if not row.waiting or row.places[-1].transaction.retries:
+                heappop(entries)
+            elif entries[0][:2] != self._entry(row)[:2]:
+                heapreplace(entries, self._entry(row))
+            else:
+                return row
+        return None
+
+    def _entry(self, row: Row) -> tuple[int, int, int, Row]:
+        return -row.waiting, -row.address.waiting, next(self._numbers), row
 
 
 class WaitingQueue:
@@ -37,6 +76,7 @@ class WaitingQueue:
         self._coalesce = coalesce
         self._clients = Clients()
         self._polls = Clients()
+        #: How many others went since a poll did, while one waits.
         self._yields = 0
         self._crowd = Crowd(_ENTRIES * size)
         #: The places of requests by when each will have waited too long; also of some that no longer wait.
@@ -49,15 +89,15 @@ class WaitingQueue:
         self._reads: dict[tuple[Destination, bytes], Transaction] = {}
 
     def __len__(self) -> int:
-        return self._count
+        return self._clients.waiting + self._polls.waiting
 
-    @property
-    def _count(self) -> int:
-        return self._clients.turns.waiting + self._polls.turns.waiting
+    def __iter__(self) -> Iterator[Transaction]:
+        """Each transaction that waits, once."""
+        return iter(dict.fromkeys(place.transaction for row in self._rows() for place in row.places))
 
     def put(self, transaction: Transaction, now: float) -> Transaction | None:
         """Let a transaction with one request wait. Returns the one that the full queue loses: this or another one."""
-        lost = self._make_room(transaction) if self._count >= self._size else None
+        lost = self._make_room(transaction) if len(self) >= self._size else None
         if lost is transaction:
             return lost
         request = transaction.requests[0]
@@ -73,10 +113,6 @@ class WaitingQueue:
         if len(self._expiries) > _ENTRIES * self._size:
             self._expiries = deque(each for each in self._expiries if each.request.place is each)
         return lost
-
-    def __iter__(self) -> Iterator[Transaction]:
-        """Each transaction that waits, once."""
-        return iter(dict.fromkeys(place.transaction for row in self._rows() for place in row.places))
 
     def put_back(self, transaction: Transaction) -> None:
         """Let a transaction wait to be sent again, first in its clients' rows, until its `gives_up_at`."""
@@ -114,10 +150,6 @@ class WaitingQueue:
                 self._withdraw(place)
         return late
 
-    def waits_since(self) -> float:
-        """When the request came that waits longest, or earlier. What waits to be sent again came long ago."""
-        return -inf if self._repeats else self._expiries[0].expires_at - self._max_wait
-
     def given_up(self, now: float) -> list[Transaction]:
         """Remove the transactions that it is too late to send again."""
         late = [transaction for transaction in self._repeats if transaction.gives_up_at <= now]
@@ -125,13 +157,17 @@ class WaitingQueue:
             self._remove(transaction)
         return late
 
+    def waits_since(self) -> float:
+        """Return when the request came that waits longest, or earlier. What waits to be sent again came long ago."""
+        return -inf if self._repeats else self._expiries[0].expires_at - self._max_wait
+
     @property
     def has_expiry(self) -> bool:
-        """Whether a request waits that may expire, so that who waits behind it does not expire earlier."""
-        return self._count > 0 and len(self._expiries) > 0
+        """Tell whether a request waits that may expire: one that waits behind it does not expire earlier."""
+        return len(self) > 0 and len(self._expiries) > 0
 
     def next_expiry(self) -> float | None:
-        """When the next request will have waited too long, or earlier."""
+        """Return when the next request will have waited too long, or earlier."""
         expiry = self._expiries[0].expires_at if self.has_expiry else None
         if not self._repeats:
             return expiry
@@ -152,22 +188,22 @@ class WaitingQueue:
     def _clients_of(self, transaction: Transaction) -> Clients:
         return self._polls if transaction.yields else self._clients
 
+    def _rows(self) -> Iterator[Row]:
+        return chain(self._clients.rows(), self._polls.rows())
+
     def _next(self, is_held: Held | None) -> Place | None:
-        """What is sent next: polls last, unless the others have had enough turns since one went."""
-        clients, polls = self._clients.turns, self._polls.turns
+        """Choose what is sent next: polls last, unless the others have had enough turns since one went."""
+        clients, polls = self._clients, self._polls
         if not polls.waiting:
             self._yields = 0
             return clients.next(is_held)
-        is_poll_due = self._yields * len(self._polls.rows) >= YIELDS
+        is_poll_due = self._yields * len(polls.members) >= YIELDS
         for turns in (polls, clients) if is_poll_due else (clients, polls):
             place = turns.next(is_held)
             if place is not None:
                 self._yields = 0 if turns is polls else self._yields + 1
                 return place
         return None
-
-    def _rows(self) -> Iterator[Row]:
-        return chain(self._clients.rows.values(), self._polls.rows.values())
 
     def _offer(self, transaction: Transaction) -> None:
         """Let others join a read; after anything else, earlier reads are not shared any more."""
@@ -179,7 +215,7 @@ class WaitingQueue:
             self._reads.clear()
 
     def _join(self, transaction: Transaction, row: Row) -> Transaction | None:
-        """The waiting transaction that this one shares, unless it could overtake earlier requests in its row."""
+        """Find the waiting transaction that this one shares, unless it could overtake earlier requests in its row."""
         shared = self._reads.get((transaction.device, transaction.asked.data))
         if shared is None or row.holds_back(transaction):
             return None
@@ -203,7 +239,6 @@ class WaitingQueue:
         return part
 
     def _remove(self, transaction: Transaction) -> None:
-        """Remove a transaction."""
         for request in transaction.requests:
             self._leave(_place_of(request))
         if self._reads:
@@ -230,10 +265,10 @@ class WaitingQueue:
             self._given_up.pop(place, None)
 
     def _make_room(self, newcomer: Transaction) -> Transaction | None:
-        """Fail what nobody wants any more. Returns the transaction that is lost if the queue is still full."""
+        """Fail requests that no client wants any more. Returns the transaction that is lost if that is not enough."""
         while self._given_up:
             self._drop_unwanted(self._given_up.popitem()[0])
-        if self._count < self._size:
+        if len(self) < self._size:
             return None
         row = self._crowd.greediest(self._rows())
         of_client, of_address = self._clients_of(newcomer).waiting_of(newcomer.requests[0].caller)
@@ -254,5 +289,5 @@ class WaitingQueue:
 
 
 def _place_of(request: Request) -> Place:
-    """Of a request that waits."""
+    """Return the place of a request that waits."""
     return cast("Place", request.place)

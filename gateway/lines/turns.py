@@ -1,37 +1,35 @@
-"""Whose turn it is: the one policy for all that waits at a line.
+"""Whose turn it is at a line: the one policy for all requests that wait. `Turns.next` is all of it.
 
 - **Rounds.** In each round everyone who waits has one turn, for one request: first those who are urgent, then the
-  others in the order in which they came. Who has had its turn is in the next round. So are those who come while a round
-  is under way; but the first of them that is urgent is still in this one. So nobody comes first more than once in a
-  round of the others, and nobody waits for ever.
+  others in the order in which they came. After its turn a member has its next one in the next round. So has one that
+  comes while a round is under way; but the first urgent one of these is still in this round. So nobody comes first more
+  than once in a round of the others, and nobody waits for ever.
 - **Addresses** take turns, and the connections of an address take turns in those of the address, in rounds of their
   own. So it makes no difference how many connections a host has.
-- **Urgent** is who waits with a write, or for a device of high priority. Only its oldest request counts, so priority
-  acts between clients.
-- **Held** is what must not be sent yet. It keeps its turn while others have theirs. The next round begins when nobody
-  else of this one is left.
+- **Urgent** is a member that waits with a write, or for a device of high priority. Only its oldest request counts, so
+  priority acts between clients.
+- **Held** is what must not be sent yet. It keeps its turn while others have theirs. The next round begins when only
+  held ones of this one are left.
 """
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import takewhile
-from typing import Any, Final
+from typing import Any
 
 from gateway.lines.transaction import Destination, Transaction
 from gateway.request import Caller, Request
 
-#: When a member has its next turn: in the round that is under way, or in the next one. Of a new one it is not known.
-UNKNOWN: Final = 0
-NOW: Final = 1
-LATER: Final = 2
-
-#: Whether a transaction must not be sent yet.
+#: Tells whether a transaction must not be sent yet.
 Held = Callable[[Transaction], bool]
 
 
 class Place:
-    """The place of a waiting request in the row of its connection. It waits as long as this is its `place`."""
+    """The place of a waiting request in the row of its connection. It waits as long as this is its `place`.
+
+    `given_up` are the places of requests that their clients may not want any more.
+    """
 
     __slots__ = ("_given_up", "expires_at", "request", "row", "transaction")
 
@@ -50,36 +48,27 @@ class Place:
 
 
 class Member(ABC):
-    """What takes turns, and how many requests wait there."""
+    """One that takes turns, with how many requests wait there. `has_passed`: it had nothing to send in its last turn."""
 
-    __slots__ = ("after", "before", "has_passed", "name", "turn", "waiting")
+    __slots__ = ("has_passed", "name", "waiting")
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.waiting = 0
-        #: Whether it had nothing to send when its last turn came.
         self.has_passed = False
-        #: When it has its next turn, and which others stand before and after it.
-        self.turn = UNKNOWN
-        self.before: Member | None = None
-        self.after: Member | None = None
 
     @property
     @abstractmethod
     def is_urgent(self) -> bool:
-        """Whether its turn comes before those of others."""
+        """Tell whether its turn comes before those of others."""
 
     @abstractmethod
     def next(self, is_held: Held | None) -> Place | None:
-        """What is sent in its turn; None if all is held."""
-
-    @abstractmethod
-    def leave(self) -> None:
-        """It is forgotten."""
+        """Choose what is sent in its turn; None if all is held."""
 
 
 class Row(Member):
-    """The waiting requests of one connection, oldest first."""
+    """The waiting requests of one connection, oldest first. It takes turns with the others of its `address`."""
 
     __slots__ = ("address", "places")
 
@@ -97,7 +86,7 @@ class Row(Member):
         return oldest.device.is_urgent or not oldest.asked.only_reads
 
     def next(self, is_held: Held | None) -> Place | None:
-        """The first one that may go: not held, and not after a held one whose order it keeps."""
+        """Choose the first one that may go: not held, and not after a held one whose order it keeps."""
         if is_held is None:
             return self.places[0]  # as nearly always
         held: list[Destination] = []
@@ -111,11 +100,8 @@ class Row(Member):
             held.append(transaction.device)
         return None
 
-    def leave(self) -> None:
-        """See Member."""
-
     def holds_back(self, transaction: Transaction) -> bool:
-        """Whether an earlier one here goes before `transaction`, which waits here or is to be added."""
+        """Tell whether an earlier one here goes before `transaction`, which waits here or is to be added."""
         before = takewhile(lambda each: each.transaction is not transaction, self.places)
         return any(each.transaction.device is transaction.device or each.transaction.is_broadcast for each in before)
 
@@ -145,60 +131,85 @@ class Row(Member):
             self.address.above.waiting += more
 
 
+class Round:
+    """Those who have a turn in one round, in order, and those of them who are urgent."""
+
+    __slots__ = ("members", "urgent")
+
+    def __init__(self) -> None:
+        self.members: dict[Member, None] = {}
+        self.urgent: dict[Member, None] = {}
+
+    def remove(self, member: Member) -> None:
+        """Take a member out."""
+        self.members.pop(member, None)
+        if self.urgent:
+            self.urgent.pop(member, None)
+
+
 class Turns(Member):
-    """The rounds of addresses, or of the connections of one, which has its turns in those `above`.
+    """Members by name, and their rounds: addresses, or the connections of one, which has its turns in those `above`."""
 
-    The members stand in a line: those with a turn in this round, then those with one in the next. Who has had its turn
-    goes to the end. Who has nothing to send when its turn comes, and again the next time, is forgotten. `names` is
-    where they are found.
-    """
+    __slots__ = ("_has_let_in", "_later", "_now", "above", "members")
 
-    __slots__ = ("_first", "_has_let_in", "_last", "_names", "_urgent", "_urgent_later", "above")
-
-    def __init__(self, names: dict[str, Any], name: str = "", above: "Turns | None" = None) -> None:
+    def __init__(self, name: str = "", above: "Turns | None" = None) -> None:
         super().__init__(name)
-        self._names = names
         self.above = above
-        self._first: Member | None = None
-        self._last: Member | None = None
+        self.members: dict[str, Any] = {}
+        #: The round that is under way, and the next one.
+        self._now = Round()
+        self._later = Round()
         #: Whether somebody who came since the round began is in it.
         self._has_let_in = False
-        #: Who is urgent, in this round and in the next one.
-        self._urgent: dict[str, Member] = {}
-        self._urgent_later: dict[str, Member] = {}
 
     @property
     def is_urgent(self) -> bool:
         """See Member."""
-        return bool(self._urgent)
+        return bool(self._now.urgent)
 
     def next(self, is_held: Held | None) -> Place | None:
-        """See Member."""
+        """Choose what is sent next: see the rules above. `is_held` is None if nothing is."""
         if not self.waiting:
             return None
-        place = self._next_of_round(is_held)
-        if place is None:
-            self._begin_round()
-            place = self._next_of_round(is_held)
-        return place
-
-    def add(self, member: Member) -> None:
-        """Give a new member its place, the last one."""
-        self._names[member.name] = member
-        self._append(member)
+        for is_over in (False, True):
+            if is_over:  # only those who are held are left of the round
+                self._begin_round()
+            # First those who are urgent.
+            for member in self._now.urgent:
+                place = member.next(is_held)
+                if place is not None:
+                    self._had_turn(member)
+                    return place
+            # Then the others in their order. One that is held keeps its turn; one that has nothing to send has had it.
+            passed: list[Member] = []
+            place = None
+            for member in self._now.members:
+                if not member.waiting:
+                    passed.append(member)
+                    continue
+                place = member.next(is_held)
+                if place is not None:
+                    passed.append(member)
+                    break
+            for each in passed:
+                self._had_turn(each)
+            if place is not None:
+                return place
+        return None
 
     def sort(self, member: Member) -> None:
-        """Another request may be the oldest of a member."""
+        """Give a new member its first turn, and look anew who is urgent: another request may be the oldest of it."""
         member.has_passed = False
-        if member.turn == UNKNOWN:
-            self._let_in(member)
-        if member.is_urgent:
-            (self._urgent if member.turn == NOW else self._urgent_later)[member.name] = member
-        elif self._urgent or self._urgent_later:
-            self._urgent.pop(member.name, None)
-            self._urgent_later.pop(member.name, None)
-        first = self._first
-        if self.waiting and first is not None and first.turn == LATER:
+        is_urgent = member.is_urgent
+        its = self._now if member in self._now.members else self._later
+        if is_urgent and not self._has_let_in and self.waiting > member.waiting and member not in its.members:
+            its, self._has_let_in = self._now, True
+        its.members[member] = None
+        if is_urgent:
+            its.urgent[member] = None
+        elif its.urgent:
+            its.urgent.pop(member, None)
+        if self.waiting and not self._now.members:
             self._begin_round()
         if self.above is not None:
             self.above.sort(self)
@@ -206,114 +217,59 @@ class Turns(Member):
     def forget(self, member: Member) -> None:
         """Forget a member, unless something of it waits."""
         if not member.waiting:
-            self._remove(member)
-            del self._names[member.name]
-            member.leave()
+            self._now.remove(member)
+            self._later.remove(member)
+            del self.members[member.name]
             if self.above is not None:
                 self.above.forget(self)
 
-    def leave(self) -> None:
-        """See Member."""
-        each = self._first
-        while each is not None:
-            del self._names[each.name]
-            each = each.after
+    def _had_turn(self, member: Member) -> None:
+        """Move a member to the next round.
 
-    def _next_of_round(self, is_held: Held | None) -> Place | None:
-        if self._urgent:
-            for member in self._urgent.values():
-                place = member.next(is_held)
-                if place is not None:
-                    self._had_turn(member)
-                    return place
-        each = self._first
-        while each is not None and each.turn == NOW:
-            after = each.after
-            if not each.waiting:
-                self._pass(each)
-            elif (place := each.next(is_held)) is not None:
-                self._had_turn(each)
-                return place
-            each = after
-        return None
-
-    def _pass(self, member: Member) -> None:
+        One that had nothing to send is forgotten the second time: one that asks again at once keeps its place.
+        """
         if member.has_passed:
             self.forget(member)
-        else:
-            member.has_passed = True
-            self._had_turn(member)
+            return
+        member.has_passed = not member.waiting
+        self._now.remove(member)
+        self._later.members[member] = None
 
     def _begin_round(self) -> None:
+        """Begin the next round, in which those who are left of this one come first."""
         self._has_let_in = False
-        each = self._first
-        while each is not None:
-            each.turn = NOW
-            each = each.after
-        if self._urgent_later:
-            self._urgent.update(self._urgent_later)
-            self._urgent_later.clear()
-
-    def _let_in(self, member: Member) -> None:
-        """One that has just come is in the next round, or in this one."""
-        member.turn = LATER
-        if self.waiting > member.waiting and member.is_urgent and not self._has_let_in:
-            self._has_let_in = True
-            member.turn = NOW
-
-    def _had_turn(self, member: Member) -> None:
-        if self._urgent:
-            self._urgent.pop(member.name, None)
-        member.turn = LATER
-        if member is not self._last:
-            self._remove(member)
-            self._append(member)
-
-    def _append(self, member: Member) -> None:
-        last = self._last
-        member.before = last
-        if last is None:
-            self._first = member
+        now, later = self._now, self._later
+        if now.members:
+            now.members.update(later.members)
+            now.urgent.update(later.urgent)
+            self._later = Round()
         else:
-            last.after = member
-        self._last = member
-
-    def _remove(self, member: Member) -> None:
-        before, after = member.before, member.after
-        if before is None:
-            self._first = after
-        else:
-            before.after = after
-        if after is None:
-            self._last = before
-        else:
-            after.before = before
-        member.before = member.after = None
+            self._now, self._later = later, now
 
 
-class Clients:
-    """The rows of clients, found by the name of each, and their turns."""
+class Clients(Turns):
+    """The addresses of all clients, with the rows of their connections."""
 
-    __slots__ = ("addresses", "rows", "turns")
-
-    def __init__(self) -> None:
-        self.rows: dict[str, Row] = {}
-        self.addresses: dict[str, Turns] = {}
-        self.turns = Turns(self.addresses)
+    __slots__ = ()
 
     def row(self, caller: Caller) -> Row:
-        """The row of a client, which may be new."""
-        row = self.rows.get(caller.client)
+        """Find the row of a client, which may be new: then something is to be added to it."""
+        address: Turns | None = self.members.get(caller.share_key)
+        if address is None:
+            address = self.members[caller.share_key] = Turns(caller.share_key, self)
+        row: Row | None = address.members.get(caller.client)
         if row is None:
-            address = self.addresses.get(caller.share_key)
-            if address is None:
-                address = Turns(self.rows, caller.share_key, self.turns)
-                self.turns.add(address)
-            row = Row(caller.client, address)
-            address.add(row)
+            row = address.members[caller.client] = Row(caller.client, address)
         return row
 
+    def rows(self) -> Iterator[Row]:
+        """Return the rows of all."""
+        return (row for address in self.members.values() for row in address.members.values())
+
     def waiting_of(self, caller: Caller) -> tuple[int, int]:
-        """How many requests of a client wait, and how many from its address."""
-        row, address = self.rows.get(caller.client), self.addresses.get(caller.share_key)
-        return 0 if row is None else row.waiting, 0 if address is None else address.waiting
+        """Count how many requests of a client wait, and how many from its address."""
+        address: Turns | None = self.members.get(caller.share_key)
+        if address is None:
+            return 0, 0
+        row: Row | None = address.members.get(caller.client)
+        return 0 if row is None else row.waiting, address.waiting
