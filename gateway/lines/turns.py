@@ -48,7 +48,7 @@ class Place:
 
 
 class Member(ABC):
-    """One that takes turns, with how many requests wait there. `has_passed`: it had nothing to send in its last turn."""
+    """One that takes turns; `waiting` requests are there. `has_passed`: it had nothing to send in its last turn."""
 
     __slots__ = ("has_passed", "name", "waiting")
 
@@ -168,34 +168,14 @@ class Turns(Member):
         return bool(self._now.urgent)
 
     def next(self, is_held: Held | None) -> Place | None:
-        """Choose what is sent next: see the rules above. `is_held` is None if nothing is."""
+        """Choose what is sent next, by the rules above. `is_held` is None if nothing is held."""
         if not self.waiting:
             return None
-        for is_over in (False, True):
-            if is_over:  # only those who are held are left of the round
-                self._begin_round()
-            # First those who are urgent.
-            for member in self._now.urgent:
-                place = member.next(is_held)
-                if place is not None:
-                    self._had_turn(member)
-                    return place
-            # Then the others in their order. One that is held keeps its turn; one that has nothing to send has had it.
-            passed: list[Member] = []
-            place = None
-            for member in self._now.members:
-                if not member.waiting:
-                    passed.append(member)
-                    continue
-                place = member.next(is_held)
-                if place is not None:
-                    passed.append(member)
-                    break
-            for each in passed:
-                self._had_turn(each)
-            if place is not None:
-                return place
-        return None
+        place = self._next_urgent(is_held) or self._next_in_order(is_held)
+        if place is None:  # only held ones are left of this round
+            self._begin_round()
+            place = self._next_urgent(is_held) or self._next_in_order(is_held)
+        return place
 
     def sort(self, member: Member) -> None:
         """Give a new member its first turn, and look anew who is urgent: another request may be the oldest of it."""
@@ -222,6 +202,30 @@ class Turns(Member):
             del self.members[member.name]
             if self.above is not None:
                 self.above.forget(self)
+
+    def _next_urgent(self, is_held: Held | None) -> Place | None:
+        for member in self._now.urgent:
+            place = member.next(is_held)
+            if place is not None:
+                self._had_turn(member)
+                return place
+        return None
+
+    def _next_in_order(self, is_held: Held | None) -> Place | None:
+        """Choose of all in their order. One that is held keeps its turn; one that has nothing to send has had it."""
+        place = None
+        over: list[Member] = []
+        for member in self._now.members:
+            if member.waiting:
+                place = member.next(is_held)
+                if place is None:
+                    continue
+            over.append(member)
+            if place is not None:
+                break
+        for member in over:
+            self._had_turn(member)
+        return place
 
     def _had_turn(self, member: Member) -> None:
         """Move a member to the next round.
