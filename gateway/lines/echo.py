@@ -7,7 +7,7 @@ not one of every request. Valid responses that come so early mean that the port 
 
 from typing import Final
 
-from gateway.lines.report import Report
+from gateway.lines.telling import Report
 from gateway.lines.transaction import Transaction
 
 #: After copies of this many requests in a row, the adapter echoes.

@@ -41,7 +41,7 @@ from gateway.lines.late import LateWindows, Overdue
 from gateway.lines.overheard import Overheard
 from gateway.lines.receiver import NOTHING, Outcome, Receiver
 from gateway.lines.recorder import Recorder
-from gateway.lines.report import Report
+from gateway.lines.telling import Report
 from gateway.lines.scheduler import Permits, Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived

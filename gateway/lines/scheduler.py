@@ -15,7 +15,7 @@ from gateway.lines.late import WORTH_WAITING, LateWindows
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.recorder import Recorder
 from gateway.lines.reopening import Reopening
-from gateway.lines.report import Report
+from gateway.lines.telling import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived, Stall
 from gateway.lines.transaction import Destination, ScanTransaction, Transaction

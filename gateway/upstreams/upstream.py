@@ -20,7 +20,7 @@ from gateway.events import Emit
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.recorder import Recorder
 from gateway.lines.reopening import Reopening
-from gateway.lines.report import Report
+from gateway.lines.telling import Report
 from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import NO_UNIT, TcpFrame, encode
