@@ -40,11 +40,10 @@ from gateway.lines.echo import EchoDetector
 from gateway.lines.late import LateWindows, Overdue
 from gateway.lines.overheard import Overheard
 from gateway.lines.receiver import NOTHING, Outcome, Receiver
-from gateway.lines.recorder import Recorder
-from gateway.lines.telling import Report
 from gateway.lines.scheduler import Permits, Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived
+from gateway.lines.telling import Recorder, Report
 from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
 from gateway.ports.port import OpenAgain

@@ -11,9 +11,8 @@ from gateway.lines.attribution import Attribution, Owner
 from gateway.lines.echo import EchoDetector
 from gateway.lines.late import LateResponse, LateWindows
 from gateway.lines.pacing import Pace
-from gateway.lines.recorder import Recorder
-from gateway.lines.telling import Report
 from gateway.lines.settings import LineSettings
+from gateway.lines.telling import Recorder, Report
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame

@@ -13,11 +13,10 @@ from gateway.lines.echo import EchoDetector
 from gateway.lines.idle import IdleTime
 from gateway.lines.late import WORTH_WAITING, LateWindows
 from gateway.lines.queue import WaitingQueue
-from gateway.lines.recorder import Recorder
 from gateway.lines.reopening import Reopening
-from gateway.lines.telling import Report
 from gateway.lines.settings import LineSettings
 from gateway.lines.stall import HasArrived, Stall
+from gateway.lines.telling import Recorder, Report
 from gateway.lines.transaction import Destination, ScanTransaction, Transaction
 from gateway.modbus.scan import Expected
 from gateway.request import Request

@@ -18,9 +18,8 @@ from gateway import errors
 from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.queue import WaitingQueue
-from gateway.lines.recorder import Recorder
 from gateway.lines.reopening import Reopening
-from gateway.lines.telling import Report
+from gateway.lines.telling import Recorder, Report
 from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import NO_UNIT, TcpFrame, encode

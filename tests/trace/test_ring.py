@@ -5,7 +5,7 @@ import tracemalloc
 import pytest
 
 from gateway.errors import NoRoute
-from gateway.lines.recorder import Recorder
+from gateway.lines.telling import Recorder
 from gateway.trace.records import Exchange, Record
 from gateway.trace.ring import FAILURES_SHARE, STEP, Ring
 from kit.asker import Asker
