@@ -1,5 +1,6 @@
-"""The targets on a line: each of its devices, and all of them at once for broadcasts."""
+"""The targets on a line: each of its devices, all of them at once for broadcasts, and units that a scan looks for."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol
 
@@ -7,6 +8,7 @@ from gateway.errors import RequestError
 from gateway.events import Emit, RequestRefused, discard_event
 from gateway.lines.transaction import BroadcastTransaction, Destination, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.profiles.profile import Profile
 from gateway.request import Request
@@ -109,3 +111,20 @@ class EveryDevice(Destination):
     def submit(self, request: Request, now: float) -> None:
         """Send the request to unit 0. It must be well formed and have a broadcast function."""
         self._line.submit(BroadcastTransaction(request, parse_request(request.pdu), self), now)
+
+
+class ScannedUnit(Destination):
+    """A unit that may not be there, for the questions of a scan.
+
+    `heard` are its answers to the last question, in time or late, each with how many seconds it took.
+    """
+
+    def __init__(self, unit: int, answer_time: AnswerTime, now: Callable[[], float]) -> None:
+        super().__init__(unit, f"unit {unit} of a scan", answer_time)
+        self.heard: list[tuple[Frame, float]] = []
+        self._now = now
+
+    def finished(self, transaction: Transaction, response: Frame | None) -> None:
+        """See Destination."""
+        if response is not None:
+            self.heard.append((response, self._now() - transaction.ends_at))

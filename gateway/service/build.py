@@ -30,7 +30,7 @@ from gateway.service.reach import Routing, routings
 from gateway.service.state import Memory
 from gateway.tls.store import TlsStore
 from gateway.trace.ring import Ring
-from gateway.upstreams.tcp_driver import TcpDriver
+from gateway.upstreams.driver import TcpDriver
 
 if TYPE_CHECKING:
     from gateway.fleet.asker import Asker

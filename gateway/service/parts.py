@@ -29,7 +29,7 @@ from gateway.service import remembered
 from gateway.service.state import Memory
 from gateway.timing.characters import CharacterFormat
 from gateway.trace.ring import Ring
-from gateway.upstreams.tcp_driver import TcpDriver
+from gateway.upstreams.driver import TcpDriver
 from gateway.upstreams.upstream import Upstream
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from struct import unpack
 from typing import Final, Literal
 
-from gateway.devices.scanned import ScannedUnit
+from gateway.devices.device import ScannedUnit
 from gateway.errors import (
     BrokenResponse,
     ExceptionCode,

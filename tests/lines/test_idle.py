@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.devices.scanned import ScannedUnit
+from gateway.devices.device import ScannedUnit
 from gateway.events import BadFrame, LateResponse, RequestTimeout, UnitResting
 from gateway.lines.idle import OTHERS
 from gateway.lines.transaction import ScanTransaction

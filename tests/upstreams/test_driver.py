@@ -10,7 +10,7 @@ from gateway.errors import PortError
 from gateway.events import Event, PartFailed, UpstreamClosed
 from gateway.modbus.mbap import encode
 from gateway.upstreams import upstream as upstream_module
-from gateway.upstreams.tcp_driver import TcpDriver
+from gateway.upstreams.driver import TcpDriver
 from gateway.upstreams.upstream import Upstream, UpstreamSettings
 from kit.asker import Asker
 from kit.upstream_bench import READ, RESPONSE, UpstreamBench
