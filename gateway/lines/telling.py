@@ -212,7 +212,7 @@ class Recorder:
             over.limit,
         )
         record.retries = over.retries
-        record.others = tuple([(each.origin.client, each.unit, each.received_at) for each in others])
+        record.others = tuple([(each.caller.client, each.unit, each.received_at) for each in others])
         record.size += INCIDENT + SHARER * len(others)
         return record
 

@@ -61,10 +61,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
+from gateway.devices.scanned import ScannedUnit
+
 from gateway.devices.addresses import UnitAddresses
 from gateway.devices.device import Device
 from gateway.devices.quirks import AddressZeroDevice, MovableDevice
-from gateway.devices.scanned import ScannedUnit
 from gateway.events import Event
 from gateway.lines.counts import Counts, total
 from gateway.lines.transaction import ScanTransaction

@@ -107,23 +107,25 @@ RTU = LineTiming("rtu", 9600, CharacterFormat.parse("8E1"))
 ASCII = LineTiming("ascii", 9600, CharacterFormat.parse("7E1"))
 TABLE = TimingTable.of({3: [Point(1, 0.010), Point(10, 0.050)]})
 NO_TABLE = TimingTable()
-RTU_CHARACTER = 11 / 9600
+RTU_CHAR = 11 / 9600
 
 
 def test_an_rtu_read_is_gap_request_answer_time_response_and_latency():
     # 8 characters of request, and 5 with 20 bytes of data.
     pace = Pace(RTU, gap=0.004, frame_end=0.004, latency=0.001)
-    assert pace.time_of(READ_TEN, TABLE) == pytest.approx(0.004 + 8 * RTU_CHARACTER + 0.050 + 25 * RTU_CHARACTER + 0.001)
+    assert pace.time_of(READ_TEN, TABLE) == pytest.approx(
+        0.004 + 8 * RTU_CHAR + 0.050 + 25 * RTU_CHAR + 0.001
+    )
 
 
 def test_no_device_answers_before_it_has_noticed_the_end_of_the_request():
     pace = Pace(RTU, gap=0.0, frame_end=0.004)
-    assert pace.time_of(READ_TEN, NO_TABLE) == pytest.approx(33 * RTU_CHARACTER + 0.004)
+    assert pace.time_of(READ_TEN, NO_TABLE) == pytest.approx(33 * RTU_CHAR + 0.004)
 
 
 def test_a_response_of_unknown_size_takes_at_least_no_time():
     pace = Pace(RTU, gap=0.0, frame_end=0.004)
-    assert pace.time_of(parse_request(bytes.fromhex("41 01")), NO_TABLE) == pytest.approx(5 * RTU_CHARACTER + 0.004)
+    assert pace.time_of(parse_request(bytes.fromhex("41 01")), NO_TABLE) == pytest.approx(5 * RTU_CHAR + 0.004)
 
 
 def test_an_ascii_read_takes_two_characters_for_each_byte():
