@@ -29,8 +29,6 @@ class Peer:
     a repeated datagram: it is executed once and gets one response. Another request with the same transaction
     identifier replaces the earlier one, whose response is dropped. Every datagram that has arrived counts, also while
     the peer finishes, so all are read before a response is sent.
-
-    After a reload another listener may hear the peer: it takes the peer over with the requests in progress.
     """
 
     #: Datagrams come without a certificate.
@@ -91,17 +89,6 @@ class Peer:
         """Take no more requests; one with the identifier of another in progress still shows that this is given up."""
         self._is_finishing = True
 
-    def move(self, router: Target, settings: ListenSettings, path: Path) -> None:
-        """Another listener takes the peer over; it takes requests again from `resume` on."""
-        self._router = router
-        self._settings = settings
-        self._path = path
-        self._is_finishing = True
-
-    def resume(self) -> None:
-        """Take requests."""
-        self._is_finishing = False
-
     def wants(self, request: Request) -> bool:
         """Whether a request that still waits should be sent."""
         return not self.gone and self._under_way.get(request.transaction) is request
@@ -117,7 +104,7 @@ class Peer:
             self._path.send(mbap.encode(request.transaction, request.unit, pdu))
 
     def closed(self) -> None:
-        """The peer is forgotten; its responses are dropped."""
+        """Forget the peer: its responses are dropped."""
         self.gone = True
         for request in self._under_way.values():
             request.give_up()

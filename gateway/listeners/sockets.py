@@ -166,23 +166,6 @@ def overlap(one: socket.socket, other: socket.socket) -> bool:
     return one.type == other.type and (mine[:2] == others[:2] or _covers(one, others) or _covers(other, mine))
 
 
-def precedence(sock: socket.socket, address: tuple[str, int]) -> int:
-    """How exactly a bound socket is meant for what is sent to `address`; 0 if it is not.
-
-    Of several sockets for datagrams the system takes the one with the greatest.
-    """
-    if sock.getsockname()[:2] == address:
-        return 3
-    if not _covers(sock, address):
-        return 0
-    return 2 if (sock.family == socket.AF_INET6) == (":" in address[0]) else 1
-
-
-def replaces(new: socket.socket, old: socket.socket) -> bool:
-    """Whether `new` is bound to all that `old` is bound to."""
-    return precedence(new, old.getsockname()[:2]) > 0 and _is_ipv6_only(new) <= _is_ipv6_only(old)
-
-
 def show_bound_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
     """What clients connect to, `tcp://127.0.0.1:5020`: the bound address, or the configured one if none is bound."""
     host, port = bound[0].getsockname()[:2] if bound else (settings.host, settings.port)

@@ -2,7 +2,6 @@
 
 import asyncio
 import socket
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Final, NamedTuple
@@ -20,8 +19,6 @@ from gateway.listeners.sockets import (
     bind_sockets,
     is_meant,
     join_host_port,
-    precedence,
-    replaces,
     show_bound_address,
 )
 from gateway.modbus import mbap
@@ -37,7 +34,7 @@ SWEEP_STEP: Final = 0.25
 MOST_AT_ONCE: Final = 256
 #: Why a peer is rejected before it has its turn.
 _TOO_MANY_NEW: Final = "too many new clients at once"
-#: Why a peer is no longer that of a listener.
+#: Why a peer is forgotten when its listener closes.
 _STOPPING: Final = "the gateway is stopping"
 
 
@@ -77,8 +74,6 @@ class UdpListener:
         self.counts = DatagramCounts()
         self.rejections = Rejections()
         self._peers: dict[PeerAddress, Peer] = {}
-        #: Peers of other listeners that are heard here since a reload, and were not admitted yet.
-        self._taken_over: dict[PeerAddress, Peer] = {}
         #: The requests that have arrived, the latest of each identifier, until they are processed.
         self._arrived: dict[tuple[PeerAddress, int], Arrived] = {}
         #: Those of peers that wait for their admission. While there are any, the next admission is scheduled.
@@ -113,7 +108,7 @@ class UdpListener:
     @property
     def has_clients(self) -> bool:
         """Whether any peer has a request in progress."""
-        return not all(peer.is_idle for peer in (*self._peers.values(), *self._taken_over.values()))
+        return not all(peer.is_idle for peer in self._peers.values())
 
     async def find(self) -> None:
         """Look up the addresses to be bound.
@@ -155,60 +150,18 @@ class UdpListener:
         for peer in self._peers.values():
             peer.finish()
 
-    def hand_over(self, listeners: Iterable["UdpListener"]) -> None:
-        """After a reload: each peer with requests in progress goes to that of the `listeners` which hears it now.
-
-        So a datagram that is repeated is not executed again, and another request replaces the one with its identifier,
-        whatever the listeners are bound to. If this one finishes, sockets of theirs also take the places of its own.
-        """
-        bound = [(sock, listener) for listener in listeners for sock in listener.sockets]
-        for peers in (self._peers, self._taken_over):
-            for key, peer in list(peers.items()):
-                if not peer.is_idle:
-                    self._move(key, peer, bound)
-        if self._is_finishing:
-            for sock in self.sockets:
-                if any(replaces(new, sock) for new, listener in bound if listener is not self):
-                    self._close_socket(sock)
-
-    def take_over(self, key: PeerAddress, peer: Peer, sock: socket.socket) -> None:
-        """From now on the peer is heard here, at `sock`. It takes no new requests until it is admitted."""
-        if key in self._peers:  # from before the other listener was there
-            self._forget(key, _STOPPING)
-        peer.move(self.router, self.settings, self._path(sock, key))
-        self._taken_over[key] = peer
-
     def close(self) -> None:
         """Take no more requests and answer none."""
         if self._sweeping is not None:
             self._sweeping.cancel()
         for key in list(self._peers):
             self._forget(key, _STOPPING)
-        for peer in self._taken_over.values():
-            peer.closed()
-        self._taken_over.clear()
         self._arrived.clear()
         self._waiting.clear()
-        for sock in self.sockets:
-            self._close_socket(sock)
-
-    def _close_socket(self, sock: socket.socket) -> None:
-        asyncio.get_running_loop().remove_reader(sock)
-        self._sockets.remove(sock)
-        sock.close()
-
-    def _move(self, key: PeerAddress, peer: Peer, bound: list[tuple[socket.socket, "UdpListener"]]) -> None:
-        """Give a peer to the listener whose socket hears it."""
-        address = (key.asked_host, self._sockets[0].getsockname()[1])
-        hearing = [one for one in bound if precedence(one[0], address)]
-        if not hearing:
-            return
-        sock, heir = max(hearing, key=lambda one: precedence(one[0], address))
-        if heir is self:
-            return
-        if self._taken_over.pop(key, None) is None:
-            self._let_go(key, _STOPPING)
-        heir.take_over(key, peer, sock)
+        for sock in self._sockets:
+            asyncio.get_running_loop().remove_reader(sock)
+            sock.close()
+        self._sockets = []
 
     def _readable(self, sock: socket.socket) -> None:
         self._read(sock)
@@ -231,7 +184,7 @@ class UdpListener:
             if adu is None or adu.pdu[0] & EXCEPTION_BIT:
                 self.counts.malformed += 1
                 continue
-            peer = self._peers.get(key) or self._taken_over.get(key)
+            peer = self._peers.get(key)
             is_repeated = peer is not None and peer.notice(adu)
             self._arrived[key, adu.transaction] = Arrived(sock, adu, is_repeated)
 
@@ -297,12 +250,8 @@ class UdpListener:
         client = join_host_port(key.host, key.port)
         if why_not := self._refusal(key.host, now):
             return why_not
-        peer = self._taken_over.pop(key, None)
-        if peer is None:
-            caller = Caller(client, key.host, self._share_keys.of(key.host, now))
-            peer = Peer(caller, router=self.router, settings=self.settings, path=self._path(sock, key))
-        else:
-            peer.resume()
+        caller = Caller(client, key.host, self._share_keys.of(key.host, now))
+        peer = Peer(caller, router=self.router, settings=self.settings, path=self._path(sock, key))
         self._peers[key] = peer
         self._admission.enter(peer, now)
         self.counts.accepted += 1
@@ -336,13 +285,10 @@ class UdpListener:
         self._forget(next(key for key, each in self._peers.items() if each is peer), MADE_ROOM)
 
     def _forget(self, key: PeerAddress, reason: str) -> None:
-        self._let_go(key, reason).closed()
-
-    def _let_go(self, key: PeerAddress, reason: str) -> Peer:
         peer = self._peers.pop(key)
         self._admission.leave(peer, asyncio.get_running_loop().time())
         self.emit(events.ClientClosed(self.settings.name, peer.caller.client, reason))
-        return peer
+        peer.closed()
 
     def _sweep_later(self) -> None:
         self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
@@ -351,7 +297,6 @@ class UdpListener:
         """Forget the peers that have been idle for too long."""
         now = asyncio.get_running_loop().time()
         self._admission.look(now)
-        self._taken_over = {key: peer for key, peer in self._taken_over.items() if not peer.is_idle}
         since = now - self.settings.idle
         if self.settings.idle:
             for key, peer in list(self._peers.items()):

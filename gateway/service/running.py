@@ -205,16 +205,15 @@ class Running:
         come = [one for one in new.listeners if one not in old.listeners]
         await self._take_sockets(new, come, gone)
         for listener in gone:
-            listener.finish()
+            if isinstance(listener, UdpListener):
+                listener.close()  # only who hears all that a client sends knows which response it still waits for
+            else:
+                listener.finish()
         new.route()
         new.publishing.rerouted(new)
         self.gateway = new
         show_itself(self)
         _close_mirrors(old, new)
-        heard_by = [listener for listener in new.listeners if isinstance(listener, UdpListener)]
-        for listener in old.listeners:
-            if isinstance(listener, UdpListener):
-                listener.hand_over(heard_by)
         for listener in come:
             listener.start()
         self._going += gone

@@ -209,28 +209,6 @@ def test_a_response_for_which_the_next_request_has_arrived_unread_is_dropped(cli
     assert client.sent == [encode(2, 7, RESPONSE)]
 
 
-def test_a_peer_that_another_listener_takes_over_gets_its_responses_there_and_is_served_once_admitted(
-    client: Client,
-) -> None:
-    heir = Client()
-    client.ask(1)
-    client.ask(2)
-    client.peer.move(heir.target, heir.settings, heir.path)
-    client.ask(1, OTHER_READ)
-    client.ask(2)
-    client.ask(3)
-    assert [client.peer.wants(each) for each in client.target.requests] == [False, True]
-    client.respond(0)
-    client.respond(1)
-    assert heir.sent == [encode(2, 7, RESPONSE)]
-    client.peer.resume()
-    client.ask(1, OTHER_READ)
-    heir.respond(0, OTHER_RESPONSE)
-    assert heir.sent[1:] == [encode(1, 7, OTHER_RESPONSE)]
-    assert client.sent == []
-    assert len(client.target.requests) == 2
-
-
 def test_a_peer_that_finishes_takes_no_request_but_gives_up_the_one_that_is_replaced(client: Client) -> None:
     client.ask(1)
     client.ask(2)
