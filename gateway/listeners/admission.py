@@ -4,21 +4,23 @@ A full listener closes the first of these that has no request in progress:
 
 1. a client of the address with most connections, if others have fewer;
 2. one that was never served;
-3. one that has stopped polling at its usual interval;
-4. one whose interval is not known yet. Among equals, the one that has been silent for most of its intervals.
+3. the one that has been idle longest, unless it was served within the last PROTECTED seconds.
 
-All others poll as usual and stay. No client is closed for an address that already has more connections, so a flooding
-host replaces only its own. If none can be closed, the new client is rejected.
+No client is closed for an address that already has more connections, so a flooding host replaces only its own. If none
+can be closed, the new client is rejected.
 """
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from operator import itemgetter
-from typing import Final, Generic, TypeVar
+from typing import Final, Generic, Protocol, TypeVar
 
-from gateway.listeners.activity import Activity, Client
-from gateway.listeners.session import ListenSettings
+from gateway.listeners.session import NEVER, ListenSettings
 from gateway.routing.access import Rights
+
+#: How long a client stays after it was served, in seconds, however many addresses connect and disconnect.
+PROTECTED: Final = 30.0
 
 #: Why a healthy client is closed.
 MADE_ROOM: Final = "made room for another client"
@@ -26,59 +28,84 @@ MADE_ROOM: Final = "made room for another client"
 NO_RIGHTS: Final = "no [[access]] allows anything to clients from this address"
 ALL_BUSY: Final = "too many clients, and all of them have requests in progress"
 NONE_REPLACEABLE: Final = (
-    "too many clients; those without a request poll as usual, or their addresses have fewer connections"
+    f"too many clients; those without a request were served within the last {PROTECTED:g} s, "
+    "or their addresses have fewer connections"
 )
 
-#: How many activities of disconnected addresses are kept, and for how many seconds: a client that returns continues.
-MOST_REMEMBERED: Final = 1000
-MEMORY: Final = 600.0
+
+class Client(Protocol):
+    """A connection or a peer."""
+
+    @property
+    def host(self) -> str:
+        """The address, which decides what the client may do."""
+
+    @property
+    def role(self) -> str | None:
+        """The role in its certificate, None if it has shown none."""
+
+    @property
+    def is_idle(self) -> bool:
+        """True if it has no request in progress."""
+
+    @property
+    def last_asked(self) -> float:
+        """When it last sent a request, in seconds of the loop's clock, or NEVER."""
+
 
 AnyClient = TypeVar("AnyClient", bound=Client)
 
 
+@dataclass(slots=True)
+class _Place:
+    """What is kept of a present client. `origin` is what counts as its address."""
+
+    origin: str
+    #: When it connected, last asked, or was last seen with a request in progress.
+    active_at: float
+    #: The rights that `is_named` was found with: looking up a thousand clients takes milliseconds.
+    rights: Rights | None = None
+    is_named: bool = False
+
+    def look(self, client: Client, now: float) -> None:
+        """Note whether the client is or was active."""
+        self.active_at = max(self.active_at, client.last_asked) if client.is_idle else now
+
+    def is_named_by(self, rights: Rights, client: Client) -> bool:
+        """Look up whether a row gives rights to the address of the client."""
+        if self.rights is not rights:
+            self.rights, self.is_named = rights, rights.names(client.host, client.role)
+        return self.is_named
+
+
 class Admission(Generic[AnyClient]):
-    """The present and recent clients of one listener. Times are of the loop's clock.
+    """The present clients of one listener. Times are of the loop's clock.
 
     `origin_of` returns what counts as the address of a client from a host, at a time.
     """
 
     def __init__(self, origin_of: Callable[[str, float], str]) -> None:
         self._origin_of = origin_of
-        self._activities: dict[AnyClient, Activity] = {}
-        #: Those of disconnected addresses by origin, in the order in which they left.
-        self._left: dict[str, Activity] = {}
+        self._places: dict[AnyClient, _Place] = {}
 
     def __len__(self) -> int:
-        return len(self._activities)
+        return len(self._places)
 
     def __iter__(self) -> Iterator[AnyClient]:
-        return iter(list(self._activities))
+        return iter(list(self._places))
 
     def enter(self, client: AnyClient, now: float) -> None:
-        """A client has connected."""
-        origin = self._origin_of(client.caller.host, now)
-        activity = self._left.pop(origin, None)
-        if activity is None or now - activity.active_at > MEMORY:
-            activity = Activity(origin, now)
-        activity.come_back(now)
-        self._activities[client] = activity
+        """Give a client a place: it has connected."""
+        self._places[client] = _Place(self._origin_of(client.caller.host, now), now)
 
-    def leave(self, client: AnyClient, now: float) -> None:
-        """A client has disconnected or is being closed; may be called twice."""
-        activity = self._activities.pop(client, None)
-        if activity is None:
-            return
-        activity.look(client, now)
-        activity.rights = None
-        self._left.pop(activity.origin, None)
-        self._left[activity.origin] = activity
-        if len(self._left) > MOST_REMEMBERED:
-            del self._left[next(iter(self._left))]
+    def leave(self, client: AnyClient) -> None:
+        """Free the place of a client, if it still has one."""
+        self._places.pop(client, None)
 
     def look(self, now: float) -> None:
         """Look at every client; called periodically."""
-        for client, activity in self._activities.items():
-            activity.look(client, now)
+        for client, place in self._places.items():
+            place.look(client, now)
 
     def refusal(
         self,
@@ -89,7 +116,7 @@ class Admission(Generic[AnyClient]):
         dismiss: Callable[[AnyClient], None],
         role: str | None = None,
     ) -> str:
-        """Why a client from `host` is rejected; empty if it is accepted, perhaps after another one was closed.
+        """Say why a client from `host` is rejected; empty if it is accepted, perhaps after `dismiss` closed another.
 
         `role` is that in its certificate, None if it has shown none.
         """
@@ -108,24 +135,22 @@ class Admission(Generic[AnyClient]):
     def _find_candidates(
         self, host: str, role: str | None, rights: Rights, settings: ListenSettings
     ) -> list[AnyClient] | None:
-        """The clients of which one must be closed for one from `host`; None if the listener is not full."""
+        """Find the clients of which one must be closed for one from `host`; None if the listener is not full."""
         if settings.reserve and not rights.names(host, role):
-            unnamed = [
-                client for client, activity in self._activities.items() if not activity.is_named_by(rights, client)
-            ]
+            unnamed = [client for client, place in self._places.items() if not place.is_named_by(rights, client)]
             if len(unnamed) >= settings.clients - settings.reserve:
                 return unnamed
         return list(self) if len(self) >= settings.clients else None
 
     def _choose_candidate(self, candidates: list[AnyClient], origin: str, now: float) -> AnyClient | None:
-        """The client to close for one from `origin`; the new connection is not counted yet."""
-        share = Counter(activity.origin for activity in self._activities.values())
+        """Choose the client to close for one from `origin`; the new connection is not counted yet."""
+        share = Counter(place.origin for place in self._places.values())
         own = share[origin]
         fewest = min([*share.values(), own + 1])
-        may_go: list[tuple[tuple[int, bool, bool, float], AnyClient]] = []
+        may_go: list[tuple[tuple[int, bool, float], AnyClient]] = []
         for client in candidates:
-            activity = self._activities[client]
-            has = share[activity.origin]
-            if client.is_idle and has >= own and (has > fewest or not activity.is_usual(now)):
-                may_go.append(((has, *activity.order(now)), client))
+            place = self._places[client]
+            has, idle, is_new = share[place.origin], now - place.active_at, client.last_asked == NEVER
+            if client.is_idle and has >= own and (has > fewest or is_new or idle >= PROTECTED):
+                may_go.append(((has, is_new, idle), client))
         return max(may_go, key=itemgetter(0))[1] if may_go else None

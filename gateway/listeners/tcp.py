@@ -154,12 +154,12 @@ class TcpListener:
 
     def closing(self, connection: TcpConnection) -> None:
         """A connection is being closed and no longer counts for `clients`."""
-        self.connections.leave(connection, _now())
+        self.connections.leave(connection)
         self._closing.setdefault(connection, _now() + CLOSING_DEADLINE)
 
     def closed(self, connection: TcpConnection, reason: str) -> None:
         """A connection has ended."""
-        self.connections.leave(connection, _now())
+        self.connections.leave(connection)
         self._closing.pop(connection, None)
         self.emit(events.ClientClosed(self.settings.name, connection.caller.client, reason))
 

@@ -286,7 +286,7 @@ class UdpListener:
 
     def _forget(self, key: PeerAddress, reason: str) -> None:
         peer = self._peers.pop(key)
-        self._admission.leave(peer, asyncio.get_running_loop().time())
+        self._admission.leave(peer)
         self.emit(events.ClientClosed(self.settings.name, peer.caller.client, reason))
         peer.closed()
 
