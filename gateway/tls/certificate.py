@@ -1,6 +1,6 @@
-"""What a certificate says: whose it is, how long it is valid, and the role of a Modbus client."""
+"""Certificates and revocation lists: whose they are, how long they are valid, the role of a client, who is trusted."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -129,6 +129,36 @@ def is_same_name(one: str, other: str) -> bool:
 def shorten(name: str) -> str:
     """A subject or an issuer as it is shown: an authority may have signed one of any length."""
     return name if len(name) <= LONGEST_SUBJECT else f"{name[: LONGEST_SUBJECT - 3]}..."
+
+
+@dataclass(frozen=True, slots=True)
+class Untrusted:
+    """`said` explains for each unusable authority why its peers are not trusted; `is_everybody` if all are unusable."""
+
+    said: tuple[str, ...]
+    is_everybody: bool
+
+
+def find_untrusted(authorities: Sequence[Certificate]) -> Untrusted:
+    """Authorities whose own issuer is missing: a chain of certificates must end at one that has signed itself."""
+    said = tuple(
+        f"{shorten(each.subject)} is an authority that {shorten(each.issuer)} has signed, "
+        "whose certificate is missing: add it"
+        for each in authorities
+        if not any(is_same_name(each.issuer, other.subject) for other in authorities)
+    )
+    return Untrusted(said, not any(is_same_name(each.issuer, each.subject) for each in authorities))
+
+
+def find_without_list(authorities: Sequence[Certificate], lists: Sequence[RevocationList]) -> Untrusted:
+    """Authorities that have no revocation list. If there is any, each of a chain needs one."""
+    missing = [each for each in authorities if not any(is_same_name(each.subject, listed.issuer) for listed in lists)]
+    said = tuple(
+        f"has no revocation list of {shorten(each.subject)}, "
+        f"only of {' and '.join(shorten(listed.issuer) for listed in lists)}"
+        for each in missing
+    )
+    return Untrusted(said, len(missing) == len(authorities))
 
 
 def _sequence(content: bytes) -> list[der.Element]:

@@ -13,11 +13,19 @@ from pathlib import Path
 from typing import Final
 
 from gateway.errors import TlsError
-from gateway.tls.certificate import Certificate, RevocationList, parse_certificate, parse_list, shorten
+from gateway.tls.certificate import (
+    Certificate,
+    RevocationList,
+    Untrusted,
+    find_untrusted,
+    find_without_list,
+    parse_certificate,
+    parse_list,
+    shorten,
+)
 from gateway.tls.files import path_of, read_whole, refuse_if_exposed, refuse_if_no_file
 from gateway.tls.secret_file import SecretFile
 from gateway.tls.settings import ClientTls, ServerTls, TlsSettings
-from gateway.tls.trust import Untrusted, find_untrusted, find_without_list
 
 #: Suites of TLS 1.2 with authenticated encryption and forward secrecy; those of TLS 1.3 all have both. Keys and
 #: signatures of less than 112 bits are refused.

@@ -13,12 +13,13 @@ from gateway.tls.certificate import (
     Certificate,
     RevocationList,
     WrongRole,
+    find_untrusted,
+    find_without_list,
     parse_certificate,
     parse_list,
     shorten,
 )
 from gateway.tls.der import WrongDer
-from gateway.tls.trust import find_untrusted, find_without_list
 from kit import pki
 from kit.pki import NOT_UTF8, TWO_ROLES, WRONG_TEXT, der, openssl, signed
 
