@@ -5,7 +5,7 @@ from typing import Final
 
 from gateway.config.address import Address, parse_address
 from gateway.config.problem import NotText, WrongValue
-from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import SecretFile
 
 #: What Home Assistant listens to unless it is told otherwise.
 HOME_ASSISTANT: Final = "homeassistant"

@@ -10,7 +10,7 @@ from pathlib import Path
 from pydantic import ValidationInfo
 
 from gateway.config.problem import WrongValue
-from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import SecretFile
 
 #: A file in the folder of systemd's credentials, and nowhere else.
 _CREDENTIAL = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,64}")

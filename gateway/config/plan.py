@@ -17,8 +17,7 @@ from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice
 from gateway.routing.access import DEFAULT_ROWS, Network, Row
-from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import ClientTls, Secured, ServerTls
+from gateway.tls.settings import ClientTls, SecretFile, Secured, ServerTls
 from gateway.upstreams.upstream import UpstreamSettings
 
 #: The ring of `trace`, in bytes.

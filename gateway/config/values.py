@@ -40,7 +40,7 @@ from gateway.config.unitset import check_own_unit, parse_unit0, parse_units, par
 from gateway.profiles.point import Writing
 from gateway.profiles.profile import Range
 from gateway.timing.characters import CharacterFormat
-from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import SecretFile
 
 
 @dataclass(frozen=True, slots=True)

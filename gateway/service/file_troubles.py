@@ -23,7 +23,7 @@ from gateway.fleet.credentials import NO_LIBRARY, read_credentials
 from gateway.service.certificate_troubles import certificate_troubles
 from gateway.service.libraries import Extra, missing_library, not_installed
 from gateway.service.password import read_password, read_secret, read_token
-from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import SecretFile
 from gateway.web.users import Users, read_users
 
 #: Rights that others than the owner and the group have, and writing by the group.

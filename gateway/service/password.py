@@ -6,7 +6,7 @@ from typing import Final
 
 from gateway.errors import BrokerError, GatewayError
 from gateway.tls.files import path_of, read_whole, refuse_if_exposed, refuse_if_no_file
-from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import SecretFile
 
 #: In bytes.
 _LONGEST_PASSWORD: Final = 1024

@@ -24,8 +24,7 @@ from gateway.tls.certificate import (
     shorten,
 )
 from gateway.tls.files import path_of, read_whole, refuse_if_exposed, refuse_if_no_file
-from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import ClientTls, ServerTls, TlsSettings
+from gateway.tls.settings import ClientTls, SecretFile, ServerTls, TlsSettings
 
 #: Suites of TLS 1.2 with authenticated encryption and forward secrecy; those of TLS 1.3 all have both. Keys and
 #: signatures of less than 112 bits are refused.

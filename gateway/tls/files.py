@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from errno import EACCES, EFBIG, EINVAL, ENOENT
 from pathlib import Path
 
-from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import SecretFile
 
 
 def path_of(file: SecretFile, environment: Mapping[str, str] = os.environ) -> Path:

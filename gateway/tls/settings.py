@@ -1,9 +1,15 @@
-"""The files that secure one address of the config."""
+"""Files as the config names them: those with a secret, and those that secure an address."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from gateway.tls.secret_file import SecretFile
+
+@dataclass(frozen=True, slots=True)
+class SecretFile:
+    """A file by its path, or by the name of a credential that systemd hands to the service (systemd.exec(5))."""
+
+    name: str
+    is_credential: bool = False
 
 
 @dataclass(frozen=True, slots=True)

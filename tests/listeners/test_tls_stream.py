@@ -24,8 +24,7 @@ from gateway.request import Caller, Request
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
 from gateway.tls.contexts import load
-from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import Secured, ServerTls
+from gateway.tls.settings import SecretFile, Secured, ServerTls
 from gateway.tls.store import TlsStore
 from kit.pki import OPERATOR, client_context, handshake_without_tickets, pki
 from kit.router import router

@@ -9,8 +9,7 @@ from gateway.events import CertificateExpires
 from gateway.service import expiry
 from gateway.service.expiry import about_certificates, certificates, keep_looking
 from gateway.tls.contexts import Expiry, Loaded
-from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import Secured, ServerTls
+from gateway.tls.settings import SecretFile, Secured, ServerTls
 from gateway.tls.store import TlsStore
 
 NOW = 1_800_000_000.0

@@ -4,7 +4,7 @@ import pytest
 
 from gateway.errors import BrokerError
 from gateway.service.password import read_password
-from gateway.tls.secret_file import SecretFile
+from gateway.tls.settings import SecretFile
 
 
 @pytest.fixture

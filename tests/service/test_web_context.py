@@ -11,8 +11,7 @@ from gateway.config.address import Address
 from gateway.config.plan import WebPlan
 from gateway.listeners import kept_sessions
 from gateway.service.web import _context_now
-from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import ServerTls
+from gateway.tls.settings import SecretFile, ServerTls
 from gateway.tls.store import TlsStore, load_all
 from kit.pki import handshake_without_tickets, pki
 

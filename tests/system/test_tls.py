@@ -26,8 +26,7 @@ from gateway.modbus.mbap import encode
 from gateway.ports.port import TcpSettings
 from gateway.ports.tcp import open_tcp
 from gateway.tls.contexts import load
-from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import ClientTls
+from gateway.tls.settings import ClientTls, SecretFile
 from kit.key_updater import key_updater
 from kit.pki import NOT_UTF8, OPERATOR, TWO_ROLES, VIEWER, WRONG_TEXT, client_context, listener, openssl, pki, signed
 from kit.process import COMMAND, PATIENCE, GatewayProcess, command

@@ -7,8 +7,7 @@ import ssl
 import pytest
 
 from gateway.tls.contexts import load
-from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import ServerTls
+from gateway.tls.settings import SecretFile, ServerTls
 from gateway.web.connections import Connections
 from gateway.web.pieces import PIECE
 from kit.pki import pki

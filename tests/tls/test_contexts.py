@@ -12,8 +12,7 @@ import pytest
 
 from gateway.errors import TlsError
 from gateway.tls.contexts import LARGEST_FILE, Loaded, load, stop_resuming
-from gateway.tls.secret_file import SecretFile
-from gateway.tls.settings import ClientTls, ServerTls
+from gateway.tls.settings import ClientTls, SecretFile, ServerTls
 from kit.pki import OPERATOR, client_context, openssl, pki
 
 _EXTENSIONS = (
