@@ -4,7 +4,8 @@ A full listener closes the first of these that has no request in progress:
 
 1. a client of the address with most connections, if others have fewer;
 2. one that was never served;
-3. the one that has been idle longest, unless it was served within the last PROTECTED seconds.
+3. the one that has been idle longest, unless it was served within the last PROTECTED seconds and the new client is of
+   another address: a host that connects again may replace its own connections.
 
 No client is closed for an address that already has more connections, so a flooding host replaces only its own. If none
 can be closed, the new client is rejected.
@@ -151,6 +152,7 @@ class Admission(Generic[AnyClient]):
         for client in candidates:
             place = self._places[client]
             has, idle, is_new = share[place.origin], now - place.active_at, client.last_asked == NEVER
-            if client.is_idle and has >= own and (has > fewest or is_new or idle >= PROTECTED):
+            is_protected = idle < PROTECTED and place.origin != origin and not is_new
+            if client.is_idle and has >= own and (has > fewest or not is_protected):
                 may_go.append(((has, is_new, idle), client))
         return max(may_go, key=itemgetter(0))[1] if may_go else None
