@@ -1,15 +1,16 @@
-"""TCP listeners: accept clients and close those that cannot be kept."""
+"""TCP listeners: bind, and keep the connections of their clients or close them."""
 
 import asyncio
 import socket
 from typing import Final
 
 from gateway import events
+from gateway.listeners.accepting import Acceptor
 from gateway.listeners.admission import MADE_ROOM, Admission
+from gateway.listeners.arrivals import LOOK_STEP
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.departures import Departures
 from gateway.listeners.rejections import Rejections
-from gateway.listeners.rounds import Rounds
 from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (
@@ -17,7 +18,6 @@ from gateway.listeners.sockets import (
     OpenSockets,
     addresses,
     bind_sockets,
-    explain,
     host_of,
     is_meant,
     join_host_port,
@@ -25,7 +25,6 @@ from gateway.listeners.sockets import (
     show_bound_address,
     show_host,
 )
-from gateway.listeners.spare_descriptor import SpareDescriptor
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.ports.network import AddressInfo
 from gateway.request import Caller
@@ -37,8 +36,6 @@ CLOSING_DEADLINE: Final = 2.0
 SWEEP_STEP: Final = 0.25
 #: The framings of serial lines have no transaction identifiers.
 _WITHOUT_NUMBERS: Final = ("rtu+tcp", "ascii+tcp")
-#: How long no client is accepted after accepting has failed, in seconds.
-ACCEPT_PAUSE: Final = 0.1
 
 
 class TcpListener:
@@ -64,9 +61,11 @@ class TcpListener:
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
         self._sockets: list[socket.socket] = []
-        self._accepting: list[asyncio.Task[None]] = []
-        self._spare_descriptor = SpareDescriptor()
-        self._rounds: Rounds | None = None
+        self._acceptor = Acceptor(self._connect, self.rejected, self.pause_between_clients)
+        self._sweeping: asyncio.TimerHandle | None = None
+        #: Looks for unread bytes, as long as there are clients whose requests count from when they arrive.
+        self._looking: LazyTimer | None = None
+        self._will_look = False
 
     @property
     def address(self) -> str:
@@ -108,7 +107,7 @@ class TcpListener:
             ListenError: one is in use, needs more rights, or is no address of this machine.
         """
         self._sockets = bind_sockets(self.settings, self._addresses, ready)
-        self._spare_descriptor.hold()
+        self._acceptor.reserve()
 
     def listen(self) -> None:
         """Let clients connect and wait; `start` accepts them.
@@ -124,9 +123,8 @@ class TcpListener:
 
     def start(self) -> None:
         """Accept clients."""
-        name = f"accept:{self.settings.name}"
-        self._accepting = [asyncio.create_task(self._accept(listening), name=name) for listening in self._sockets]
-        self._rounds = Rounds(SWEEP_STEP, self._sweep, self._look)
+        self._acceptor.start(self._sockets, f"accept:{self.settings.name}")
+        self._sweep_later()
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
@@ -138,8 +136,10 @@ class TcpListener:
     def close(self) -> None:
         """Accept no more clients and drop every connection."""
         self._stop_accepting()
-        if self._rounds is not None:
-            self._rounds.close()
+        if self._sweeping is not None:
+            self._sweeping.cancel()
+        if self._looking is not None:
+            self._looking.close()
         for connection in [*self.connections, *self._closing]:
             connection.abort("the gateway is stopping")
 
@@ -147,8 +147,8 @@ class TcpListener:
         """A client has connected."""
         self.counts.accepted += 1
         self.connections.enter(connection, _now())
-        if self._rounds is not None and self.settings.scheme in _WITHOUT_NUMBERS:
-            self._rounds.look_later()
+        if self.settings.scheme in _WITHOUT_NUMBERS:
+            self._look_later()
         caller = connection.caller
         self.emit(events.ClientConnected(self.settings.name, caller.client, subject=caller.subject, role=caller.role))
 
@@ -177,18 +177,6 @@ class TcpListener:
         """An unexpected error was caught at one of this module's error boundaries."""
         self.emit(events.PartFailed.of(part, error))
 
-    async def _accept(self, listening: socket.socket) -> None:
-        """Accept clients, at most one in each iteration of the event loop."""
-        loop = asyncio.get_running_loop()
-        while True:
-            try:
-                sock, address = await loop.sock_accept(listening)
-            except OSError as error:
-                await self._refuse(listening, explain(error))
-            else:
-                await self._connect(sock, listening, *address[:2])
-            await asyncio.sleep(self.pause_between_clients)
-
     async def _connect(self, sock: socket.socket, listening: socket.socket, host: str, port: int) -> None:
         host, client = show_host(host), join_host_port(host, port)
         loop = asyncio.get_running_loop()
@@ -216,15 +204,11 @@ class TcpListener:
         connection.connection_made(stream)
         stream.resume_reading()
 
-    async def _refuse(self, listening: socket.socket, reason: str) -> None:
-        """Accepting failed, probably for lack of descriptors: reject the waiting clients."""
-        client = self._spare_descriptor.send_away(listening)
-        self.rejected(client or "unknown", reason)
-        if client is None:
-            await asyncio.sleep(ACCEPT_PAUSE)
-
     def _dismiss(self, connection: TcpConnection) -> None:
         connection.reject(MADE_ROOM)
+
+    def _sweep_later(self) -> None:
+        self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
 
     def _sweep(self) -> None:
         """Close the connections that cannot be kept, and abort those that have been closing for too long."""
@@ -235,22 +219,28 @@ class TcpListener:
         for connection, deadline in list(self._closing.items()):
             if now >= deadline:
                 connection.abort()
+        self._sweep_later()
 
-    def _look(self) -> bool:
-        """Read the clients whose requests count from when they arrive; whether there are any."""
+    def _look_later(self) -> None:
+        """Begin to look, unless that goes on already: clients that connect must not put it off."""
+        if self._will_look:
+            return
+        if self._looking is None:
+            self._looking = LazyTimer(asyncio.get_running_loop(), self._look)
+        self._looking.set(_now() + LOOK_STEP)
+        self._will_look = True
+
+    def _look(self) -> None:
+        """Read the clients whose requests count from when they arrive."""
+        self._will_look = False
         for connection in self.connections:
             connection.look()
-        return len(self.connections) > 0
+        if len(self.connections):
+            self._look_later()
 
     def _stop_accepting(self) -> None:
-        loop = asyncio.get_running_loop()
-        for task in self._accepting:
-            task.cancel()
-        for listening in self._sockets:
-            loop.remove_reader(listening)  # now: when the task runs, the descriptor may be reused
-            listening.close()
-        self._accepting, self._sockets = [], []
-        self._spare_descriptor.release()
+        self._acceptor.stop(self._sockets)
+        self._sockets = []
 
 
 def _now() -> float:

@@ -1,0 +1,90 @@
+"""Accept clients, also when the process has no file descriptors left."""
+
+import asyncio
+import os
+import socket
+from collections.abc import Awaitable, Callable, Iterable
+from contextlib import suppress
+from typing import Final
+
+from gateway.listeners.sockets import explain, join_host_port
+
+#: How long no client is accepted after accepting has failed, in seconds.
+PAUSE: Final = 0.1
+
+#: Takes a connected socket, the listening one, and the host and port of the client.
+Connect = Callable[[socket.socket, socket.socket, str, int], Awaitable[None]]
+#: Takes a client that was disconnected at once, and why.
+Rejected = Callable[[str, str], None]
+
+
+class Acceptor:
+    """Accepts the clients of one listener, at most one in each iteration of the event loop.
+
+    A descriptor is reserved. When no other is left, it is used to accept a client and disconnect it at once: a waiting
+    client would keep the listening socket readable, and the event loop busy.
+    """
+
+    def __init__(self, connect: Connect, rejected: Rejected, pause: float) -> None:
+        """`pause` is how long the next client waits at least after one was accepted, in seconds."""
+        self._connect = connect
+        self._rejected = rejected
+        self._pause = pause
+        self._tasks: list[asyncio.Task[None]] = []
+        self._reserved: int | None = None
+
+    def reserve(self) -> None:
+        """Reserve a descriptor, if one is left."""
+        if self._reserved is None:
+            with suppress(OSError):
+                self._reserved = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+
+    def start(self, listening: Iterable[socket.socket], name: str) -> None:
+        """Accept the clients of these sockets, in tasks of this name."""
+        self._tasks = [asyncio.create_task(self._accept(each), name=name) for each in listening]
+
+    def stop(self, listening: Iterable[socket.socket]) -> None:
+        """Accept no more clients, and close the sockets."""
+        loop = asyncio.get_running_loop()
+        for task in self._tasks:
+            task.cancel()
+        self._tasks = []
+        for each in listening:
+            loop.remove_reader(each)  # now: when the task runs, the descriptor may be reused
+            each.close()
+        self._release()
+
+    async def _accept(self, listening: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                sock, address = await loop.sock_accept(listening)
+            except OSError as error:
+                await self._refuse(listening, explain(error))
+            else:
+                await self._connect(sock, listening, *address[:2])
+            await asyncio.sleep(self._pause)
+
+    async def _refuse(self, listening: socket.socket, reason: str) -> None:
+        """Reject the waiting clients: accepting has failed, probably for lack of descriptors."""
+        client = self._send_away(listening)
+        self._rejected(client or "unknown", reason)
+        if client is None:
+            await asyncio.sleep(PAUSE)
+
+    def _send_away(self, listening: socket.socket) -> str | None:
+        """Accept and close the first waiting connection; return its peer, or None if that failed."""
+        self._release()
+        try:
+            client, address = listening.accept()
+            client.close()
+        except OSError:
+            return None
+        finally:
+            self.reserve()
+        return join_host_port(*address[:2])
+
+    def _release(self) -> None:
+        if self._reserved is not None:
+            os.close(self._reserved)
+            self._reserved = None
