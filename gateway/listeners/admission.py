@@ -18,6 +18,7 @@ from operator import itemgetter
 from typing import Final, Generic, Protocol, TypeVar
 
 from gateway.listeners.session import NEVER, ListenSettings
+from gateway.request import Caller
 from gateway.routing.access import Rights
 
 #: How long a client stays after it was served, in seconds, however many addresses connect and disconnect.
@@ -38,8 +39,8 @@ class Client(Protocol):
     """A connection or a peer."""
 
     @property
-    def host(self) -> str:
-        """The address, which decides what the client may do."""
+    def caller(self) -> Caller:
+        """The client of units that it is."""
 
     @property
     def role(self) -> str | None:
@@ -75,7 +76,7 @@ class _Place:
     def is_named_by(self, rights: Rights, client: Client) -> bool:
         """Look up whether a row gives rights to the address of the client."""
         if self.rights is not rights:
-            self.rights, self.is_named = rights, rights.names(client.host, client.role)
+            self.rights, self.is_named = rights, rights.names(client.caller.host, client.role)
         return self.is_named
 
 

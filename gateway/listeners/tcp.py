@@ -5,6 +5,7 @@ import socket
 from typing import Final
 
 from gateway import events
+from gateway.clock.lazy_timer import LazyTimer
 from gateway.listeners.accepting import Acceptor
 from gateway.listeners.admission import MADE_ROOM, Admission
 from gateway.listeners.arrivals import LOOK_STEP

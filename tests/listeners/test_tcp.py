@@ -5,12 +5,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from gateway.routing.identity import ANONYMOUS
 
 from gateway.events import Event
 from gateway.listeners.arrivals import LOOK_STEP
 from gateway.listeners.session import NEVER, ListenSettings
 from gateway.listeners.tcp import SWEEP_STEP, TcpListener
-from gateway.routing.identity import ANONYMOUS
 from kit.router import router
 
 

@@ -113,9 +113,7 @@ RTU_CHAR = 11 / 9600
 def test_an_rtu_read_is_gap_request_answer_time_response_and_latency():
     # 8 characters of request, and 5 with 20 bytes of data.
     pace = Pace(RTU, gap=0.004, frame_end=0.004, latency=0.001)
-    assert pace.time_of(READ_TEN, TABLE) == pytest.approx(
-        0.004 + 8 * RTU_CHAR + 0.050 + 25 * RTU_CHAR + 0.001
-    )
+    assert pace.time_of(READ_TEN, TABLE) == pytest.approx(0.004 + 8 * RTU_CHAR + 0.050 + 25 * RTU_CHAR + 0.001)
 
 
 def test_no_device_answers_before_it_has_noticed_the_end_of_the_request():
