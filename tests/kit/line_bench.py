@@ -49,6 +49,8 @@ class Bench:
         self.virtual = virtual
         self.has_arrived = (lambda: self.arrives) if connection else None
         self.arrives = True
+        self.has_lease = True
+        self.askers = 0
         self.events: list[Event] = []
         self.line = Line(self.settings, self.events.append, ring)
         self.devices: dict[int, Device] = {}
@@ -64,6 +66,10 @@ class Bench:
 
     def unplug(self) -> None:
         self.line.port_down(self.now)
+
+    def share(self) -> None:
+        """Let others ask here in turn: nothing is sent without the lease. `askers` counts who was told of."""
+        self.line.share(lambda: self.has_lease, self._heard_asker)
 
     def take_over(self, before: "Bench", *, by_file: bool = False, patience: float = 1.0) -> None:
         """Follow another line on the same port, as after a reload, or, `by_file`, after a restart.
@@ -136,6 +142,9 @@ class Bench:
     def told(self, kind: type[E]) -> list[E]:
         """The events of this kind."""
         return [event for event in self.events if isinstance(event, kind)]
+
+    def _heard_asker(self) -> None:
+        self.askers += 1
 
     def _write(self, data: bytes) -> None:
         self.written.append(data.hex(" ").upper())

@@ -4,6 +4,7 @@ Values tell which unit, function and register they are of. What nobody could det
 late window, and a copy of one inside the next transaction of the same shape.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from gateway.lines.counts import RESULTS
 from gateway.modbus.rtu import crc_fits
 from gateway.request import Caller, Request
-from kit.line_bench import ASCII, LIMIT, TIMING, Bench, is_empty
+from kit.line_bench import ASCII, LIMIT, TIMING, Bench
 
 CLIENTS = 3
 UNITS = (1, 2, 3)
@@ -58,7 +59,7 @@ class Traffic(Bench):
         self.rest = ""
         self.echo = ""
         self.serials: dict[Request, int] = {}
-        self.last_sent: dict[tuple[str, int], int] = {}
+        self.sent: set[Request] = set()
         super().__init__(**settings)
         self.clients = [Client(f"10.0.0.{number}:1") for number in range(CLIENTS)]
 
@@ -117,35 +118,34 @@ class Traffic(Bench):
             assert request in request.origin.answers, f"{request} has no answer"
         counts = self.counts
         assert sum(getattr(counts, result) for result in RESULTS) == len(self.serials), "each request has one result"
-        self.line.late_windows(self.now)
-        assert not self.line._windows.windows
-        assert is_empty(self.line)
+        assert (self.line.late_windows(self.now), self.line.waiting) == (0, 0)
+        assert not self.line.is_busy
         assert self.line.deadline() is None
 
     def _write(self, data: bytes) -> None:
         super()._write(data)
         if self.settings.echo:
             self.echo += data.hex()
-        current = self.line._current
-        if current is None:
-            self._check_broadcast(data)
-            return
-        for request in current.requests:
-            key = (request.caller.client, request.unit)
-            assert self.serials[request] >= self.last_sent.get(key, -1), "out of order"
-            self.last_sent[key] = self.serials[request]
-        answer = right_answer(current.unit, current.asked.data)
-        self.owed.append(Owed(self.frame(current.unit, answer), self.now + LATEST))
+        unit, pdu = self._decoded(data)
+        units = UNITS if unit == 0 else (unit,)
+        nexts = [self._next_of(client, units) for client in self.clients]
+        asked = {each for each in (*nexts, *self.sent) if each is not None and (each.unit, each.pdu) == (unit, pdu)}
+        assert asked, "out of order"
+        self.sent |= asked
+        if unit:
+            self.owed.append(Owed(self.frame(unit, right_answer(unit, pdu)), self.now + LATEST))
 
-    def _check_broadcast(self, data: bytes) -> None:
-        """It goes behind all that its client has asked before, and before all that it has asked since."""
+    def _decoded(self, data: bytes) -> tuple[int, bytes]:
         body = bytes.fromhex(data[1:-4].decode()) if self.settings.timing.mode == "ascii" else data[:-2]
-        serial = int.from_bytes(body[-2:])
-        (request,) = (request for request, number in self.serials.items() if number == serial)
-        client = request.caller.client
-        for unit in (0, *UNITS):
-            assert serial > self.last_sent.get((client, unit), -1), "a broadcast out of order"
-            self.last_sent[client, unit] = serial
+        return body[0], body[1:]
+
+    def _next_of(self, client: Client, units: Collection[int]) -> Request | None:
+        """The oldest request of a client to these units that was not sent, nor answered; a broadcast is for all."""
+        for request in self.serials:
+            is_open = request not in client.answers and request not in self.sent
+            if request.origin is client and request.unit in (0, *units) and is_open:
+                return request
+        return None
 
 
 def right_answer(unit: int, pdu: bytes) -> str:

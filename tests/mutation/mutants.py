@@ -3,13 +3,15 @@
     .venv/bin/pip install cosmic-ray
     .venv/bin/python tests/mutation/mutants.py --sample 300 --quick --jobs 2
     .venv/bin/python tests/mutation/mutants.py gateway/lines/late.py --jobs 2
+    .venv/bin/python tests/mutation/mutants.py gateway/lines --sample 300 --only tests/stories/lines
 
 Without `--sample` every mutant runs, which takes hours. The tests of a mutant are those of its module, then those of
-its package. What is known is kept in `.mutation`, in one session of cosmic-ray for each module (`cr-html` shows it),
-until that module changes: a run that was stopped goes on, and `--again` runs only what has survived so far. Mutants
-that no test can tell from the code as it is stand in `equivalent.toml` with the reason, and are left out. One that
-takes ten minutes on the clock is undecided, as the machine may be busy; a test that takes far more processor time
-than without it has failed. Ends with status 0 if enough of the others are killed.
+its package; with `--only` others, and what is known by these is kept apart. What is known is kept in `.mutation`, in
+one session of cosmic-ray for each module (`cr-html` shows it), until that module changes: a run that was stopped goes
+on, and `--again` runs only what has survived so far. Mutants that no test can tell from the code as it is stand in
+`equivalent.toml` with the reason, and are left out. One that takes ten minutes on the clock is undecided, as the
+machine may be busy; a test that takes far more processor time than without it has failed. Ends with status 0 if enough
+of the others are killed.
 """
 
 import argparse
@@ -39,11 +41,11 @@ ENOUGH: Final = 0.90
 SLOW: Final = 0.1
 
 
-def open_modules(paths: Sequence[str]) -> list[Module]:
+def open_modules(paths: Sequence[str], sessions: Path) -> list[Module]:
     """All modules in these files and folders that have mutants."""
     equivalent = tomllib.loads(EQUIVALENT.read_text())
     files = [file for path in map(Path, paths) for file in (sorted(path.glob("*.py")) if path.is_dir() else [path])]
-    modules = [open_module(file.resolve(), equivalent.get(file.as_posix(), {})) for file in files]
+    modules = [open_module(file.resolve(), equivalent.get(file.as_posix(), {}), sessions) for file in files]
     return [module for module in modules if module.mutants]
 
 
@@ -90,9 +92,11 @@ def _row(name: str, mutants: int, equivalents: int, run: int, killed: int) -> st
     return f"{name:32} {mutants:7} {equivalents:11} {run:5} {killed:7} {share}"
 
 
-def _version() -> str:
+def _version(tests: Sequence[str]) -> str:
     """Of all code and tests together."""
-    files = sorted(file for folder in ("gateway", *TESTS, "tests/kit") for file in Path(folder).rglob("*.py"))
+    folders = [Path(each) for each in ("gateway", *tests, "tests/kit")]
+    found = (each for folder in folders for each in ([folder] if folder.is_file() else folder.rglob("*.*")))
+    files = sorted(each for each in found if each.suffix in {".py", ".conversations"})
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
@@ -104,15 +108,18 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--again", action="store_true", help="run again what has survived so far")
     parser.add_argument("--quick", action="store_true", help=f"leave out tests that take more than {SLOW} s")
+    parser.add_argument("--only", nargs="+", metavar="TESTS", default=(), help="run these files or folders of tests")
     args = parser.parse_args()
     os.chdir(ROOT)
-    modules = open_modules(args.module)
-    seen = survey(SESSIONS / f"tests-{_version()}.json")
+    sessions = SESSIONS / hashlib.sha256(" ".join(args.only).encode()).hexdigest()[:12] if args.only else SESSIONS
+    modules = open_modules(args.module, sessions)
+    tests = args.only or TESTS
+    seen = survey(sessions / f"tests-{_version(tests)}.json", tests)
     if seen is None:
-        print(f"the tests fail without any mutant: pytest {' '.join(TESTS)}")
+        print(f"the tests fail without any mutant: pytest {' '.join(tests)}")
         return 1
     chosen = choose(modules, args.sample, args.seed)
-    runner = Runner(seen, args.jobs, SLOW if args.quick else math.inf)
+    runner = Runner(seen, args.jobs, SLOW if args.quick else math.inf, args.only)
     runner.run(pending(modules, chosen, again=args.again))
     return 0 if report(modules, chosen) else 1
 

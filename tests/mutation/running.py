@@ -26,7 +26,7 @@ from mutation.sessions import Module, Mutant
 
 #: Tests of other packages that see more of a package than its own do.
 WIDER: Final = {"modbus": ("lines",), "timing": ("lines",)}
-TESTS: Final = ("tests/lines", "tests/modbus", "tests/routing", "tests/timing")
+TESTS: Final = ("tests/lines", "tests/modbus", "tests/routing", "tests/timing", "tests/stories/lines")
 
 #: Processor time of a test of a mutant, as a multiple of that without it, and in seconds; what takes longer is killed.
 PATIENCE: Final = 5.0
@@ -88,17 +88,17 @@ class _Surveyor:
         return result
 
 
-def survey(file: Path) -> Survey | None:
-    """Run all tests without any mutant, or read from `file` what came out of that. None if they fail."""
-    if not file.exists() and _wait(_fork(lambda: _write_survey(file))) != 0:
+def survey(file: Path, tests: Sequence[str]) -> Survey | None:
+    """Run the tests without any mutant, or read from `file` what came out of that. None if they fail."""
+    if not file.exists() and _wait(_fork(lambda: _write_survey(file, tests))) != 0:
         return None
     return Survey(**json.loads(file.read_text()))
 
 
-def _write_survey(file: Path) -> int:
+def _write_survey(file: Path, tests: Sequence[str]) -> int:
     _discard((1,))
     surveyor = _Surveyor()
-    status = int(pytest.main([*_PYTEST, *TESTS], plugins=[surveyor]))
+    status = int(pytest.main([*_PYTEST, *tests], plugins=[surveyor]))
     if status == 0:
         for old in file.parent.glob("tests-*.json"):
             old.unlink()
@@ -138,18 +138,24 @@ def _wait(child: int) -> int:
 
 
 class Selection:
-    """A plugin that runs the tests of a module: the nearest first, then the quickest, each with a limit."""
+    """A plugin that runs the tests of a module: the nearest first, then the quickest, each with a limit.
 
-    def __init__(self, module: Module, seen: Survey, longest: float) -> None:
+    With `everything` it runs all tests that were collected.
+    """
+
+    def __init__(self, module: Module, seen: Survey, longest: float, *, everything: bool) -> None:
         self._package, self._stem = module.path.parent.name, module.path.stem
         self._times = seen.tests
         self._longest = longest
+        self._everything = everything
 
     def select(self, items: list[pytest.Item]) -> None:
         chosen = [item for item in items if self._rank(item) < 3 and self._time(item) <= self._longest]
         items[:] = sorted(chosen, key=lambda item: (self._rank(item), self._time(item)))
 
     def _rank(self, item: pytest.Item) -> int:
+        if self._everything:
+            return 0
         folder = item.path.parent.name
         if folder == self._package:
             return 0 if item.path.stem.startswith(f"test_{self._stem}") else 1
@@ -171,10 +177,14 @@ class Selection:
 
 
 class Runner:
-    """Runs mutants, so many at once. Tests that take more than `longest` seconds are left out."""
+    """Runs mutants, so many at once. Tests that take more than `longest` seconds are left out.
 
-    def __init__(self, seen: Survey, jobs: int, longest: float) -> None:
+    With `only`, these tests run for each mutant, in place of those of its package.
+    """
+
+    def __init__(self, seen: Survey, jobs: int, longest: float, only: Sequence[str]) -> None:
         self._seen = seen
+        self._only = only
         self._jobs = jobs
         self._longest = longest
         self._called = set(seen.called)
@@ -193,7 +203,7 @@ class Runner:
         for module in {id(mutant.module): mutant.module for mutant in self._inside}.values():
             module.reopen()
         _discard((1,))
-        return int(pytest.main([*_PYTEST, *TESTS], plugins=[self]))
+        return int(pytest.main([*_PYTEST, *(self._only or TESTS)], plugins=[self]))
 
     def _fits_inside(self, mutant: Mutant) -> bool:
         function = mutant.function
@@ -213,7 +223,7 @@ class Runner:
 
     def _go_inside(self, mutant: Mutant, session: pytest.Session) -> None:
         _be_quiet()
-        selection = Selection(mutant.module, self._seen, self._longest)
+        selection = self._selection(mutant.module)
         selection.select(session.items)
         session.config.pluginmanager.register(selection)
         try:
@@ -231,15 +241,20 @@ class Runner:
     def _anew(self, mutant: Mutant) -> int:
         """The nearest tests first, as it takes a while to collect all."""
         sys.meta_path.insert(0, _Mutated(mutant))
+        selection = self._selection(mutant.module)
+        if self._only:
+            return int(pytest.main([*_PYTEST, *self._only], plugins=[selection]))
         package = mutant.module.path.parent.name
-        folders = [f"tests/{folder}" for folder in (package, *WIDER.get(package, ()))]
-        nearest = sorted(str(file) for file in Path(folders[0]).glob(f"test_{mutant.module.path.stem}*.py"))
-        selection = Selection(mutant.module, self._seen, self._longest)
+        folders = [folder for folder in TESTS if Path(folder).name in {package, *WIDER.get(package, ())}]
+        nearest = sorted(str(file) for file in Path("tests", package).glob(f"test_{mutant.module.path.stem}*.py"))
         status = int(pytest.main([*_PYTEST, *nearest], plugins=[selection])) if nearest else 0
         if status in {0, int(pytest.ExitCode.NO_TESTS_COLLECTED)}:
             status = _wait(_fork(lambda: int(pytest.main([*_PYTEST, *folders], plugins=[selection]))))
             return 1 if status else 0
         return status
+
+    def _selection(self, module: Module) -> Selection:
+        return Selection(module, self._seen, self._longest, everything=bool(self._only))
 
     def _end(self, mutant: Mutant, status: int) -> None:
         how = f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else f"status {os.WEXITSTATUS(status)}"

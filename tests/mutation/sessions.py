@@ -115,15 +115,15 @@ class Mutant:
         self.module.database.set_result(self.item.job_id, result)
 
 
-def open_module(path: Path, equivalent: dict[str, str]) -> Module:
-    """What is known of a module as it is now: nothing, if it or the operators have changed."""
+def open_module(path: Path, equivalent: dict[str, str], sessions: Path) -> Module:
+    """What is known of a module as it is now, by the `sessions`: nothing, if it or the operators have changed."""
     source = path.read_text()
     version = hashlib.sha256(source.encode() + Path(__file__).with_name("operators.py").read_bytes()).hexdigest()[:12]
     name = path.relative_to(ROOT / "gateway").with_suffix("").as_posix().replace("/", ".")
-    SESSIONS.mkdir(exist_ok=True)
-    session = SESSIONS / f"{name}-{version}.sqlite"
+    sessions.mkdir(parents=True, exist_ok=True)
+    session = sessions / f"{name}-{version}.sqlite"
     is_new = not session.exists()
-    for old in SESSIONS.glob(f"{name}-*.sqlite"):
+    for old in sessions.glob(f"{name}-*.sqlite"):
         if old != session:
             old.unlink()
     module = Module(path, source, WorkDB(session, WorkDB.Mode.create), equivalent)
