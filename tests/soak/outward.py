@@ -23,12 +23,14 @@ from gateway.service.running import Running
 from gateway.service.status import status
 from gateway.trace.ring import Ring
 from kit.gateway_bench import Client, GatewayBench
+from kit.line_bench import Bench
 from kit.virtual_time import VirtualTimeLoop
 from model import search
 from model.letters import do, drain, enabled
 from model.long_orders import LENGTHS
 from model.settings import ALPHABETS, settings
 from model.world import World
+from soak import anything
 from soak.never_lies import WORLDS
 from soak.outside import Socket
 from soak.worlds import lines
@@ -37,16 +39,19 @@ from soak.worlds import lines
 STATUS_EVERY: Final = 10.0
 #: What a line hands over to the next one on its port, by any of these names.
 HAND_OVER: Final = ("overdue", "handed_over")
+#: A line that is woken so often while nothing is seen would be woken for ever.
+MOST_WAKES: Final = 10_000
 #: Times are compared to a microsecond.
 LONG_NUMBER: Final = re.compile(r"\d+\.\d{7,}(?:e-\d+)?|\d(?:\.\d+)?e-\d+")
 
 
 class _Playing:
-    """What is being played: its virtual time, and the gateway that is running."""
+    """What is being played: its virtual time, the gateway that is running, and how often lines woke since a note."""
 
     def __init__(self) -> None:
         self.time: Callable[[], float] = lambda: 0.0
         self.running: Running | None = None
+        self.wakes = 0
 
 
 playing = _Playing()
@@ -54,6 +59,7 @@ playing = _Playing()
 
 def note(text: str) -> None:
     """Write down what is seen now."""
+    playing.wakes = 0
     text = LONG_NUMBER.sub(lambda number: f"{float(number[0]):.6f}", text)
     print(f"{playing.time():.6f}", text.replace("\n", "\\n"))
 
@@ -104,6 +110,15 @@ def watch_lines(*, with_deadlines: bool) -> None:
     Line.port_up = port_up_and_note
     name = next(name for name in HAND_OVER if hasattr(Line, name))
     watch_result(Line, name, lambda line, entries: f"{_name(line)} hands over {sorted(map(_entry, entries))}")
+    tick = Line.tick
+
+    def tick_and_count(line: Line, now: float) -> None:
+        playing.wakes += 1
+        if playing.wakes > MOST_WAKES:
+            sys.exit(f"{_name(line)} is woken again and again at {playing.time()} s")
+        tick(line, now)
+
+    Line.tick = tick_and_count
     if with_deadlines:
         watch(Line, "tick", lambda line, now: f"{_name(line)} tick")
         watch_result(Line, "deadline", lambda line, deadline: f"{_name(line)} is to be woken at {deadline}")
@@ -152,14 +167,14 @@ class _Events(list[Any]):
 def watch_gateways() -> None:
     """Note each event, and know which gateway is running."""
 
-    def set_attribute(bench: GatewayBench, name: str, value: object) -> None:
+    def set_attribute(bench: object, name: str, value: object) -> None:
         object.__setattr__(bench, name, _Events(value) if name == "events" else value)
 
     def remember(running: Running, *args: Any) -> str:
         playing.running = running
         return "a gateway starts"
 
-    GatewayBench.__setattr__ = set_attribute
+    GatewayBench.__setattr__ = Bench.__setattr__ = set_attribute
     watch(Running, "__init__", remember)
 
 
@@ -241,7 +256,7 @@ def find_orders(alphabet: str, depth: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", help="a world, `long`, or an alphabet; `parts`: print them all")
+    parser.add_argument("part", help="a world, `long`, `anything`, or an alphabet; `parts`: print them all")
     parser.add_argument("--transactions", type=int, default=1000)
     parser.add_argument("--faults", type=float, default=0.2)
     parser.add_argument("--seed", type=int, default=1)
@@ -252,7 +267,7 @@ def main() -> None:
     if not Path(gateway.__file__).is_relative_to(sys.path[0]):
         sys.exit(f"this is another gateway: {gateway.__file__}")
     if args.part == "parts":
-        print(*WORLDS)
+        print(*WORLDS, "long", "anything")
         print(*ALPHABETS)
         return
     if args.depth is not None:
@@ -266,6 +281,8 @@ def main() -> None:
     if args.part in WORLDS:
         with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
             runner.run(play_world(args.part, args.transactions, args.faults, args.seed))
+    elif args.part == "anything":
+        anything.play(args.transactions // 20, args.seed, note, lambda time: setattr(playing, "time", time))
     elif args.part == "long":
         play_long_orders(args.transactions // 10, args.seed)
     else:
