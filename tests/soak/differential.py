@@ -4,10 +4,10 @@
     .venv/bin/python tests/soak/differential.py ../before . --part lines --part late --part long --depth 2
 
 For a change of the machinery that is to change no behaviour. Arguments are two checkouts. On both are played: all
-worlds of `never_lies`, random long orders of the model, lines on which `anything` may happen, and every order of each alphabet
-of the model; each in a process of its own, with the same seeds. `outward` has what is compared. Prints the first
-difference of each run with what was before it. Ends with status 0 if there is none. The orders to each state are found
-on the first checkout.
+worlds of `never_lies`, random long orders of the model, lines on which `anything` may happen, and every order of each
+alphabet of the model; each in a process of its own, with the same seeds. `outward` has what is compared. Prints the
+first difference of each run with what was before it. Ends with status 0 if there is none. The orders to each state are
+found on the first checkout.
 """
 
 import argparse
