@@ -5,13 +5,16 @@ others; echoes, lost ports, new connections, reloads. Time passes by chance, or 
 """
 
 import random
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Sequence
+from typing import Any, Final
 
 from kit.asker import Asker
 from kit.line_bench import ASCII, LIMIT, TIMING, Bench
 from kit.noise import flipped
 
+#: What a line hands on to the next one on its port, and how that takes it: in whichever version, by one of these names.
+HANDS_ON: Final = ("handed_on", "overdue")
+TAKES_OVER: Final = ("take_over", "await_overdue")
 #: So much happens on one line.
 _LENGTH: Final = 60
 #: For so many seconds after its request another client's answer may come, for a line that follows.
@@ -25,6 +28,11 @@ _REQUESTS: Final = (
     *("05 00 30 FF 00", "06 00 30 00 05", "06 00 30 00 06", "10 00 10 00 01 02 00 05", "08 00 0B 00 00", "41 01 02"),
     "08 00 04 00 00",
 )
+
+
+def method(of: object, names: Sequence[str]) -> Any:
+    """The first of these methods that there is."""
+    return next(getattr(of, name) for name in names if hasattr(of, name))
 
 
 class _Line:
@@ -138,11 +146,11 @@ class _Line:
         before, now = self.bench.line, self.bench.now
         before.finish(now)
         self.bench.pass_time(_PATIENCE)
-        overdue = before.overdue(self.bench.now, _PATIENCE)
+        handed_on = method(before, HANDS_ON)(self.bench.now, _PATIENCE)
         after = self._open()
         after.now, self.bench = self.bench.now, after
         after.plug()
-        after.line.await_overdue(overdue, _PATIENCE)
+        method(after.line, TAKES_OVER)(handed_on, _PATIENCE)
 
     def end(self) -> str:
         """Let all end; what was counted."""

@@ -37,8 +37,6 @@ from soak.worlds import lines
 
 #: The status is noted every so many virtual seconds.
 STATUS_EVERY: Final = 10.0
-#: What a line hands over to the next one on its port, by any of these names.
-HAND_OVER: Final = ("overdue", "handed_over")
 #: A line that is woken so often while nothing is seen would be woken for ever.
 MOST_WAKES: Final = 10_000
 #: Times are compared to a microsecond.
@@ -108,8 +106,8 @@ def watch_lines(*, with_deadlines: bool) -> None:
         port_up(line, write_and_note, *args, **more)
 
     Line.port_up = port_up_and_note
-    name = next(name for name in HAND_OVER if hasattr(Line, name))
-    watch_result(Line, name, lambda line, entries: f"{_name(line)} hands over {sorted(map(_entry, entries))}")
+    name = anything.method(Line, anything.HANDS_ON).__name__
+    watch_result(Line, name, lambda line, entries: f"{_name(line)} hands on {sorted(map(_entry, entries))}")
     tick = Line.tick
 
     def tick_and_count(line: Line, now: float) -> None:
@@ -125,7 +123,7 @@ def watch_lines(*, with_deadlines: bool) -> None:
 
 
 def _entry(each: Any) -> tuple[object, ...]:
-    """An entry of what is handed over: unit, where answers come from, request, how many are owed and until when."""
+    """An entry of what is handed on, in whichever version: unit, where answers come from, request, how many are owed and until when."""
     asked = each.pdu if hasattr(each, "pdu") else each.asked.data
     return each.unit, str(each.answers_from), asked.hex(), each.owed, round(each.ends_at, 6)
 
