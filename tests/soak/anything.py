@@ -21,7 +21,9 @@ _LENGTH: Final = 60
 _PATIENCE: Final = 1.0
 _MOST_AT_ONCE: Final = 20
 _LONG: Final = 400.0
-_PAUSES: Final = (0.0, 0.002, 0.002, *(0.02,) * 9, 0.1, LIMIT, 2 * LIMIT, 3 * LIMIT, 1.5, 30.0)
+_PAUSES: Final = (0.0, 0.1, LIMIT, 2 * LIMIT, 3 * LIMIT, 1.5, 30.0)
+#: A frame takes about so long, and a silence.
+_SOON: Final = 0.02
 #: Some are answered by what repeats them, some answers look like requests.
 _REQUESTS: Final = (
     *("03 00 10 00 01", "03 00 20 00 01", "03 00 10 00 02", "04 00 10 00 01", "01 03 10 00 18", "02 00 00 00 18"),
@@ -124,7 +126,8 @@ class _Line:
             self.bench.hear(self.bench.written[-1])
 
     def wait(self) -> None:
-        self.bench.pass_time(self._dice.choice(_PAUSES))
+        is_long = self._dice.random() < 0.3
+        self.bench.pass_time(self._dice.choice(_PAUSES) if is_long else self._dice.uniform(0.0, _SOON))
 
     def wait_exactly(self) -> None:
         self.bench.pass_time(max(0.0, (self.bench.line.deadline() or 0.0) - self.bench.now))

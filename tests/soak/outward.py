@@ -123,7 +123,7 @@ def watch_lines(*, with_deadlines: bool) -> None:
 
 
 def _entry(each: Any) -> tuple[object, ...]:
-    """An entry of what is handed on, in whichever version: unit, where answers come from, request, how many are owed and until when."""
+    """What is handed on, in whichever version: unit, where answers come from, request, how many are owed until when."""
     asked = each.pdu if hasattr(each, "pdu") else each.asked.data
     return each.unit, str(each.answers_from), asked.hex(), each.owed, round(each.ends_at, 6)
 
