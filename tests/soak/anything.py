@@ -122,6 +122,8 @@ class _Line:
             self.bench.pass_time(0.005)
 
     def echo(self) -> None:
+        """What was written last comes back, about when it has left."""
+        self.bench.pass_time(self._dice.choice((0.0, self._dice.uniform(0.0, _SOON / 2))))
         if self.bench.written:
             self.bench.hear(self.bench.written[-1])
 
