@@ -19,7 +19,7 @@ TAKES_OVER: Final = ("take_over", "await_overdue")
 _LENGTH: Final = 60
 #: For so many seconds after its request another client's answer may come, for a line that follows.
 _PATIENCE: Final = 1.0
-_MOST_AT_ONCE: Final = 20
+_MOST_AT_ONCE: Final = 30
 _LONG: Final = 400.0
 _PAUSES: Final = (0.0, 0.1, LIMIT, 2 * LIMIT, 3 * LIMIT, 1.5, 30.0)
 #: A frame takes about so long, and a silence.
@@ -111,14 +111,15 @@ class _Line:
         body = bytes.fromhex(frame[1:-4].decode()) if self._settings["timing"] is ASCII else frame[:-2]
         return body[0], body[1:]
 
-    def hear_other_client(self) -> None:
-        unit, pdu = self._dice.choice((1, 1, 2, 9)), self._dice.choice(_REQUESTS)
+    def hear_other_client(self, unit: int = 0) -> None:
+        unit, pdu = unit or self._dice.choice((1, 1, 2, 9)), self._dice.choice(_REQUESTS)
         self._asked = [*self._asked[-5:], (unit, bytes.fromhex(pdu))]
         self.bench.respond(pdu, unit)
 
     def hear_many(self) -> None:
+        unit = self._dice.choice((0, 1, 2))
         for _ in range(self._dice.randint(2, _MOST_AT_ONCE)):
-            self.hear_other_client()
+            self.hear_other_client(unit)
             self.bench.pass_time(0.005)
 
     def echo(self) -> None:

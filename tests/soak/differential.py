@@ -33,7 +33,7 @@ EVERYTHING: Final = "everything"
 
 def start(checkout: Path, tests: Path, *args: str, stdout: int | IO[str], stderr: IO[str]) -> subprocess.Popen[str]:
     """Play a part on a checkout, with the tests of one."""
-    path = checkout, tests / "tests", OUTWARD.parents[1]  # an older checkout has not all that is played
+    path = checkout, tests / "tests", OUTWARD.parent  # `anything` is the same one for both
     environment = os.environ | {"PYTHONPATH": ":".join(map(str, path)), "PYTHONHASHSEED": "0"}
     command = [sys.executable, "-P", str(OUTWARD), *args]
     return subprocess.Popen(command, env=environment, cwd=checkout, stdout=stdout, stderr=stderr, text=True)

@@ -16,6 +16,8 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, Final
 
+import anything
+
 import gateway
 from gateway.lines.line import Line
 from gateway.request import Request
@@ -30,7 +32,6 @@ from model.letters import do, drain, enabled
 from model.long_orders import LENGTHS
 from model.settings import ALPHABETS, settings
 from model.world import World
-from soak import anything
 from soak.never_lies import WORLDS
 from soak.outside import Socket
 from soak.worlds import lines
