@@ -13,7 +13,7 @@ import pytest
 from xdist.scheduler import LoadScopeScheduling
 
 import gateway
-from gateway.clock.exact_loop import exact_loop
+from gateway.clock.exact_loop import new_exact_loop
 from kit.virtual_time import VirtualTimeLoop
 
 pytest_plugins = ["kit.left_out"]
@@ -49,7 +49,7 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 def pytest_asyncio_loop_factories(item: pytest.Item) -> Mapping[str, Callable[[], asyncio.AbstractEventLoop]]:
     if _in_real_time(item):
-        return {"real-time": exact_loop}
+        return {"real-time": new_exact_loop}
     return {"virtual-time": VirtualTimeLoop}
 
 

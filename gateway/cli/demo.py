@@ -27,7 +27,7 @@ from gateway.config.plan import Plan
 from gateway.config.resolve import resolve
 from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut
-from gateway.ports.opener import opener
+from gateway.ports.opener import make_opener
 from gateway.service.build import Gateway, build
 from gateway.service.config_reader import read_here
 from gateway.service.control import Verbs, control_open
@@ -233,7 +233,7 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
     contexts.adopt(load_all(plan.secured))
 
     def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
-        return build(plan, loop, opener, memory, emit, None, gateway, contexts)
+        return build(plan, loop, make_opener, memory, emit, None, gateway, contexts)
 
     running, stop = Running(rebuild(plan, None), emit), Stop()
     reloader = Reloader(config, running, rebuild, Notifier({}), text=text, contexts=contexts, read=read_here)

@@ -20,7 +20,7 @@ from gateway.errors import PortError
 from gateway.events import discard_event
 from gateway.lines.settings import LineSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
-from gateway.ports.opener import opener
+from gateway.ports.opener import make_opener
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.service.parts import GatewayLine
 from gateway.service.scan import Found, Progress, Scan, Steps, opened, scan_speeds
@@ -43,7 +43,7 @@ async def scan_port(args: argparse.Namespace, wanted: list[str] | None, tell: Te
     plan = _plan(args)
     everybody = range(BROADCAST_UNIT if plan.line.timing.mode == "rtu" else FIRST_UNIT, LAST_UNIT + 1)
     units = list(everybody) if wanted is None else list(map(int, wanted))
-    line = GatewayLine(plan, asyncio.get_running_loop(), opener, Memory(), discard_event, Ring())
+    line = GatewayLine(plan, asyncio.get_running_loop(), make_opener, Memory(), discard_event, Ring())
     found: tuple[Found, ...] = ()
     try:
         async with aclosing(_steps(line, units, args)) as steps:

@@ -9,7 +9,7 @@ from typing import Final
 from gateway.cli.main import FINE
 from gateway.clock.exact_loop import run_exactly
 from gateway.errors import GatewayError, PortError
-from gateway.ports.opener import opener
+from gateway.ports.opener import make_opener
 from gateway.ports.port import SerialSettings
 from gateway.service.hardware_report import (
     WATCHING,
@@ -45,7 +45,7 @@ def make_report(args: argparse.Namespace) -> int:
     asks = sys.stdin.isatty() and sys.stderr.isatty() and not args.json
     try:
         _say(f"Trying {settings.port}, which takes half a minute.")
-        sections = run_exactly(look_at(opener, settings, args.unit))
+        sections = run_exactly(look_at(make_opener, settings, args.unit))
         sections.append(Section(_BY_HAND, list(_by_hand(settings, args.unit, asks=asks))))
     except PortError as error:
         remedy = "if a gateway uses this port: systemctl stop modbus-gateway"
@@ -57,14 +57,14 @@ def make_report(args: argparse.Namespace) -> int:
 def _by_hand(settings: SerialSettings, unit: int | None, *, asks: bool) -> Iterator[Row]:
     """What only a person can do: it is asked for, or named as not done."""
     if asks and _agrees(f"When you are told to: {_UNPLUG}."):
-        yield run_exactly(wait_for_loss(opener, settings, lambda: _say("Unplug the adapter now.")))
+        yield run_exactly(wait_for_loss(make_opener, settings, lambda: _say("Unplug the adapter now.")))
         _say("Plug it in again.")
-        yield run_exactly(wait_for_return(opener, settings))
+        yield run_exactly(wait_for_return(make_opener, settings))
     else:
         yield Row("not done", _UNPLUG)
     for what, short in _MEANWHILE:
         if unit is not None and asks and _agrees(f"The unit will be read for {WATCHING:g} s. Meanwhile, {what}."):
-            rows = run_exactly(read_for(opener, settings, unit, seconds=WATCHING))
+            rows = run_exactly(read_for(make_opener, settings, unit, seconds=WATCHING))
             yield from (Row(f"{short}: {row.what}", row.seen) for row in rows)
         else:
             yield Row("not done", what if unit is not None else f"{what} (needs --unit)")

@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from gateway.hardware.listing import ListedPort, serial_ports
+from gateway.hardware.listing import ListedPort, list_serial_ports
 
 _HEADINGS = ("PORT", "DEVICE", "ADAPTER", "DRIVER", "STATE")
 
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List the ports. Always 0, also without any port."""
-    ports = serial_ports()
+    ports = list_serial_ports()
     if args.json:
         print(json.dumps([asdict(port) for port in ports], indent=2, ensure_ascii=False))
     elif ports:

@@ -31,11 +31,11 @@ _HAND_OVER: Final = 0.0005
 
 def run_exactly(main: Coroutine[Any, Any, T]) -> T:
     """Run `main` as asyncio.run does, in an exact loop."""
-    with asyncio.Runner(loop_factory=exact_loop) as runner:
+    with asyncio.Runner(loop_factory=new_exact_loop) as runner:
         return runner.run(main)
 
 
-def exact_loop() -> asyncio.AbstractEventLoop:
+def new_exact_loop() -> asyncio.AbstractEventLoop:
     """Make an event loop with exact timers, for the main thread."""
     with suppress(OSError):  # timers are 50 us later then
         _SLACK.write_text("1")

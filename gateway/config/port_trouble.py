@@ -4,7 +4,7 @@ import os
 import stat
 from pathlib import Path
 
-from gateway.hardware.device_files import VIRTUAL_MAJORS, permission_remedy
+from gateway.hardware.device_files import VIRTUAL_MAJORS, advise_on_permission
 from gateway.ports.port import PortSettings, SerialSettings, Wire, resolve_wire
 
 
@@ -19,7 +19,7 @@ def port_trouble(path: str) -> str | None:
     if not stat.S_ISCHR(mode):
         return "is not a serial port"
     if not os.access(path, os.R_OK | os.W_OK):
-        return f"this user may not open it: {permission_remedy(path)}"
+        return f"this user may not open it: {advise_on_permission(path)}"
     return None
 
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from gateway.diagnosis.evidence import Holder, PortEvidence
 from gateway.diagnosis.finding import IS_DOWN, Finding
-from gateway.hardware.device_files import udev_rule
+from gateway.hardware.device_files import make_udev_rule
 
 #: The longest that an FTDI adapter may hold received bytes back, in seconds, without a word about it.
 LATENCY: Final = 0.002
@@ -45,7 +45,7 @@ def _permission(port: PortEvidence) -> Iterator[Finding]:
         return
     what = f"{port.user} may not open {port.port}; the group {port.group} may"
     if port.group == "root":
-        yield _fix(port, what, udev_rule(port.device))
+        yield _fix(port, what, make_udev_rule(port.device))
     elif port.is_virtual:
         yield _fix(port, what, f"chmod 666 {port.port}")
     else:

@@ -17,7 +17,7 @@ _PERMISSION: Final = {
 _ANOTHER_GROUP: Final = "add the user to the {group} group, the service with SupplementaryGroups={group}"
 
 
-def group_of(port: str) -> str:
+def find_group(port: str) -> str:
     """Name the group that may use the port: dialout on Debian, uucp elsewhere."""
     try:
         return grp.getgrgid(Path(port).stat().st_gid).gr_name
@@ -25,13 +25,13 @@ def group_of(port: str) -> str:
         return "dialout"
 
 
-def permission_remedy(port: str) -> str:
+def advise_on_permission(port: str) -> str:
     """Say what to do if a user may not use the port."""
-    group, rule = group_of(port), udev_rule(Path(port).resolve().name)
+    group, rule = find_group(port), make_udev_rule(Path(port).resolve().name)
     return _PERMISSION.get(group, _ANOTHER_GROUP).format(port=port, group=group, rule=rule)
 
 
-def udev_rule(name: str) -> str:
+def make_udev_rule(name: str) -> str:
     """Make the commands by which /dev/NAME belongs to the group dialout, now and whenever it is plugged in."""
     rule = f'KERNEL=="{name}", GROUP="dialout", MODE="0660"'
     write = f"echo '{rule}' | sudo tee -a /etc/udev/rules.d/70-serial.rules"

@@ -18,29 +18,31 @@ _GATEWAY: Final = "modbus-gateway"
 _GATEWAY_MODULE: Final = "-m gateway.cli.main"
 
 
-def holder(device: str) -> str | None:
+def find_holder(device: str) -> str | None:
     """Name a program that uses the device, as `mbusd (pid 412)`; None if there is none, or none that may be seen.
 
     Only root may see other users' descriptors. Everybody may see locks, and most serial programs set one.
     """
-    for pid in (*_by_lock(Path(device), PROC), *_by_descriptor(Path(device), PROC)):
+    for pid in (*_find_by_lock(Path(device), PROC), *_find_by_descriptor(Path(device), PROC)):
         if pid != os.getpid():
-            return f"{name_of(pid, PROC)} (pid {pid})"
+            return f"{name_program(pid, PROC)} (pid {pid})"
     return None
 
 
-def holders(device: Path, programs: Path = PROC) -> set[int]:
+def find_holders(device: Path, programs: Path = PROC) -> set[int]:
     """Find the programs that hold the device, by pid, as far as they may be seen; not one that simulates it."""
-    by_descriptor = (pid for pid in _by_descriptor(device, programs) if not _has_other_end(device, programs / str(pid)))
-    return {*_by_lock(device, programs), *by_descriptor}
+    by_descriptor = (
+        pid for pid in _find_by_descriptor(device, programs) if not _has_other_end(device, programs / str(pid))
+    )
+    return {*_find_by_lock(device, programs), *by_descriptor}
 
 
-def running_programs(programs: Path = PROC) -> set[str]:
+def list_programs(programs: Path = PROC) -> set[str]:
     """List the names of all programs that run."""
-    return {name_of(int(process.name), programs) for process in programs.glob("[1-9]*")}
+    return {name_program(int(process.name), programs) for process in programs.glob("[1-9]*")}
 
 
-def name_of(pid: int, programs: Path = PROC) -> str:
+def name_program(pid: int, programs: Path = PROC) -> str:
     """Name a program, cut after 15 characters; an interpreter with what it runs, as `python poll.py`."""
     try:
         name = (programs / str(pid) / "comm").read_text().strip()
@@ -51,7 +53,7 @@ def name_of(pid: int, programs: Path = PROC) -> str:
     arguments = ""
     with suppress(OSError):  # it has just ended
         arguments = (programs / str(pid) / "cmdline").read_text(errors="replace")
-    runs = _what_runs(arguments.split("\0")[1:])
+    runs = _find_script(arguments.split("\0")[1:])
     is_gateway = runs == _GATEWAY_MODULE or Path(runs).name == _GATEWAY
     return _GATEWAY if is_gateway else f"{name} {runs}".rstrip()
 
@@ -61,7 +63,7 @@ def is_interpreter(name: str) -> bool:
     return _INTERPRETER.fullmatch(name.partition(" ")[0]) is not None
 
 
-def _what_runs(arguments: Iterable[str]) -> str:
+def _find_script(arguments: Iterable[str]) -> str:
     """Find the module or file that an interpreter runs; not what follows, where passwords may be."""
     rest = iter(arguments)
     for argument in rest:
@@ -76,7 +78,7 @@ def _what_runs(arguments: Iterable[str]) -> str:
     return ""
 
 
-def _by_lock(device: Path, programs: Path = PROC) -> Iterator[int]:
+def _find_by_lock(device: Path, programs: Path = PROC) -> Iterator[int]:
     with suppress(OSError):
         node = device.stat()
         place = f"{os.major(node.st_dev):02x}:{os.minor(node.st_dev):02x}:{node.st_ino}"
@@ -86,11 +88,11 @@ def _by_lock(device: Path, programs: Path = PROC) -> Iterator[int]:
                     yield int(pid)
 
 
-def _by_descriptor(device: Path, programs: Path) -> Iterator[int]:
+def _find_by_descriptor(device: Path, programs: Path) -> Iterator[int]:
     with suppress(OSError):
         node = device.stat()
         for process in programs.glob("[1-9]*"):
-            found = (number for number, opened in _descriptors(process) if opened == device)
+            found = (number for number, opened in _list_descriptors(process) if opened == device)
             if any(_leads_to(node, process / "fd" / number) for number in found):
                 yield int(process.name)
 
@@ -106,7 +108,7 @@ def _leads_to(node: os.stat_result, descriptor: Path) -> bool:
 
 def _has_other_end(device: Path, process: Path) -> bool:
     """Tell whether a program has the other end of a pseudo-terminal: then it is the device, and does not hold it."""
-    for number, opened in _descriptors(process):
+    for number, opened in _list_descriptors(process):
         if str(opened) in _FAR_ENDS:
             with suppress(OSError):  # it has just closed it
                 told = (process / "fdinfo" / number).read_text().split()
@@ -115,7 +117,7 @@ def _has_other_end(device: Path, process: Path) -> bool:
     return False
 
 
-def _descriptors(process: Path) -> Iterator[tuple[str, Path]]:
+def _list_descriptors(process: Path) -> Iterator[tuple[str, Path]]:
     """List a program's descriptors: the number of each, and what it leads to."""
     with suppress(OSError):  # another user's process, or one that has just ended
         for descriptor in (process / "fd").iterdir():

@@ -48,7 +48,7 @@ _ASYNC_SPD_MASK: Final = 0x1030
 _DIVIDE_BY_WHOLE_NUMBERS: Final = frozenset({2, 3, 4, 6, 7, 8})
 
 
-def flags_of(format_: CharacterFormat) -> int:
+def encode_format(format_: CharacterFormat) -> int:
     """Translate a character format into control flags."""
     data = {7: termios.CS7, 8: termios.CS8}[format_.data_bits]
     parity = {"N": 0, "E": termios.PARENB, "O": termios.PARENB | termios.PARODD}[format_.parity]
@@ -56,7 +56,7 @@ def flags_of(format_: CharacterFormat) -> int:
     return data | parity | stop
 
 
-def input_flags(before: int, *, checks_parity: bool) -> int:
+def derive_input_flags(before: int, *, checks_parity: bool) -> int:
     """Work out the input flags of a port that had `before`; with parity, damaged characters are marked.
 
     With the flags of `stty sane`, a break could discard received bytes, and damaged characters would be dropped.
@@ -66,16 +66,17 @@ def input_flags(before: int, *, checks_parity: bool) -> int:
 
 
 def set_input_flags(descriptor: int, *, checks_parity: bool) -> None:
-    """Set the flags of `input_flags`; without parity, damaged characters are not marked."""
+    """Set the flags of `derive_input_flags`; without parity, damaged characters are not marked."""
     attributes = termios.tcgetattr(descriptor)
-    attributes[0] = input_flags(attributes[0], checks_parity=checks_parity)
+    attributes[0] = derive_input_flags(attributes[0], checks_parity=checks_parity)
     termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
-def actual_baud(descriptor: int) -> int | None:
+def read_baud(descriptor: int) -> int | None:
     """Read the rate that the driver reports; None if the kernel does not support that.
 
-    A driver that cannot set a rate reports the nearest one, or the one before, or that rate and uses `divided_baud`.
+    A driver that cannot set a rate reports the nearest one, or the one before; or that rate, and uses another one: see
+    `derive_divided_baud`.
     """
     try:
         answer = fcntl.ioctl(descriptor, TCGETS2, bytes(_TERMIOS2.size))
@@ -84,29 +85,29 @@ def actual_baud(descriptor: int) -> int | None:
     return int(_TERMIOS2.unpack(answer)[-1])
 
 
-def divided_baud(descriptor: int, baud: int) -> int | None:
+def derive_divided_baud(descriptor: int, baud: int) -> int | None:
     """Work out the actual rate for `baud` of a UART that divides its clock by whole numbers.
 
     None for others, and for USB adapters, whose drivers may report any type of UART.
     """
-    state = _serial_struct(descriptor)
+    state = _read_serial_struct(descriptor)
     if state is None or state[_SERIAL_TYPE] not in _DIVIDE_BY_WHOLE_NUMBERS or is_usb(descriptor):
         return None
-    return divided(state[_SERIAL_BAUD_BASE], baud)
+    return divide_clock(state[_SERIAL_BAUD_BASE], baud)
 
 
 def has_redefined_38400(descriptor: int) -> bool:
     """Tell whether `setserial` has assigned another rate to 38400."""
-    state = _serial_struct(descriptor)
+    state = _read_serial_struct(descriptor)
     return state is not None and bool(state[_SERIAL_FLAGS] & _ASYNC_SPD_MASK)
 
 
-def divided(baud_base: int, baud: int) -> int | None:
+def divide_clock(baud_base: int, baud: int) -> int | None:
     """Divide `baud_base` by the whole number that comes nearest to `baud`, rounded as in the kernel."""
     return round(baud_base / max(1, (2 * baud_base + baud) // (2 * baud))) if baud_base > 0 else None
 
 
-def character_errors(descriptor: int) -> tuple[int, int, int, int] | None:
+def count_errors(descriptor: int) -> tuple[int, int, int, int] | None:
     """Read what the driver has counted since it found the port: received, framing, parity, overrun characters.
 
     None where it does not count.
@@ -119,7 +120,7 @@ def character_errors(descriptor: int) -> tuple[int, int, int, int] | None:
     return received, framing, parity, overrun + lost
 
 
-def bytes_to_send(descriptor: int) -> int:
+def count_unsent(descriptor: int) -> int:
     """Count the bytes that the driver has not sent; of a connection, those that are not confirmed (SIOCOUTQ)."""
     count = array("i", [0])
     fcntl.ioctl(descriptor, TIOCOUTQ, count)
@@ -138,13 +139,13 @@ def is_sending(descriptor: int) -> bool:
 
 def set_low_latency(descriptor: int) -> bool:
     """Set the driver's low-latency mode; False if it has none."""
-    state = _serial_struct(descriptor)
+    state = _read_serial_struct(descriptor)
     if state is None:
         return False
     state[_SERIAL_FLAGS] |= _ASYNC_LOW_LATENCY
     with suppress(OSError):
         fcntl.ioctl(descriptor, termios.TIOCSSERIAL, state)
-    state = _serial_struct(descriptor)
+    state = _read_serial_struct(descriptor)
     return state is not None and bool(state[_SERIAL_FLAGS] & _ASYNC_LOW_LATENCY)
 
 
@@ -192,7 +193,7 @@ def restore_rs485(descriptor: int, found: bytes) -> None:
     fcntl.ioctl(descriptor, TIOCSRS485, found)
 
 
-def _serial_struct(descriptor: int) -> "array[int] | None":
+def _read_serial_struct(descriptor: int) -> "array[int] | None":
     """Read the driver's `struct serial_struct`; None if it does not support that."""
     state = array("i", bytes(_SERIAL_STRUCT_SIZE))
     try:

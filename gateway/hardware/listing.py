@@ -9,8 +9,8 @@ from typing import Final, Literal
 from serial.tools.list_ports_common import numsplit
 from serial.tools.list_ports_linux import SysFS
 
-from gateway.hardware.device_files import permission_remedy
-from gateway.hardware.holders import holder
+from gateway.hardware.device_files import advise_on_permission
+from gateway.hardware.holders import find_holder
 
 TERMINALS: Final = Path("/sys/class/tty")
 DEVICES: Final = Path("/dev")
@@ -58,30 +58,30 @@ class Adapter:
     latency_timer: str
 
 
-def serial_ports() -> list[ListedPort]:
+def list_serial_ports() -> list[ListedPort]:
     """List all serial ports with hardware, not virtual ones. Opens none of them."""
     names = sorted((entry.name for entry in TERMINALS.glob("*") if _has_hardware(entry)), key=numsplit)
     devices = [DEVICES / name.replace("!", "/") for name in names]
-    links = stable_links()
+    links = find_stable_links()
     return [_list(device, links.get(device, device)) for device in devices if device.exists()]
 
 
-def adapter_of(port: str, devices: Path = DEVICES, terminals: Path = TERMINALS) -> Adapter:
+def describe_adapter(port: str, devices: Path = DEVICES, terminals: Path = TERMINALS) -> Adapter:
     """Describe the hardware behind the path of a port; with little in it for a path that leads to none."""
     device = Path(port).resolve()
     hardware = terminals / device.name / "device"
     usb = next(_usb_devices(hardware.resolve()), None)
-    told = {name: line_of(usb / file) or "" for name, file in _OF_USB.items()} if usb else {}
+    told = {name: read_line(usb / file) or "" for name, file in _OF_USB.items()} if usb else {}
     return Adapter(
         device.name,
-        driver_of(hardware),
-        f"{line_of(usb / 'idVendor')}:{line_of(usb / 'idProduct')}" if usb else "",
+        find_driver(hardware),
+        f"{read_line(usb / 'idVendor')}:{read_line(usb / 'idProduct')}" if usb else "",
         {name: text for name, text in told.items() if text},
-        usb is not None and bool(line_of(usb / "serial")),
+        usb is not None and bool(read_line(usb / "serial")),
         tuple(
             folder for folder in STABLE_LINKS if any(link.resolve() == device for link in (devices / folder).glob("*"))
         ),
-        line_of(hardware / "latency_timer") or "",
+        read_line(hardware / "latency_timer") or "",
     )
 
 
@@ -89,10 +89,10 @@ def _has_hardware(terminal: Path) -> bool:
     """Tell a serial port from a virtual terminal, which has no device, and an absent UART, which has one of type 0."""
     if not (terminal / "device").exists():
         return False
-    return line_of(terminal / "type") != "0"
+    return read_line(terminal / "type") != "0"
 
 
-def stable_links(within: Path | None = None) -> dict[Path, Path]:
+def find_stable_links(within: Path | None = None) -> dict[Path, Path]:
     """Find the best stable link to each device, `within` the folder of devices."""
     links: dict[Path, Path] = {}
     for folder in STABLE_LINKS:
@@ -102,29 +102,29 @@ def stable_links(within: Path | None = None) -> dict[Path, Path]:
 
 
 def _list(device: Path, path: Path) -> ListedPort:
-    state, remark = _state(device)
+    state, remark = _find_state(device)
     return ListedPort(
-        str(path), str(device), _description(device), driver_of(TERMINALS / device.name / "device"), state, remark
+        str(path), str(device), _describe(device), find_driver(TERMINALS / device.name / "device"), state, remark
     )
 
 
-def _state(device: Path) -> tuple[State, str]:
-    held_by = holder(str(device))
+def _find_state(device: Path) -> tuple[State, str]:
+    held_by = find_holder(str(device))
     if held_by is not None:
         return "in use", f"by {held_by}"
     if not os.access(device, os.R_OK | os.W_OK):
-        return "no permission", permission_remedy(str(device))
+        return "no permission", advise_on_permission(str(device))
     return "free", ""
 
 
-def _description(device: Path) -> str:
+def _describe(device: Path) -> str:
     found = SysFS(str(device))
     if found.product is None:
         return "built in"
     return " ".join(part for part in (found.manufacturer, found.product) if part)
 
 
-def driver_of(hardware: Path) -> str:
+def find_driver(hardware: Path) -> str:
     """Name the driver of a terminal's `device`; empty if it has none."""
     place = hardware.resolve()
     while (place / "subsystem").resolve().name == "serial-base":  # the kernel's own layer above a UART's driver
@@ -133,7 +133,7 @@ def driver_of(hardware: Path) -> str:
     return driver.resolve().name if driver.exists() else ""
 
 
-def line_of(file: Path) -> str | None:
+def read_line(file: Path) -> str | None:
     """Read a file of one line; None if it cannot be read."""
     try:
         return file.read_text().strip()

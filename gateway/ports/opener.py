@@ -23,7 +23,7 @@ from gateway.tls.store import TlsStore
 _being_opened: set[str] = set()
 
 
-def opener(settings: PortSettings, store: TlsStore | None = None) -> OpenPort:
+def make_opener(settings: PortSettings, store: TlsStore | None = None) -> OpenPort:
     """Make the function that opens a port with these settings. One with TLS has its context from `store`."""
     if not isinstance(settings, TcpSettings):
         return partial(open_serial, settings)

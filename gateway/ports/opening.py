@@ -17,16 +17,16 @@ from typing import Final
 from serial import PARITY_NONE, Serial
 
 from gateway.errors import PortError
-from gateway.hardware.device_files import VIRTUAL_MAJORS, permission_remedy
+from gateway.hardware.device_files import VIRTUAL_MAJORS, advise_on_permission
 from gateway.hardware.ioctls import (
     FORMAT_FLAGS,
-    actual_baud,
-    bytes_to_send,
-    divided_baud,
-    flags_of,
+    count_unsent,
+    derive_divided_baud,
+    encode_format,
     has_redefined_38400,
     is_sending,
     is_usb,
+    read_baud,
     restore_rs485,
     set_input_flags,
     set_low_latency,
@@ -157,7 +157,7 @@ def why_not_opened(settings: SerialSettings, error: OSError | termios.error | Va
         port=settings.port,
         format=settings.format,
         baud=settings.baud,
-        permission=permission_remedy(settings.port),
+        permission=advise_on_permission(settings.port),
         error=os.strerror(number),
     )
 
@@ -211,7 +211,7 @@ def _set_up(serial: ConfiguredOnce, settings: SerialSettings, *, is_virtual: boo
 
 def _check_format(descriptor: int, settings: SerialSettings) -> None:
     """Read the format back: drivers ignore what they do not support, and only that shows it."""
-    if flags_of(settings.format) != termios.tcgetattr(descriptor)[2] & FORMAT_FLAGS:
+    if encode_format(settings.format) != termios.tcgetattr(descriptor)[2] & FORMAT_FLAGS:
         raise PortError(f"{settings.port} cannot do {settings.format}: its driver set another format")
 
 
@@ -219,12 +219,12 @@ def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
     """Read the actual rate of the port, if known; it must be near enough to `baud`."""
     if baud == 38400 and has_redefined_38400(descriptor):
         raise PortError(f"{port}: 38400 baud was given another meaning; setserial {port} spd_normal undoes that")
-    told = actual_baud(descriptor)
+    told = read_baud(descriptor)
     if told is None:
         return None
-    actual = divided_baud(descriptor, told) or told
+    actual = derive_divided_baud(descriptor, told) or told
     if abs(actual - baud) > BAUD_TOLERANCE * baud:
-        nearest = divided_baud(descriptor, baud)
+        nearest = derive_divided_baud(descriptor, baud)
         instead = f"its driver set {told} instead" if nearest is None else f"the nearest it can is {nearest}"
         raise PortError(f"{port} cannot do {baud} baud: {instead}")
     return actual
@@ -236,7 +236,7 @@ def _drain(device: OpenDevice) -> bool:
     If RS-485 is restored then, which may switch the transmitter off, the UART must have sent the last bit too.
     """
     descriptor, deadline = device.serial.fileno(), time.monotonic() + DRAINING_DEADLINE
-    while bytes_to_send(descriptor) or (device.rs485 is not None and is_sending(descriptor)):
+    while count_unsent(descriptor) or (device.rs485 is not None and is_sending(descriptor)):
         if time.monotonic() > deadline:
             return False
         time.sleep(0.005)

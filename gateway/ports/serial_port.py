@@ -11,7 +11,7 @@ from typing import ClassVar, Final
 
 from gateway.clock.exact_loop import ExactLoop
 from gateway.errors import PortError
-from gateway.hardware.ioctls import character_errors
+from gateway.hardware.ioctls import count_errors
 from gateway.ports.opening import DriverError, OpenDevice, why_lost
 from gateway.ports.port import CharacterErrors, PortUser, Received
 from gateway.ports.serial_transport import PortTransport
@@ -53,12 +53,12 @@ class SerialPort:
         #: Tells whether there is something to read: to be told so by an error takes ten times as many instructions.
         self._unread = select.poll()
         self._unread.register(self._descriptor, select.POLLIN)
-        self._errors_before = character_errors(self._descriptor)
+        self._errors_before = count_errors(self._descriptor)
 
     @property
     def errors(self) -> CharacterErrors | None:
         """Counters of wrong characters; None if the driver has none."""
-        errors = None if self._transport.is_closing() else character_errors(self._descriptor)
+        errors = None if self._transport.is_closing() else count_errors(self._descriptor)
         if errors is None or self._errors_before is None:
             return None
         return CharacterErrors(*(now - before for now, before in zip(errors, self._errors_before, strict=True)))

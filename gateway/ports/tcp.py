@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import Any, Final, cast
 
 from gateway.errors import ConnectionEnded, PortClosed, PortError
-from gateway.hardware.ioctls import bytes_to_send
+from gateway.hardware.ioctls import count_unsent
 from gateway.ports.network import AddressInfo, look_up, notice_vanished_peers
 from gateway.ports.port import Port, PortUser, TcpSettings
 from gateway.tls.reasons import explain
@@ -172,7 +172,7 @@ class TcpPort(asyncio.BufferedProtocol):
         """Tell whether the server has confirmed every byte that was written."""
         if self._transport.get_write_buffer_size():
             return False
-        return self._transport.is_closing() or bytes_to_send(self._descriptor) == 0
+        return self._transport.is_closing() or count_unsent(self._descriptor) == 0
 
     def close(self) -> None:
         """Close once all that was written has been sent, or after FLUSHING_DEADLINE."""

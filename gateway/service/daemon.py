@@ -17,7 +17,7 @@ from gateway.listeners.sockets import OpenSockets
 from gateway.observe.fan_out import FanOut
 from gateway.observe.journal import leads_to_journal
 from gateway.observe.log import open_log
-from gateway.ports.opener import opener
+from gateway.ports.opener import make_opener
 from gateway.service import garbage
 from gateway.service.announced import FILE_NAME as ANNOUNCED_FILE
 from gateway.service.announced import AnnouncedDevices
@@ -116,7 +116,7 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
     loop = asyncio.get_running_loop()
 
     contexts = _load_certificates(plan, emit)
-    open_port = partial(opener, store=contexts)
+    open_port = partial(make_opener, store=contexts)
 
     def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
         return build(plan, loop, open_port, state.memory, emit, state.store, gateway, contexts)

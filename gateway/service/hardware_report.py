@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple
 
 import gateway
 from gateway.errors import PortError
-from gateway.hardware.listing import Adapter, adapter_of
+from gateway.hardware.listing import Adapter, describe_adapter
 from gateway.modbus.rtu import SHORTEST, crc_fits, encode
 from gateway.ports.port import CharacterErrors, Opener, Port, SerialSettings
 from gateway.timing.characters import CharacterFormat, LineTiming
@@ -113,7 +113,7 @@ async def look_at(opener: Opener, settings: SerialSettings, unit: int | None) ->
     Raises:
         PortError: it cannot be opened.
     """
-    found = adapter_of(settings.port)
+    found = describe_adapter(settings.port)
     sections = [Section("Machine", about_machine()), Section("Adapter", about_adapter(found))]
     sections.append(Section("Driver", await _about_driver(opener, settings)))
     sections.append(Section("Rates", [await _tried(opener, replace(settings, baud=baud), f"{baud}") for baud in RATES]))
@@ -161,7 +161,7 @@ async def _about_driver(opener: Opener, settings: SerialSettings) -> list[Row]:
             Row("adds to a response at most", f"{port.latency * 1000:g} ms, as the gateway assumes"),
             Row("counts wrong characters", "no" if port.errors is None else "yes"),
         ]
-        timer = adapter_of(settings.port).latency_timer
+        timer = describe_adapter(settings.port).latency_timer
         if timer:
             rows.append(Row("latency timer while open", f"{timer} ms"))
         port.change_baud(9600 if settings.baud != 9600 else 19200)
@@ -311,7 +311,7 @@ async def wait_for_return(opener: Opener, settings: SerialSettings) -> Row:
     while now() < until:
         try:
             async with _Held(opener, settings):
-                return Row("plugged in again", f"opened, as {adapter_of(settings.port).device}")
+                return Row("plugged in again", f"opened, as {describe_adapter(settings.port).device}")
         except PortError as failed:
             error = why(failed, settings)
         await asyncio.sleep(PAUSE)

@@ -11,9 +11,9 @@ from typing import Final
 from gateway.diagnosis.evidence import Holder, PortEvidence, PortInUse
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import about_ports
-from gateway.hardware.device_files import VIRTUAL_MAJORS, group_of
-from gateway.hardware.holders import PROC, holders, is_interpreter, name_of, running_programs
-from gateway.hardware.listing import DEVICES, TERMINALS, stable_links
+from gateway.hardware.device_files import VIRTUAL_MAJORS, find_group
+from gateway.hardware.holders import PROC, find_holders, is_interpreter, list_programs, name_program
+from gateway.hardware.listing import DEVICES, TERMINALS, find_stable_links
 
 #: Programs that open serial ports when they appear, to find out what is behind them.
 PROBERS: Final = frozenset({"ModemManager", "brltty", "gpsd"})
@@ -41,7 +41,7 @@ def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places())
     except OSError:
         return PortEvidence(port.line, port.source, port.port, exists=False)
     user, may_open = _user(gateway_pid, status, places)
-    pids = holders(device, places.programs) - {gateway_pid, os.getpid()}
+    pids = find_holders(device, places.programs) - {gateway_pid, os.getpid()}
     terminal = places.terminals / device.name
     return PortEvidence(
         line=port.line,
@@ -50,20 +50,20 @@ def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places())
         device=device.name,
         is_virtual=os.major(status.st_rdev) in VIRTUAL_MAJORS,
         is_usb=(terminal / "device/subsystem").resolve().name in ("usb", "usb-serial"),
-        stable_path=str(stable_links(places.devices).get(device, "")),
+        stable_path=str(find_stable_links(places.devices).get(device, "")),
         user=user,
         may_open=may_open,
-        group=group_of(str(device)),
+        group=find_group(str(device)),
         latency_timer=_latency_timer(terminal),
         is_ours=port.is_open,
         is_standby=port.is_standby,
         holders=tuple(_holder(pid, places.programs) for pid in sorted(pids)),
-        probers=tuple(sorted(PROBERS & running_programs(places.programs))),
+        probers=tuple(sorted(PROBERS & list_programs(places.programs))),
     )
 
 
 def _holder(pid: int, programs: Path) -> Holder:
-    name = name_of(pid, programs)
+    name = name_program(pid, programs)
     return Holder(name, pid, is_interpreter(name))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.errors import PortError
-from gateway.hardware.ioctls import actual_baud
+from gateway.hardware.ioctls import read_baud
 
 #: The rate to use if the kernel does not report one.
 ASSUMED_BAUD: Final = 9600
@@ -46,7 +46,7 @@ class VirtualPort:
     @property
     def baud(self) -> int:
         """The rate that the port is set to."""
-        return actual_baud(self._far_end) or ASSUMED_BAUD
+        return read_baud(self._far_end) or ASSUMED_BAUD
 
     def read(self) -> bytes:
         """What was written to the port."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.hardware.listing import adapter_of
+from gateway.hardware.listing import describe_adapter
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def plug(machine, name, place, **files):
 
 
 def look(machine, port):
-    return adapter_of(str(machine / "dev" / port), machine / "dev", machine / "tty")
+    return describe_adapter(str(machine / "dev" / port), machine / "dev", machine / "tty")
 
 
 def test_an_adapter_on_usb(machine):

@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.hardware import device_files
-from gateway.hardware.device_files import permission_remedy
+from gateway.hardware.device_files import advise_on_permission
 
 
 @pytest.mark.parametrize(
@@ -26,5 +26,5 @@ from gateway.hardware.device_files import permission_remedy
     ],
 )
 def test_the_remedy_fits_the_group_of_the_port(group, remedy, monkeypatch):
-    monkeypatch.setattr(device_files, "group_of", lambda port: group)
-    assert permission_remedy("/run/plc") == remedy
+    monkeypatch.setattr(device_files, "find_group", lambda port: group)
+    assert advise_on_permission("/run/plc") == remedy

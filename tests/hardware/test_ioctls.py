@@ -17,11 +17,11 @@ from serial.serialposix import (
 
 from gateway.hardware import ioctls
 from gateway.hardware.ioctls import (
-    character_errors,
-    divided,
-    divided_baud,
+    count_errors,
+    derive_divided_baud,
+    derive_input_flags,
+    divide_clock,
     has_redefined_38400,
-    input_flags,
     is_sending,
     restore_rs485,
     switch_rs485,
@@ -40,13 +40,13 @@ def terminal():
 
 @pytest.mark.parametrize("before", [0, SANE, termios.INPCK | SANE])
 def test_a_port_with_parity_checks_it_whatever_was_set_before(before):
-    flags = input_flags(before, checks_parity=True)
+    flags = derive_input_flags(before, checks_parity=True)
     assert flags & (SANE | termios.INPCK) == before & termios.ICRNL | termios.INPCK | termios.PARMRK
 
 
 @pytest.mark.parametrize("before", [0, SANE, termios.INPCK | SANE])
 def test_a_port_without_parity_takes_characters_as_they_come(before):
-    assert input_flags(before, checks_parity=False) == before & termios.ICRNL
+    assert derive_input_flags(before, checks_parity=False) == before & termios.ICRNL
 
 
 @pytest.mark.parametrize(
@@ -64,15 +64,15 @@ def test_a_port_without_parity_takes_characters_as_they_come(before):
 )
 def test_a_clock_divided_by_a_whole_number(baud, actual):
     """tests/qemu/uart.py sees the kernel's driver do the same."""
-    assert divided(115_200, baud) == actual
+    assert divide_clock(115_200, baud) == actual
 
 
 def test_a_driver_that_does_not_tell_its_clock():
-    assert divided(0, 9600) is None
+    assert divide_clock(0, 9600) is None
 
 
 def test_a_pseudo_terminal_is_no_uart(terminal):
-    assert divided_baud(terminal, 12345) is None
+    assert derive_divided_baud(terminal, 12345) is None
     assert not has_redefined_38400(terminal)
     assert not is_sending(terminal)
 
@@ -83,11 +83,11 @@ def test_wrong_characters_are_read_from_the_counters_of_the_driver(monkeypatch):
     framing, overrun, parity, breaks, lost = 7, 8, 9, 10, 11
     counters = struct.pack("=11i36x", *changes, received, sent, framing, overrun, parity, breaks, lost)
     monkeypatch.setattr(ioctls.fcntl, "ioctl", lambda descriptor, request, room: counters[: len(room)])
-    assert character_errors(0) == (received, framing, parity, overrun + lost)
+    assert count_errors(0) == (received, framing, parity, overrun + lost)
 
 
 def test_a_pseudo_terminal_counts_no_wrong_characters(terminal):
-    assert character_errors(terminal) is None
+    assert count_errors(terminal) is None
 
 
 # --- RS-485; a true one is in tests/qemu/uart.py ---

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.cli import ports as verb
 from gateway.hardware import device_files, holders, listing
-from gateway.hardware.listing import ListedPort, serial_ports
+from gateway.hardware.listing import ListedPort, list_serial_ports
 
 
 class Adapter:
@@ -70,14 +70,14 @@ def machine(tmp_path, monkeypatch):
 def test_ports_come_in_the_order_of_their_numbers(machine):
     for name in ("ttyUSB10", "ttyUSB2", "ttyS1"):
         machine.terminal(name, driver="some")
-    assert [Path(port.device).name for port in serial_ports()] == ["ttyS1", "ttyUSB2", "ttyUSB10"]
+    assert [Path(port.device).name for port in list_serial_ports()] == ["ttyS1", "ttyUSB2", "ttyUSB10"]
 
 
 def test_what_has_no_hardware_is_left_out(machine):
     machine.terminal("tty1")
     machine.terminal("ttyS0", driver="serial8250", type=4)
     machine.terminal("ttyS1", driver="serial8250", type=0)
-    assert [Path(port.device).name for port in serial_ports()] == ["ttyS0"]
+    assert [Path(port.device).name for port in list_serial_ports()] == ["ttyS0"]
 
 
 def test_the_link_by_serial_number_is_the_best(machine):
@@ -85,25 +85,25 @@ def test_the_link_by_serial_number_is_the_best(machine):
     machine.link("by-path/pci-0-usb-0:1", "ttyUSB0")
     best = machine.link("by-id/usb-FTDI_A1-if00-port0", "ttyUSB0")
     device = str(machine.devices / "ttyUSB0")
-    assert serial_ports() == [ListedPort(best, device, "FTDI USB-RS485 Cable", "ftdi_sio", "free", "")]
+    assert list_serial_ports() == [ListedPort(best, device, "FTDI USB-RS485 Cable", "ftdi_sio", "free", "")]
 
 
 def test_the_link_by_socket_is_the_second_best(machine):
     machine.terminal("ttyUSB0", driver="ch341")
     link = machine.link("by-path/pci-0-usb-0:1", "ttyUSB0")
-    assert serial_ports()[0].path == link
+    assert list_serial_ports()[0].path == link
 
 
 def test_a_built_in_port_keeps_its_name(machine):
     machine.terminal("ttyS0", driver="serial8250", type=4)
-    (port,) = serial_ports()
+    (port,) = list_serial_ports()
     assert (port.path, port.description) == (port.device, "built in")
 
 
 def test_a_port_that_a_program_has_open_is_in_use(machine):
     machine.terminal("ttyUSB0", driver="ftdi_sio")
     machine.process(412, "mbusd", "ttyUSB0")
-    (port,) = serial_ports()
+    (port,) = list_serial_ports()
     assert (port.state, port.remark) == ("in use", "by mbusd (pid 412)")
 
 
@@ -114,22 +114,22 @@ def test_a_lock_betrays_a_program_of_another_user(machine):
     (machine.processes / "locks").write_text(
         f"1: POSIX  ADVISORY  WRITE 9 00:01:1 0 EOF\n2: FLOCK  ADVISORY  WRITE 77 {device} 0 EOF\n"
     )
-    assert serial_ports()[0].remark == "by a program (pid 77)"
+    assert list_serial_ports()[0].remark == "by a program (pid 77)"
 
 
 def test_a_port_without_permission_says_what_to_do(machine, monkeypatch):
     machine.terminal("ttyUSB0", driver="ftdi_sio")
     monkeypatch.setattr(listing.os, "access", lambda path, mode: False)
-    monkeypatch.setattr(device_files, "group_of", lambda path: "dialout")
-    (port,) = serial_ports()
+    monkeypatch.setattr(device_files, "find_group", lambda path: "dialout")
+    (port,) = list_serial_ports()
     assert (port.state, port.remark) == ("no permission", "add the user to the dialout group")
 
 
 def test_nobody_is_advised_to_join_the_group_root(machine, monkeypatch):
     machine.terminal("ttyUSB0", driver="ftdi_sio")
     monkeypatch.setattr(listing.os, "access", lambda path, mode: False)
-    monkeypatch.setattr(device_files, "group_of", lambda path: "root")
-    (port,) = serial_ports()
+    monkeypatch.setattr(device_files, "find_group", lambda path: "root")
+    (port,) = list_serial_ports()
     assert "to the root group" not in port.remark
     assert 'give it to the group dialout: echo \'KERNEL=="ttyUSB0", GROUP="dialout"' in port.remark
 

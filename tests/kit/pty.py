@@ -6,7 +6,7 @@ import tty
 from pathlib import Path
 from typing import Self
 
-from gateway.hardware.ioctls import actual_baud
+from gateway.hardware.ioctls import read_baud
 from kit.process import PATIENCE
 
 
@@ -38,7 +38,7 @@ class VirtualPort:
     @property
     def baud(self) -> int | None:
         """The rate that the gateway has set."""
-        return actual_baud(self.far_end)
+        return read_baud(self.far_end)
 
     def plug(self) -> None:
         """Come back as a new device behind the same path, as an adapter does."""

@@ -11,7 +11,7 @@ from array import array
 from serial.serialposix import SER_RS485_ENABLED, SER_RS485_RTS_ON_SEND, TIOCGRS485, TIOCSRS485
 
 from gateway.errors import PortError
-from gateway.hardware.ioctls import FORMAT_FLAGS, flags_of
+from gateway.hardware.ioctls import FORMAT_FLAGS, encode_format
 from gateway.ports.opener import open_serial
 from gateway.ports.port import SerialSettings
 from gateway.timing.characters import CharacterFormat
@@ -70,7 +70,9 @@ async def check_parity(port, beside):
         async with Held(port, format_) as held:
             expected = 0 if "N" in format_ else termios.INPCK | termios.PARMRK
             check(f"input flags, {format_}", termios.tcgetattr(beside)[0] & PARITY, expected)
-            check(f"format, {format_}", termios.tcgetattr(beside)[2] & FORMAT_FLAGS, flags_of(held.settings.format))
+            check(
+                f"format, {format_}", termios.tcgetattr(beside)[2] & FORMAT_FLAGS, encode_format(held.settings.format)
+            )
             held.port.change_baud(9600)
             await asyncio.sleep(0.3)
             check(f"input flags at another rate, {format_}", termios.tcgetattr(beside)[0] & PARITY, expected)

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.diagnosis.evidence import Holder, PortInUse
 from gateway.diagnosis.ports import about_ports
-from gateway.hardware.holders import holders
+from gateway.hardware.holders import find_holders
 from gateway.service.outside import Places, look_at
 
 GATEWAY = 4711
@@ -124,7 +124,7 @@ def test_a_container_has_terminals_of_its_own_but_the_same_adapters(machine, mon
         return real(path, **how)
 
     monkeypatch.setattr(Path, "stat", stat)
-    assert holders(machine.device, machine.places.programs) == ({412} if is_held else set())
+    assert find_holders(machine.device, machine.places.programs) == ({412} if is_held else set())
 
 
 def test_a_program_that_only_runs_is_a_note(machine) -> None:

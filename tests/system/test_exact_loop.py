@@ -11,7 +11,7 @@ from functools import partial
 import pytest
 
 from gateway.clock import exact_loop as exact_loop_module
-from gateway.clock.exact_loop import ExactLoop, ExactSelector, exact_loop, run_exactly
+from gateway.clock.exact_loop import ExactLoop, ExactSelector, new_exact_loop, run_exactly
 from gateway.clock.waiter import EXACT_PART
 
 #: asyncio runs what is due within this time.
@@ -227,7 +227,7 @@ async def test_a_timer_that_a_descriptors_callback_has_set_is_in_time(pair):
 
 def test_a_descriptors_callback_can_stop_the_loop(pair):
     near, far = pair
-    with closing(exact_loop()) as loop:
+    with closing(new_exact_loop()) as loop:
         loop.add_reader(near, loop.stop)
         far.send(b"x")
         loop.run_forever()
@@ -315,7 +315,7 @@ def test_an_end_of_the_program_in_a_callback_ends_the_loop(end) -> None:
     def take() -> None:
         raise end
 
-    with closing(exact_loop()) as loop:
+    with closing(new_exact_loop()) as loop:
         loop.wake_at(loop.time(), take)
         loop.call_later(30, loop.stop)
         with pytest.raises(end):
@@ -447,7 +447,7 @@ def test_a_private_name_is_there(owner: type, name: str) -> None:
 
 
 def test_the_loops_own_callbacks_wait_in_what_is_looked_at() -> None:
-    with closing(exact_loop()) as loop:
+    with closing(new_exact_loop()) as loop:
         assert isinstance(loop, ExactLoop)
         loop.call_soon(print)
         assert len(loop._selector.waiter.ready) == 1
@@ -455,14 +455,14 @@ def test_the_loops_own_callbacks_wait_in_what_is_looked_at() -> None:
 
 def test_without_a_private_name_the_loop_is_that_of_asyncio(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exact_loop_module, "_NAMES", ((asyncio.Handle, "_no_such_name"),))
-    with closing(exact_loop()) as loop:
+    with closing(new_exact_loop()) as loop:
         assert type(loop) is asyncio.SelectorEventLoop
         loop.run_until_complete(asyncio.sleep(0))
 
 
 def test_without_the_queue_of_callbacks_the_loop_is_that_of_asyncio(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exact_loop_module, "ExactLoop", _NoQueue)
-    with closing(exact_loop()) as loop:
+    with closing(new_exact_loop()) as loop:
         assert type(loop) is asyncio.SelectorEventLoop
         loop.run_until_complete(asyncio.sleep(0))
 
@@ -519,9 +519,9 @@ def test_it_runs_a_program_and_hands_over_its_result() -> None:
 
 def test_a_kernel_that_keeps_its_slack_is_no_obstacle(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     monkeypatch.setattr(exact_loop_module, "_SLACK", tmp_path / "absent" / "slack")
-    exact_loop().close()
+    new_exact_loop().close()
 
 
 def test_the_kernel_takes_the_slack() -> None:
-    exact_loop().close()
+    new_exact_loop().close()
     assert exact_loop_module._SLACK.read_text() == "1\n"

@@ -20,8 +20,8 @@ from serial import SerialException
 
 from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
-from gateway.hardware.holders import _by_lock, holder
-from gateway.hardware.ioctls import divided
+from gateway.hardware.holders import _find_by_lock, find_holder
+from gateway.hardware.ioctls import divide_clock
 from gateway.ports import opener, opening
 from gateway.ports import serial_transport as serial_transport_module
 from gateway.ports.opener import open_serial
@@ -152,7 +152,7 @@ async def test_reasons_are_in_an_operators_words(virtual, user, monkeypatch, err
 
 
 async def test_an_adapter_that_sets_another_rate(virtual, user, monkeypatch):
-    monkeypatch.setattr(opening, "actual_baud", lambda descriptor: 13982)
+    monkeypatch.setattr(opening, "read_baud", lambda descriptor: 13982)
     with pytest.raises(PortError, match="cannot do 14400 baud: its driver set 13982 instead"):
         await open_serial(settings(virtual.path, baud=14400), user)
     async with opened(virtual.path, user, baud=14000) as port:
@@ -174,12 +174,12 @@ async def test_a_rate_that_the_driver_refuses_later_is_a_loss_that_says_so(virtu
 
 async def test_a_uart_that_divides_its_clock_by_whole_numbers(virtual, user, monkeypatch):
     """Its driver repeats what it was asked for, or leaves the rate as it was."""
-    monkeypatch.setattr(opening, "divided_baud", lambda descriptor, baud: divided(115_200, baud))
+    monkeypatch.setattr(opening, "derive_divided_baud", lambda descriptor, baud: divide_clock(115_200, baud))
     async with opened(virtual.path, user, baud=5000) as port:
         assert port.baud == 5009
     with pytest.raises(PortError, match="cannot do 12345 baud: the nearest it can is 12800"):
         await open_serial(settings(virtual.path, baud=12345), user)
-    monkeypatch.setattr(opening, "actual_baud", lambda descriptor: 9600)
+    monkeypatch.setattr(opening, "read_baud", lambda descriptor: 9600)
     with pytest.raises(PortError, match="cannot do 250000 baud: the nearest it can is 115200"):
         await open_serial(settings(virtual.path, baud=250_000), user)
 
@@ -229,10 +229,10 @@ async def test_the_program_that_holds_a_port_is_named(virtual):
     )
     await asyncio.wait_for(other.stdout.readline(), PATIENCE)
     name = Path(f"/proc/{other.pid}/comm").read_text().strip()  # noqa: ASYNC240 - procfs does not block
-    assert holder(virtual.device) == f"{name} -c (pid {other.pid})"
-    assert list(_by_lock(Path(virtual.device))) == [other.pid]
+    assert find_holder(virtual.device) == f"{name} -c (pid {other.pid})"
+    assert list(_find_by_lock(Path(virtual.device))) == [other.pid]
     await asyncio.wait_for(other.communicate(b"\n"), PATIENCE)
-    assert holder(virtual.device) is None
+    assert find_holder(virtual.device) is None
 
 
 class Descriptor:
