@@ -114,7 +114,7 @@ def open_device(settings: SerialSettings) -> OpenDevice:
             on_error.callback(serial.close)
             device = _set_up(serial, settings, is_virtual=is_virtual)
         except (*DriverError, ValueError) as error:
-            raise PortError(why_not_opened(settings, error)) from error
+            raise PortError(explain_failure(settings, error)) from error
         on_error.pop_all()
     return device
 
@@ -129,9 +129,9 @@ def change_baud(device: OpenDevice, baud: int) -> None:
         device.serial.change_baud(baud)
         _check_baud(device.serial.fileno(), device.port, baud)
     except ValueError as error:
-        raise PortError(_why_no_such_rate(device.port, baud)) from error
+        raise PortError(_explain_rate(device.port, baud)) from error
     except DriverError as error:
-        raise PortError(why_lost(device.port, error)) from error
+        raise PortError(explain_loss(device.port, error)) from error
 
 
 def close_device(device: OpenDevice, *, lost: bool) -> None:
@@ -147,10 +147,10 @@ def close_device(device: OpenDevice, *, lost: bool) -> None:
     device.serial.close()
 
 
-def why_not_opened(settings: SerialSettings, error: OSError | termios.error | ValueError) -> str:
+def explain_failure(settings: SerialSettings, error: OSError | termios.error | ValueError) -> str:
     """Say why the port cannot be opened, and what to do."""
     if isinstance(error, ValueError):  # pyserial could not set a custom rate
-        return _why_no_such_rate(settings.port, settings.baud)
+        return _explain_rate(settings.port, settings.baud)
     number = _errno(error)
     reason = _REASONS.get(number, "{port} cannot be opened: {error}")
     return reason.format(
@@ -162,7 +162,7 @@ def why_not_opened(settings: SerialSettings, error: OSError | termios.error | Va
     )
 
 
-def why_lost(port: str, error: OSError | termios.error) -> str:
+def explain_loss(port: str, error: OSError | termios.error) -> str:
     """Say why an open port was lost."""
     return f"{port} is gone: {os.strerror(_errno(error))}"
 
@@ -171,7 +171,7 @@ def _is_virtual(settings: SerialSettings) -> bool:
     try:
         status = Path(settings.port).stat()
     except OSError as error:
-        raise PortError(why_not_opened(settings, error)) from error
+        raise PortError(explain_failure(settings, error)) from error
     if not stat.S_ISCHR(status.st_mode):
         raise PortError(f"{settings.port} is not a serial port")
     return os.major(status.st_rdev) in VIRTUAL_MAJORS
@@ -243,7 +243,7 @@ def _drain(device: OpenDevice) -> bool:
     return True
 
 
-def _why_no_such_rate(port: str, baud: int) -> str:
+def _explain_rate(port: str, baud: int) -> str:
     """Say why an odd rate cannot be set."""
     return f"{port} does not support {baud} baud: its driver knows standard rates only"
 

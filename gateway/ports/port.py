@@ -37,11 +37,11 @@ class Port(Protocol):
 
     @property
     def has_arrived(self) -> Callable[[], bool] | None:
-        """Tells whether the other end has received all that was written. None: this port is no connection."""
+        """Tell whether the other end has received all that was written. None: this port is no connection."""
 
     @property
     def errors(self) -> CharacterErrors | None:
-        """Counters of wrong characters; None if the driver has none."""
+        """Count wrong characters; None if the driver does not."""
 
     def write(self, data: bytes) -> None:
         """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""
@@ -74,7 +74,7 @@ class PortUser(Protocol):
 
     @property
     def received(self) -> Received:
-        """Takes received bytes."""
+        """Take received bytes."""
 
     def lost(self, error: PortError) -> None:
         """Take note that the port was closed or lost. Called once for every port that was opened."""

@@ -34,7 +34,7 @@ class PortOwner(Protocol):
 
     @property
     def received(self) -> Received:
-        """Takes received bytes."""
+        """Take received bytes."""
 
     def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:
         """Answer whether the port, which the server or the owner has closed in order, may stay closed for now.
@@ -75,7 +75,7 @@ class Reconnector:
 
     @property
     def is_open(self) -> bool:
-        """True while the port is open, or will be when it is needed."""
+        """Tell whether the port is open, or will be when it is needed."""
         return self.tried.is_set() and self.error is None
 
     async def run(self) -> None:
@@ -159,10 +159,10 @@ class Reconnector:
 
     def _report_up(self, port: Port) -> None:
         self.error = None
-        has_rested, self._is_idle = self._is_idle, False
+        was_idle, self._is_idle = self._is_idle, False
         self._opened_at = _now()
         self._owner.port_up(port)
-        if has_rested:
+        if was_idle:
             return
         self.reopened += self._lost_at is not None
         if self._lost_at is None:

@@ -12,7 +12,7 @@ from typing import ClassVar, Final
 from gateway.clock.exact_loop import ExactLoop
 from gateway.errors import PortError
 from gateway.hardware.ioctls import count_errors
-from gateway.ports.opening import DriverError, OpenDevice, why_lost
+from gateway.ports.opening import DriverError, OpenDevice, explain_loss
 from gateway.ports.port import CharacterErrors, PortUser, Received
 from gateway.ports.serial_transport import PortTransport
 
@@ -57,7 +57,7 @@ class SerialPort:
 
     @property
     def errors(self) -> CharacterErrors | None:
-        """Counters of wrong characters; None if the driver has none."""
+        """Count wrong characters; None if the driver does not."""
         errors = None if self._transport.is_closing() else count_errors(self._descriptor)
         if errors is None or self._errors_before is None:
             return None
@@ -134,7 +134,7 @@ class SerialPort:
         except (BlockingIOError, InterruptedError):
             return b""
         except DriverError as error:
-            self._transport.lose(PortError(why_lost(self._name, error)))
+            self._transport.lose(PortError(explain_loss(self._name, error)))
             return b""
         if not data:
             self._transport.lose(PortError(f"{self._name} is gone: unplugged, or its driver has closed it"))
@@ -147,7 +147,7 @@ class SerialPort:
         except (BlockingIOError, InterruptedError):
             return 0
         except DriverError as error:
-            self._transport.lose(PortError(why_lost(self._name, error)))
+            self._transport.lose(PortError(explain_loss(self._name, error)))
             return 0
 
 

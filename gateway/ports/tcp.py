@@ -70,7 +70,7 @@ async def open_tcp(settings: TcpSettings, user: PortUser, context: ssl.SSLContex
         async with asyncio.timeout(CONNECTING_DEADLINE):
             port = await _connect_to_any(settings, addresses, context)
     except (OSError, UnicodeError) as error:
-        raise PortError(_why_not_reached(settings, error)) from error
+        raise PortError(_explain_failure(settings, error)) from error
     try:
         await port.settle()
     except BaseException:
@@ -155,7 +155,7 @@ class TcpPort(asyncio.BufferedProtocol):
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:
-            self._abort(self._gone(error))
+            self._abort(self._explain_loss(error))
             return
         if data:
             self._deliver(data)
@@ -217,7 +217,7 @@ class TcpPort(asyncio.BufferedProtocol):
         if self._is_secured and isinstance(exc, ssl.SSLError):
             self._loss = _NotSecuredError(_NOT_SECURED.format(port=self._name, reason=explain(exc)))
         elif isinstance(exc, OSError):
-            self._loss = self._gone(exc)
+            self._loss = self._explain_loss(exc)
         self._lose()
 
     def _deliver(self, data: bytes) -> None:
@@ -236,7 +236,7 @@ class TcpPort(asyncio.BufferedProtocol):
         if user is not None:
             user.lost(self._loss)
 
-    def _gone(self, error: OSError) -> PortError:
+    def _explain_loss(self, error: OSError) -> PortError:
         return PortError(f"{self._name} is gone: {os.strerror(error.errno or errno.EIO).lower()}")
 
     def _abort(self, loss: PortError) -> None:
@@ -284,7 +284,7 @@ async def _connect(settings: TcpSettings, address: AddressInfo, context: ssl.SSL
     return port
 
 
-def _why_not_reached(settings: TcpSettings, error: OSError | UnicodeError) -> str:
+def _explain_failure(settings: TcpSettings, error: OSError | UnicodeError) -> str:
     """Say why the server cannot be reached, and what to do."""
     if isinstance(error, UnicodeError):
         reason = _NO_SUCH_NAME

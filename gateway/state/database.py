@@ -53,7 +53,7 @@ class Table:
 
     @property
     def set_up(self) -> str:
-        """The statements that make an empty file this database."""
+        """Make the statements that turn an empty file into this database."""
         columns = ", ".join(f"{name} {kind} NOT NULL" for name, kind in (*self.columns, ("check_sum", "INTEGER")))
         return f"""
             BEGIN IMMEDIATE;
@@ -65,17 +65,17 @@ class Table:
 
     @property
     def select(self) -> str:
-        """The statement that reads all of it."""
+        """Make the statement that reads all of it."""
         return f"SELECT {self._names()}, check_sum FROM {self.name}"  # noqa: S608 - the names are those of the program
 
     @property
     def insert(self) -> str:
-        """The statement that writes a row."""
+        """Make the statement that writes a row."""
         return f"INSERT OR REPLACE INTO {self.name} VALUES ({', '.join('?' * (len(self.columns) + 1))})"  # noqa: S608
 
     @property
     def delete(self) -> str:
-        """The statement that deletes a row by its key."""
+        """Make the statement that deletes a row by its key."""
         keys = " AND ".join(f"{name} = ?" for name, _ in self.columns[: self.keys])
         return f"DELETE FROM {self.name} WHERE {keys}"  # noqa: S608 - as above
 

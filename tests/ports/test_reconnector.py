@@ -10,19 +10,19 @@ import pytest
 from gateway.errors import PortError
 from gateway.events import LineLost, LineReopened, LineUp
 from gateway.ports import reconnector as reconnector_module
-from gateway.ports.opening import why_lost, why_not_opened
+from gateway.ports.opening import explain_failure, explain_loss
 from gateway.ports.port import SerialSettings
 from gateway.ports.reconnector import Reconnector
 from gateway.timing.characters import CharacterFormat
 from kit.memory import MemoryLine
 
 SETTINGS = SerialSettings("/dev/hall-a", 19200, CharacterFormat(8, "E", 1))
-GONE = why_lost("/dev/hall-a", OSError(errno.EIO, "Input/output error"))
+GONE = explain_loss("/dev/hall-a", OSError(errno.EIO, "Input/output error"))
 
 
 def not_opened(number: int) -> str:
     """What an attempt to open the port says when the system answers with this error."""
-    return why_not_opened(SETTINGS, OSError(number, ""))
+    return explain_failure(SETTINGS, OSError(number, ""))
 
 
 class Owner:
