@@ -16,7 +16,7 @@ _AGAIN: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Poller:
+class DemoClient:
     """A client that asks this, units and PDUs in hexadecimal, one after the other, and then pauses for some seconds."""
 
     name: str
@@ -25,17 +25,17 @@ class Poller:
 
 
 POLLERS: Final = (
-    Poller(
+    DemoClient(
         "scada", ((71, "03 00 00 00 0A"), (72, "03 00 00 00 0A"), (73, "03 00 00 00 0A"), (61, "03 00 00 00 02")), 0.25
     ),
-    Poller("historian", ((71, "03 00 00 00 3C"), (61, "03 00 00 00 02"), (72, "04 00 00 00 14")), 0.9),
-    Poller(
+    DemoClient("historian", ((71, "03 00 00 00 3C"), (61, "03 00 00 00 02"), (72, "04 00 00 00 14")), 0.9),
+    DemoClient(
         "hmi", ((72, "01 00 00 00 10"), (73, "06 00 05 00 2A"), (73, "03 00 05 00 01"), (72, "03 FF FF 00 01")), 0.6
     ),
-    Poller("spare", ((74, "03 00 00 00 01"),), 2.5),
-    Poller("weights", ((41, "03 00 00 00 02"), (42, "03 00 00 00 02"), (50, "03 00 00 00 02")), 0.5),
-    Poller("press", ((46, "03 00 6B 00 03"), (57, "03 00 6B 00 03"), (57, "01 00 13 00 25")), 0.3),
-    Poller("axes", ((52, "03 00 1D 00 02"), (52, "02 00 00 00 10"), (53, "03 00 01 00 01")), 0.7),
+    DemoClient("spare", ((74, "03 00 00 00 01"),), 2.5),
+    DemoClient("weights", ((41, "03 00 00 00 02"), (42, "03 00 00 00 02"), (50, "03 00 00 00 02")), 0.5),
+    DemoClient("press", ((46, "03 00 6B 00 03"), (57, "03 00 6B 00 03"), (57, "01 00 13 00 25")), 0.3),
+    DemoClient("axes", ((52, "03 00 1D 00 02"), (52, "02 00 00 00 10"), (53, "03 00 01 00 01")), 0.7),
 )
 
 
@@ -65,7 +65,7 @@ async def _panel_polls(panel: Panel) -> None:
             await asyncio.sleep(PANEL_PAUSE)
 
 
-async def _poll(poller: Poller, host: str, port: int) -> None:
+async def _poll(poller: DemoClient, host: str, port: int) -> None:
     while True:
         with suppress(OSError, TimeoutError, asyncio.IncompleteReadError):
             reader, writer = await asyncio.open_connection(host, port)
@@ -76,7 +76,7 @@ async def _poll(poller: Poller, host: str, port: int) -> None:
         await asyncio.sleep(_AGAIN)
 
 
-async def _ask(poller: Poller, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _ask(poller: DemoClient, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     while True:
         for unit, request in poller.asks:
             writer.write(mbap.encode(1, unit, bytes.fromhex(request)))

@@ -13,7 +13,7 @@ from gateway.ports.opener import make_opener
 from gateway.ports.port import SerialSettings
 from gateway.service.hardware_report import (
     WATCHING,
-    Row,
+    ReportRow,
     Section,
     look_at,
     read_for,
@@ -54,20 +54,20 @@ def make_report(args: argparse.Namespace) -> int:
     return FINE
 
 
-def _by_hand(settings: SerialSettings, unit: int | None, *, asks: bool) -> Iterator[Row]:
+def _by_hand(settings: SerialSettings, unit: int | None, *, asks: bool) -> Iterator[ReportRow]:
     """What only a person can do: it is asked for, or named as not done."""
     if asks and _agrees(f"When you are told to: {_UNPLUG}."):
         yield run_exactly(wait_for_loss(make_opener, settings, lambda: _say("Unplug the adapter now.")))
         _say("Plug it in again.")
         yield run_exactly(wait_for_return(make_opener, settings))
     else:
-        yield Row("not done", _UNPLUG)
+        yield ReportRow("not done", _UNPLUG)
     for what, short in _MEANWHILE:
         if unit is not None and asks and _agrees(f"The unit will be read for {WATCHING:g} s. Meanwhile, {what}."):
             rows = run_exactly(read_for(make_opener, settings, unit, seconds=WATCHING))
-            yield from (Row(f"{short}: {row.what}", row.seen) for row in rows)
+            yield from (ReportRow(f"{short}: {row.what}", row.seen) for row in rows)
         else:
-            yield Row("not done", what if unit is not None else f"{what} (needs --unit)")
+            yield ReportRow("not done", what if unit is not None else f"{what} (needs --unit)")
 
 
 def _agrees(what: str) -> bool:

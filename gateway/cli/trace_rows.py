@@ -9,7 +9,7 @@ from gateway.trace.pdus import exception_in_words, frame_in_words, request_in_wo
 Fact = Mapping[str, Any]
 
 
-class Row(NamedTuple):
+class TraceRow(NamedTuple):
     """`way`: `>` to the line, `<` from it, `x` for a request that was not sent, `-` for silence, `!` for a port."""
 
     time: float
@@ -24,7 +24,7 @@ class Row(NamedTuple):
         return f"{clock(self.time)}  {self.line:{line}}  {self.way} {self.unit:>{unit}}  {self.text}"
 
 
-def rows(fact: Fact) -> Iterator[Row]:
+def rows(fact: Fact) -> Iterator[TraceRow]:
     """The rows of one fact. Of a kind that this version does not know, there are none."""
     kind = fact.get("kind")
     if kind == "exchange":
@@ -33,58 +33,58 @@ def rows(fact: Fact) -> Iterator[Row]:
         asked, code = request_in_words(bytes.fromhex(fact["request"])), int(fact["code"], 16)
         why = f": {fact['reason']}" if fact["reason"] else ""
         text = f"{asked} from {fact['client']} not sent ({fact['result']}{why}): {exception_in_words(code)}"
-        yield Row(fact["time"], fact["line"] or fact["name"] or "-", "x", str(fact["unit"]), text)
+        yield TraceRow(fact["time"], fact["line"] or fact["name"] or "-", "x", str(fact["unit"]), text)
     elif kind == "answered":
         yield from _answered(fact)
     elif kind == "heard":
         yield _heard(fact)
     elif kind == "port":
         text = f"port lost: {fact['reason']}" if fact["reason"] else "port open"
-        yield Row(fact["time"], fact["line"], "!", "", text)
+        yield TraceRow(fact["time"], fact["line"], "!", "", text)
 
 
-def _exchange(fact: Fact) -> Iterator[Row]:
+def _exchange(fact: Fact) -> Iterator[TraceRow]:
     line, address, request = fact["line"], str(fact["address"]), bytes.fromhex(fact["request"])
     clients = ", ".join([fact["client"], *(other["client"] for other in fact.get("others", ()))])
     waited = f", waited {fact['wait_ms']:.0f} ms" if fact["wait_ms"] >= 1 else ""
     again = ", sent again" if fact.get("retries") else ""
     asked = f"{request_in_words(request)}  [{clients} as {fact['unit']}{waited}{again}]"
-    yield Row(fact["sent"], line, ">", address, asked)
+    yield TraceRow(fact["sent"], line, ">", address, asked)
     took = f"{fact['elapsed_ms']:.1f} of {fact['limit_ms']:.0f} ms"
     if fact["response"] is not None:
         text = response_in_words(request, bytes.fromhex(fact["response"]))
         unit = fact.get("answered_by")
-        yield Row(fact["time"], line, "<", address if unit is None else str(unit), f"{text}  [{took}]")
+        yield TraceRow(fact["time"], line, "<", address if unit is None else str(unit), f"{text}  [{took}]")
         return
     if fact.get("heard"):
-        yield Row(fact["time"], line, "<", "?", f"no valid response: {fact['heard']}")
+        yield TraceRow(fact["time"], line, "<", "?", f"no valid response: {fact['heard']}")
     if fact.get("sent_again"):
-        yield Row(fact["time"], line, "-", address, f"no response  [{took}]; sent again")
+        yield TraceRow(fact["time"], line, "-", address, f"no response  [{took}]; sent again")
     elif "code" in fact:
         code = exception_in_words(int(fact["code"], 16))
-        yield Row(fact["time"], line, "-", address, f"{fact['result']}  [{took}]; {clients}: {code}")
+        yield TraceRow(fact["time"], line, "-", address, f"{fact['result']}  [{took}]; {clients}: {code}")
 
 
-def _answered(fact: Fact) -> Iterator[Row]:
+def _answered(fact: Fact) -> Iterator[TraceRow]:
     """What the gateway answers itself: from an image, or on a line where it is the server."""
     request, unit = bytes.fromhex(fact["request"]), str(fact["unit"])
     where, came, went = (fact["line"], "<", ">") if fact["line"] else (fact["name"], ">", "<")
     who = "" if fact["line"] else f"  [{fact['client']}]"
-    yield Row(fact["received"], where, came, unit, f"{request_in_words(request)}{who}")
+    yield TraceRow(fact["received"], where, came, unit, f"{request_in_words(request)}{who}")
     if fact["response"] is not None:
-        yield Row(fact["time"], where, went, unit, response_in_words(request, bytes.fromhex(fact["response"])))
+        yield TraceRow(fact["time"], where, went, unit, response_in_words(request, bytes.fromhex(fact["response"])))
     else:
-        yield Row(fact["time"], where, "-", unit, f"not answered: {fact['reason']}")
+        yield TraceRow(fact["time"], where, "-", unit, f"not answered: {fact['reason']}")
 
 
-def _heard(fact: Fact) -> Row:
+def _heard(fact: Fact) -> TraceRow:
     data, owner = bytes.fromhex(fact["frame"]), fact["owner"]
     if owner == "noise":
         more = " ..." if fact["count"] > len(data) else ""
-        return Row(fact["time"], fact["line"], "<", "?", f"{fact['count']} bytes of noise: {fact['frame']}{more}")
+        return TraceRow(fact["time"], fact["line"], "<", "?", f"{fact['count']} bytes of noise: {fact['frame']}{more}")
     is_request = owner in ("another's request", "an echo")
     text = frame_in_words(data[1:], is_request=is_request)
-    return Row(fact["time"], fact["line"], "<", str(data[0]), f"{text}  [{_OWNERS.get(owner, owner)}]")
+    return TraceRow(fact["time"], fact["line"], "<", str(data[0]), f"{text}  [{_OWNERS.get(owner, owner)}]")
 
 
 _OWNERS: Mapping[str, str] = {

@@ -16,7 +16,7 @@ from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice
-from gateway.routing.access import DEFAULT_ROWS, Network, Row
+from gateway.routing.access import DEFAULT_ROWS, AccessRow, Network
 from gateway.tls.settings import ClientTls, SecretFile, Secured, ServerTls
 from gateway.upstreams.upstream import UpstreamSettings
 
@@ -207,7 +207,7 @@ class Plan:
     upstreams: tuple[UpstreamPlan, ...] = ()
     images: tuple[ImageSettings, ...] = ()
     mirrors: tuple[MirrorSettings, ...] = ()
-    access: tuple[Row, ...] = DEFAULT_ROWS
+    access: tuple[AccessRow, ...] = DEFAULT_ROWS
     log: LogSettings = LogSettings()
     #: What the coils and registers of a unit mean. Units without points are not here.
     points: Mapping[int, tuple[Point, ...]] = field(default_factory=dict)

@@ -28,7 +28,7 @@ from gateway.images.self_image import self_settings
 from gateway.listeners.session import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.profiles.profile import Profile
-from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, Right, Row, right_to
+from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, AccessRow, Right, right_to
 from gateway.tls.settings import ClientTls, ServerTls
 
 _RIGHTS: Final = {"read": READING, "write": WRITING}
@@ -139,8 +139,8 @@ def _mirror(image: Image, device: DeviceSettings) -> MirrorSettings:
     )
 
 
-def _access(row: Access) -> Row:
-    return Row(
+def _access(row: Access) -> AccessRow:
+    return AccessRow(
         right=_right(row),
         networks=None if row.networks is None else row.addresses,
         listeners=None if row.listen is None else frozenset(row.listen),

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from gateway.config.plan import Plan
 from gateway.config.reserved import FLEET, MQTT, WEB
 from gateway.config.unitset import show_units
-from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, Network, Right, Row
+from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, AccessRow, Network, Right
 
 _WORDS: Final = {EVERYTHING: "read, write", READING: "read", WRITING: "write", NOTHING: "nothing"}
 
@@ -26,7 +26,7 @@ def rows_in_words(plan: Plan) -> list[RightsRow]:
     return [*(row_in_words(row, plan) for row in plan.access), *_rest(plan)]
 
 
-def row_in_words(row: Row, plan: Plan) -> RightsRow:
+def row_in_words(row: AccessRow, plan: Plan) -> RightsRow:
     """One row."""
     units = "all" if row.units is None else f"{show_units(row.units)} {own_numbers(row, plan)}".rstrip()
     return RightsRow(_clients(row), _through(row), units, right_in_words(row.right), row.source)
@@ -37,7 +37,7 @@ def right_in_words(right: Right) -> str:
     return _WORDS.get(right) or "functions " + show_units(each if isinstance(each, int) else each[0] for each in right)
 
 
-def own_numbers(row: Row, plan: Plan) -> str:
+def own_numbers(row: AccessRow, plan: Plan) -> str:
     """Where the units of a row that names listeners for one line or upstream have these numbers; empty for others."""
     named = (listener for listener in plan.listeners if listener.only and listener.name in (row.listeners or ()))
     return " or ".join(sorted({"on the wire" if listener.line else "at the server" for listener in named}))
@@ -48,7 +48,7 @@ def unnamed_datagrams(plan: Plan) -> list[str]:
     return [one.name for one in plan.listeners if one.scheme == "udp" and not _is_named(one.name, plan)]
 
 
-def _clients(row: Row) -> str:
+def _clients(row: AccessRow) -> str:
     if row.sites:
         return f"site {', '.join(sorted(row.sites))}"
     if row.networks is None:
@@ -69,7 +69,7 @@ def _network(network: Network) -> str:
     return str(network if network.num_addresses > 1 else network.network_address)
 
 
-def _through(row: Row) -> str:
+def _through(row: AccessRow) -> str:
     return "any listener" if row.listeners is None else ", ".join(sorted(row.listeners))
 
 

@@ -36,7 +36,7 @@ class ImageSettings:
 
 
 @dataclass(slots=True)
-class Counts:
+class ImageCounts:
     """What an image has done: requests taken, and exception responses among the answers."""
 
     requests: int = 0
@@ -62,7 +62,7 @@ class Image:
         self.settings = settings
         self.name = settings.name
         self.tables = make_tables(settings.areas, settings.initial)
-        self.counts = Counts()
+        self.counts = ImageCounts()
         self.last_writes = LastWrites()
         self.diagnostics = diagnostics or Diagnostics()
         self._profile = replace(settings.profile, any_coil=False)  # a coil of an image is on or off

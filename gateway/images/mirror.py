@@ -19,7 +19,7 @@ from typing import Final, cast
 from gateway.errors import IllegalDataAddress, RequestError, ServerDeviceFailure, StaleValue
 from gateway.events import Emit, RequestRefused
 from gateway.images.last_writes import LastWrites
-from gateway.images.polling import Counts, MirroredDevice, Poller, Polling
+from gateway.images.polling import MirrorCounts, MirroredDevice, MirrorOrigin, Polling
 from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import only_reads
@@ -32,7 +32,7 @@ _WITHOUT_EFFECT: Final = frozenset({1, 2, 3, 6, 10})
 
 
 @dataclass(slots=True, eq=False)
-class _Row:
+class _ClientRequests:
     """One client's open requests: those at the device, and behind them those that wait here.
 
     `writes`: if the first waiting request is a read, its values must include this many writes to the device.
@@ -54,12 +54,12 @@ class Mirror:
         self,
         settings: MirrorSettings,
         device: MirroredDevice,
-        poller: Poller,
+        poller: MirrorOrigin,
         emit: Emit,
         ring: Ring | None = None,
     ) -> None:
         self.settings = settings
-        self.counts = Counts()
+        self.counts = MirrorCounts()
         #: Writes through the mirror only; others may have written to the device.
         self.last_writes = LastWrites()
         self._device = device
@@ -67,14 +67,14 @@ class Mirror:
         self._emit = emit
         self._ring = ring or Ring()
         self._polling = Polling(settings, self.counts, device, poller, emit)
-        self._rows: dict[str, _Row] = {}
+        self._rows: dict[str, _ClientRequests] = {}
         self._is_closed = False
 
     def submit(self, request: Request, now: float) -> None:
         """Answer a read, or let it wait for a poll; pass everything else on to the device."""
         self.counts.requests += 1
         client = request.caller.client
-        row = self._rows.setdefault(client, _Row())
+        row = self._rows.setdefault(client, _ClientRequests())
         row.waiting.append(request)
         self._go_on(client, row, now)
 
@@ -140,14 +140,14 @@ class Mirror:
         for client, row in list(self._rows.items()):
             self._go_on(client, row, now)
 
-    def _go_on(self, client: str, row: _Row, now: float) -> None:
+    def _go_on(self, client: str, row: _ClientRequests, now: float) -> None:
         """Continue with a client's requests until one has to wait."""
         while row.waiting and self._go_on_with(row, now):
             pass
         if not row.waiting and not row.under_way and self._rows.get(client) is row:
             del self._rows[client]
 
-    def _go_on_with(self, row: _Row, now: float) -> bool:
+    def _go_on_with(self, row: _ClientRequests, now: float) -> bool:
         """Answer the first waiting request, or pass it on; False if it must still wait."""
         request = row.waiting[0]
         try:
@@ -165,7 +165,7 @@ class Mirror:
         answered.respond(response)
         return True
 
-    def _read(self, pdu: bytes, row: _Row, now: float) -> bytes | None:
+    def _read(self, pdu: bytes, row: _ClientRequests, now: float) -> bytes | None:
         """The response to the first waiting read; None if it must still wait.
 
         Raises:
@@ -186,7 +186,7 @@ class Mirror:
             raise StaleValue(f"{self.settings.name} is no longer polled")
         return None
 
-    def _pass_on(self, row: _Row, now: float) -> None:
+    def _pass_on(self, row: _ClientRequests, now: float) -> None:
         """Pass the first waiting request on to the device.
 
         Raises:
@@ -219,7 +219,7 @@ class Mirror:
 class ForwardedOrigin(DerivedOrigin):
     """The Origin of a request that is passed on to the device for a client."""
 
-    def __init__(self, original: Request, poller: Poller) -> None:
+    def __init__(self, original: Request, poller: MirrorOrigin) -> None:
         super().__init__(original)
         self._poller = poller
 

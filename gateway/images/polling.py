@@ -28,7 +28,7 @@ MOST_POLLS: Final = 16
 
 
 @dataclass(slots=True)
-class Counts:
+class MirrorCounts:
     """Counters of a mirror."""
 
     requests: int = 0
@@ -37,7 +37,7 @@ class Counts:
     failed_polls: int = 0
 
 
-class Poller(Origin, Protocol):
+class MirrorOrigin(Origin, Protocol):
     """The Origin of a mirror's polls and of the requests that it passes on."""
 
     def passed(self, request: Request, response: bytes | None) -> None:
@@ -122,7 +122,7 @@ class Polling:
     """Polls `device` for `poller`. `writes` is how many writes to the device have finished."""
 
     def __init__(
-        self, settings: MirrorSettings, counts: Counts, device: MirroredDevice, poller: Poller, emit: Emit
+        self, settings: MirrorSettings, counts: MirrorCounts, device: MirroredDevice, poller: MirrorOrigin, emit: Emit
     ) -> None:
         self.writes = 0
         self._settings = settings

@@ -57,7 +57,7 @@ class Answer(NamedTuple):
 
 
 @dataclass(slots=True)
-class Counts:
+class PollCounts:
     """Reads that were sent to the queues of lines, that failed, and that were left out because one was still there."""
 
     polls: int = 0
@@ -116,7 +116,7 @@ class Polls:
         source: str,
         now: float,
     ) -> None:
-        self.counts = Counts()
+        self.counts = PollCounts()
         self._targets = targets
         self._origin = origin
         self._emit = emit

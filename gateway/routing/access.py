@@ -35,7 +35,7 @@ def right_to(functions: Iterable[int]) -> Right:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class AccessRow:
     """The right of clients from `networks` at `listeners` to `units`; None means all of them. `sites` are clients too.
 
     `role` is that in the certificate of a TLS client, NULL_ROLE for one without. A row without it is for certificates
@@ -65,7 +65,7 @@ Client = IPv4Address | IPv6Address | str | None
 LOOPBACK: Final = (ip_network("127.0.0.0/8"), ip_network("::1"))
 
 #: The default table: clients on this machine can read and write, all others only read, TLS clients from everywhere.
-DEFAULT_ROWS: Final = (Row(EVERYTHING, networks=LOOPBACK), Row(READING, for_all=True))
+DEFAULT_ROWS: Final = (AccessRow(EVERYTHING, networks=LOOPBACK), AccessRow(READING, for_all=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ class Rights(dict[str, tuple[Right, ...]]):
     whom the listener `admits`.
     """
 
-    def __init__(self, rows: Iterable[Row], entry: EntryPoint, known_as: KnownAs = AS_NUMBERED) -> None:
+    def __init__(self, rows: Iterable[AccessRow], entry: EntryPoint, known_as: KnownAs = AS_NUMBERED) -> None:
         super().__init__()
         self._entry = entry
         self._known_as = known_as
@@ -142,7 +142,7 @@ class Rights(dict[str, tuple[Right, ...]]):
         is_identification = begin == READING_IDENTIFICATION[:1] and READING_IDENTIFICATION in right
         return function in right or begin in right or is_identification
 
-    def rows_for(self, host: str, unit: int) -> tuple[Row, ...]:
+    def rows_for(self, host: str, unit: int) -> tuple[AccessRow, ...]:
         """The rows by which a client from this address has its rights to a unit, which is not that of broadcasts.
 
         Usually one; several if the unit has several numbers elsewhere; none if no row applies.
@@ -169,15 +169,15 @@ class Rights(dict[str, tuple[Right, ...]]):
         return host if self._entry.kind == "site" else _address(host)
 
 
-def _rows_at(entry: EntryPoint, rows: tuple[Row, ...]) -> Iterable[Row]:
+def _rows_at(entry: EntryPoint, rows: tuple[AccessRow, ...]) -> Iterable[AccessRow]:
     if entry.kind == "local" and not any(row.role is None and entry.name in (row.listeners or ()) for row in rows):
-        return [Row(EVERYTHING)]
+        return [AccessRow(EVERYTHING)]
     here = [row for row in rows if row.listeners is None or entry.name in row.listeners]
     if entry.kind == "certified":
         return [row for row in here if row.role is not None or row.listeners is not None or row.for_all]
     here = [row for row in here if row.role is None]
     if entry.kind == "site" and not any(row.listeners for row in here):
-        return [Row(READING)]
+        return [AccessRow(READING)]
     if entry.kind in ("datagram", "site"):
         return [replace(row, right=_reading_of(row.right)) if row.listeners is None else row for row in here]
     return here
@@ -189,7 +189,7 @@ def _reading_of(right: Right) -> Right:
 
 
 @lru_cache(maxsize=256)
-def _by_unit(rows: tuple[Row, ...], known_as: KnownAs, unit0: int | None) -> tuple[Right, ...]:
+def _by_unit(rows: tuple[AccessRow, ...], known_as: KnownAs, unit0: int | None) -> tuple[Right, ...]:
     """The right at each unit identifier, 0 to 255. Clients with the same rows share it."""
     rights = [_right_at(identifier, units, rows) for identifier, units in enumerate(known_as)]
     all_units = [right for at, right in enumerate(rights) if at in _ALL_UNITS or known_as[at]]
@@ -197,7 +197,7 @@ def _by_unit(rows: tuple[Row, ...], known_as: KnownAs, unit0: int | None) -> tup
     return tuple(rights)
 
 
-def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[Row, ...]) -> Right:
+def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[AccessRow, ...]) -> Right:
     """The right by the first row that applies. With several unit numbers, only what is allowed at each."""
     right, *others = [
         next((row.right for row in rows if _fits(row, identifier, unit)), NOTHING) for unit in known_as or (None,)
@@ -205,7 +205,7 @@ def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[Row, ...])
     return right.intersection(*others) if others else right
 
 
-def _fits(row: Row, identifier: int, unit: int | None) -> bool:
+def _fits(row: AccessRow, identifier: int, unit: int | None) -> bool:
     """Whether a row applies to unit `identifier` here, which is `unit` elsewhere, or None."""
     if row.units is None:
         return True

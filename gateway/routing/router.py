@@ -13,7 +13,7 @@ from gateway.trace.ring import Ring
 
 
 @dataclass(slots=True)
-class Counts:
+class RouterCounts:
     """Requests without a route, and without a right."""
 
     no_route: int = 0
@@ -38,7 +38,7 @@ class Router:
         self.entry = entry
         self.routes: dict[int, NamedTarget] = {}
         self.rights = Rights((), entry)
-        self.counts = Counts()
+        self.counts = RouterCounts()
         self._clock = clock
         self._emit = emit
         self._why_no_route = why_no_route

@@ -40,7 +40,7 @@ _EXCEPTION_SIZE: Final = 5
 Outcome = Literal["answered", "damaged", "silent"]
 
 
-class Row(NamedTuple):
+class ReportRow(NamedTuple):
     """One fact."""
 
     what: str
@@ -51,7 +51,7 @@ class Section(NamedTuple):
     """Facts that belong together."""
 
     title: str
-    rows: list[Row]
+    rows: list[ReportRow]
 
 
 class Read(NamedTuple):
@@ -120,56 +120,58 @@ async def look_at(opener: Opener, settings: SerialSettings, unit: int | None) ->
     formats = [(text, replace(settings, format=CharacterFormat.parse(text))) for text in FORMATS]
     sections.append(Section("Formats", [await _tried(opener, each, text) for text, each in formats]))
     if unit is not None:
-        sections.append(Section(f"Unit {unit}", await read_for(opener, settings, unit, count=READS)))
+        sections.append(Section(f"Unit {unit}", await read_for(make_opener, settings, unit, count=READS)))
     return sections
 
 
-def about_machine() -> list[Row]:
+def about_machine() -> list[ReportRow]:
     """The programs that take part."""
     system = "unknown"
     with suppress(OSError):
         system = platform.freedesktop_os_release().get("PRETTY_NAME", system)
     return [
-        Row("gateway", gateway.__version__),
-        Row("Python", platform.python_version()),
-        Row("kernel", f"{platform.release()} {platform.machine()}"),
-        Row("system", system),
+        ReportRow("gateway", gateway.__version__),
+        ReportRow("Python", platform.python_version()),
+        ReportRow("kernel", f"{platform.release()} {platform.machine()}"),
+        ReportRow("system", system),
     ]
 
 
-def about_adapter(found: Adapter) -> list[Row]:
+def about_adapter(found: Adapter) -> list[ReportRow]:
     """What the system says of the hardware."""
     links = ", ".join(found.links)
     rows = [
-        Row("device", found.device),
-        Row("driver", found.driver or "none that is known"),
-        Row("vendor and product", found.ids or "not on USB"),
-        *(Row(name, text) for name, text in found.usb.items()),
+        ReportRow("device", found.device),
+        ReportRow("driver", found.driver or "none that is known"),
+        ReportRow("vendor and product", found.ids or "not on USB"),
+        *(ReportRow(name, text) for name, text in found.usb.items()),
     ]
     if found.ids:
-        rows.append(Row("serial number", "yes" if found.has_serial_number else "none: only its socket tells it apart"))
-    rows.append(Row("stable links", links or "none"))
+        rows.append(
+            ReportRow("serial number", "yes" if found.has_serial_number else "none: only its socket tells it apart")
+        )
+    rows.append(ReportRow("stable links", links or "none"))
     if found.latency_timer:
-        rows.append(Row("latency timer before", f"{found.latency_timer} ms"))
+        rows.append(ReportRow("latency timer before", f"{found.latency_timer} ms"))
     return rows
 
 
-async def _about_driver(opener: Opener, settings: SerialSettings) -> list[Row]:
+async def _about_driver(opener: Opener, settings: SerialSettings) -> list[ReportRow]:
     async with _Held(opener, settings) as (port, listener):
         rows = [
-            Row("opens at", _opened_as(port, settings)),
-            Row("adds to a response at most", f"{port.latency * 1000:g} ms, as the gateway assumes"),
-            Row("counts wrong characters", "no" if port.errors is None else "yes"),
+            ReportRow("opens at", _opened_as(port, settings)),
+            ReportRow("adds to a response at most", f"{port.latency * 1000:g} ms, as the gateway assumes"),
+            ReportRow("counts wrong characters", "no" if port.errors is None else "yes"),
         ]
         timer = describe_adapter(settings.port).latency_timer
         if timer:
-            rows.append(Row("latency timer while open", f"{timer} ms"))
+            rows.append(ReportRow("latency timer while open", f"{timer} ms"))
         port.change_baud(9600 if settings.baud != 9600 else 19200)
         with suppress(TimeoutError):
             async with asyncio.timeout(LIMIT):
                 await listener.news.wait()
         rows.append(
-            Row("changes its rate while open", "yes" if listener.error is None else why(listener.error, settings))
+            ReportRow("changes its rate while open", "yes" if listener.error is None else why(listener.error, settings))
         )
     rows.append(await _tried(opener, replace(settings, rs485="kernel"), "RS-485 in the driver"))
     return rows
@@ -187,18 +189,18 @@ def _opened_as(port: Port, settings: SerialSettings) -> str:
     return f"{actual}, {settings.format}"
 
 
-async def _tried(opener: Opener, settings: SerialSettings, what: str) -> Row:
+async def _tried(opener: Opener, settings: SerialSettings, what: str) -> ReportRow:
     try:
         async with _Held(opener, settings) as (port, _):
             differs = port.baud not in (None, settings.baud)
-            return Row(what, f"yes, as {port.baud}" if differs else "yes")
+            return ReportRow(what, f"yes, as {port.baud}" if differs else "yes")
     except PortError as error:
-        return Row(what, f"no: {why(error, settings)}")
+        return ReportRow(what, f"no: {why(error, settings)}")
 
 
 async def read_for(
     opener: Opener, settings: SerialSettings, unit: int, *, count: int | None = None, seconds: float = PATIENCE
-) -> list[Row]:
+) -> list[ReportRow]:
     """Read the unit this often, or for this many seconds, and say what came of it.
 
     Raises:
@@ -212,7 +214,7 @@ async def read_for(
             reads.append(await _read(port, listener, encode(unit, _QUESTION)))
         rows = told(reads, timing)
         if listener.error is not None:
-            rows.append(Row("the port was lost", why(listener.error, settings)))
+            rows.append(ReportRow("the port was lost", why(listener.error, settings)))
         return [*rows, *_counted(port.errors)]
 
 
@@ -254,23 +256,25 @@ def _is_answer(data: bytes, request: bytes) -> bool:
     return len(data) >= max(SHORTEST, _EXCEPTION_SIZE) and data[0] == request[0] and crc_fits(data)
 
 
-def told(reads: Sequence[Read], timing: LineTiming) -> list[Row]:
+def told(reads: Sequence[Read], timing: LineTiming) -> list[ReportRow]:
     """What came of reads, in words."""
     outcomes = [read.outcome for read in reads]
     counts = ", ".join(f"{outcomes.count(each)} {each}" for each in ("answered", "damaged", "silent"))
-    rows = [Row("reads", f"{len(reads)}: {counts}")]
+    rows = [ReportRow("reads", f"{len(reads)}: {counts}")]
     if any(read.has_echo for read in reads):
-        rows.append(Row("echo", "yes: the adapter returns what is sent, so its line needs echo = true"))
+        rows.append(ReportRow("echo", "yes: the adapter returns what is sent, so its line needs echo = true"))
     elif reads:
-        rows.append(Row("echo", "none"))
+        rows.append(ReportRow("echo", "none"))
     answered = [read for read in reads if read.outcome == "answered"]
     if answered:
         on_the_wire = timing.frame(len(_QUESTION)) + timing.frame(4)
         rows += [
-            Row("until the first byte", _spread(read.first for read in answered)),
-            Row("until the last byte", _spread(read.whole for read in answered)),
-            Row("frames on the wire", f"{on_the_wire * 1000:.1f} ms by arithmetic; the rest is device and adapter"),
-            Row("pieces of an answer", f"{max(read.pieces for read in answered)} at most"),
+            ReportRow("until the first byte", _spread(read.first for read in answered)),
+            ReportRow("until the last byte", _spread(read.whole for read in answered)),
+            ReportRow(
+                "frames on the wire", f"{on_the_wire * 1000:.1f} ms by arithmetic; the rest is device and adapter"
+            ),
+            ReportRow("pieces of an answer", f"{max(read.pieces for read in answered)} at most"),
         ]
     return rows
 
@@ -280,14 +284,14 @@ def _spread(times: Iterable[float]) -> str:
     return f"{ordered[0]:.1f} to {ordered[-1]:.1f} ms, median {median(ordered):.1f} ms"
 
 
-def _counted(errors: CharacterErrors | None) -> list[Row]:
+def _counted(errors: CharacterErrors | None) -> list[ReportRow]:
     if errors is None:
-        return [Row("the driver counted", "nothing: it does not count")]
+        return [ReportRow("the driver counted", "nothing: it does not count")]
     text = f"{errors.received} characters, {errors.framing} without a stop bit, {errors.parity} of wrong parity"
-    return [Row("the driver counted", f"{text}, {errors.overrun} lost")]
+    return [ReportRow("the driver counted", f"{text}, {errors.overrun} lost")]
 
 
-async def wait_for_loss(opener: Opener, settings: SerialSettings, ready: Callable[[], None]) -> Row:
+async def wait_for_loss(opener: Opener, settings: SerialSettings, ready: Callable[[], None]) -> ReportRow:
     """Hold the port until it is lost, within PATIENCE. `ready` is called when it is open.
 
     Raises:
@@ -301,18 +305,18 @@ async def wait_for_loss(opener: Opener, settings: SerialSettings, ready: Callabl
                     listener.news.clear()
                     await listener.news.wait()
         seen = "not noticed" if listener.error is None else f"noticed: {why(listener.error, settings)}"
-        return Row("unplugged", seen)
+        return ReportRow("unplugged", seen)
 
 
-async def wait_for_return(opener: Opener, settings: SerialSettings) -> Row:
+async def wait_for_return(opener: Opener, settings: SerialSettings) -> ReportRow:
     """Try to open the port until that works, within PATIENCE."""
     now, error = asyncio.get_running_loop().time, ""
     until = now() + PATIENCE
     while now() < until:
         try:
             async with _Held(opener, settings):
-                return Row("plugged in again", f"opened, as {describe_adapter(settings.port).device}")
+                return ReportRow("plugged in again", f"opened, as {describe_adapter(settings.port).device}")
         except PortError as failed:
             error = why(failed, settings)
         await asyncio.sleep(PAUSE)
-    return Row("plugged in again", f"not opened: {error}")
+    return ReportRow("plugged in again", f"not opened: {error}")

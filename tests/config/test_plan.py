@@ -15,7 +15,7 @@ from gateway.listeners.session import ListenSettings
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import parse_request
 from gateway.ports.port import SerialSettings, TcpSettings
-from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, NOTHING, READING, WRITING, Row, right_to
+from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, NOTHING, READING, WRITING, AccessRow, right_to
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.upstreams.upstream import UpstreamSettings
@@ -409,8 +409,10 @@ def test_rights():
         functions = [3, 16]
         """
     assert plan_of(LINE + dedent(rows)).access == (
-        Row(EVERYTHING, (ip_network("10.2.0.0/24"),), frozenset(["default"]), frozenset([1, 2, 7]), "gateway.toml:4"),
-        Row(right_to([3, 16]), source="gateway.toml:10"),
+        AccessRow(
+            EVERYTHING, (ip_network("10.2.0.0/24"),), frozenset(["default"]), frozenset([1, 2, 7]), "gateway.toml:4"
+        ),
+        AccessRow(right_to([3, 16]), source="gateway.toml:10"),
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 
 from gateway.events import Emit, Event
 from gateway.request import Target
-from gateway.routing.access import DEFAULT_ROWS, EntryPoint, Rights, Row
+from gateway.routing.access import DEFAULT_ROWS, AccessRow, EntryPoint, Rights
 from gateway.routing.router import Router
 
 _SCADA = EntryPoint("scada")
@@ -18,7 +18,7 @@ def router(
     routes: Mapping[int, Target],
     emit: Emit = _nobody_listens,
     *,
-    rows: Iterable[Row] = DEFAULT_ROWS,
+    rows: Iterable[AccessRow] = DEFAULT_ROWS,
     entry: EntryPoint = _SCADA,
     now: float = 0.0,
     kind: type[Router] = Router,

@@ -8,11 +8,11 @@ import pytest
 from gateway.listeners.admission import ALL_BUSY, NO_RIGHTS, NONE_REPLACEABLE, PROTECTED, Admission
 from gateway.listeners.session import NEVER, ListenSettings
 from gateway.request import Caller
-from gateway.routing.access import DEFAULT_ROWS, READING, EntryPoint, Rights, Row
+from gateway.routing.access import DEFAULT_ROWS, READING, AccessRow, EntryPoint, Rights
 
 EVERYBODY = Rights(DEFAULT_ROWS, EntryPoint("scada"))
 #: The control room is named.
-NAMED_ROWS = (Row(READING, networks=(ip_network("10.0.0.0/24"),)), Row(READING))
+NAMED_ROWS = (AccessRow(READING, networks=(ip_network("10.0.0.0/24"),)), AccessRow(READING))
 NAMED = Rights(NAMED_ROWS, EntryPoint("scada"))
 LOOK = 0.25
 
@@ -231,8 +231,8 @@ def test_those_whom_rows_name_take_the_other_places_too_as_long_as_there_are_any
 
 
 def test_a_role_that_no_row_names_for_its_address_gets_no_reserved_place() -> None:
-    row = Row(READING, networks=(ip_network("10.0.0.0/24"),), role="operator")
-    rights = Rights((row, Row(READING, role="viewer")), EntryPoint("remote", "certified"))
+    row = AccessRow(READING, networks=(ip_network("10.0.0.0/24"),), role="operator")
+    rights = Rights((row, AccessRow(READING, role="viewer")), EntryPoint("remote", "certified"))
     lobby = Lobby(places=3, reserve=2, rights=rights)
     first = lobby.comes("10.0.0.1", role="viewer")
     assert isinstance(first, Client)
@@ -268,7 +268,9 @@ def test_new_rights_count_for_those_who_are_in() -> None:
     for host in ("A", "B", "10.0.0.1"):
         lobby.comes(host)
     lobby.makes_room("C")
-    lobby.rights = Rights((Row(READING, networks=(ip_network("192.0.2.0/24"),)), Row(READING)), EntryPoint("scada"))
+    lobby.rights = Rights(
+        (AccessRow(READING, networks=(ip_network("192.0.2.0/24"),)), AccessRow(READING)), EntryPoint("scada")
+    )
     assert isinstance(lobby.comes("10.0.0.2"), Client)
     assert lobby.makes_room("10.0.0.3").caller.host == "10.0.0.1"
 

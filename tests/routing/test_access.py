@@ -14,10 +14,10 @@ from gateway.routing.access import (
     NOTHING,
     READING,
     WRITING,
+    AccessRow,
     EntryPoint,
     Right,
     Rights,
-    Row,
     right_to,
 )
 
@@ -27,8 +27,8 @@ FIELD = EntryPoint("field", "datagram")
 ANYWHERE = "10.9.9.9"
 
 
-def row(right: Right = EVERYTHING, source: str = "", *, listen: str = "", units: str = "") -> Row:
-    return Row(
+def row(right: Right = EVERYTHING, source: str = "", *, listen: str = "", units: str = "") -> AccessRow:
+    return AccessRow(
         right,
         (ip_network(source),) if source else None,
         frozenset([listen]) if listen else None,
@@ -94,7 +94,7 @@ def test_the_first_row_that_means_client_and_unit_counts() -> None:
 
 @pytest.mark.parametrize("host", ["10.2.0.7", "::ffff:10.2.0.7", "fe80::7%eth0"])
 def test_networks_of_both_kinds(host: str) -> None:
-    table = [Row(READING, (ip_network("10.2.0.0/24"), ip_network("fe80::/10")))]
+    table = [AccessRow(READING, (ip_network("10.2.0.0/24"), ip_network("fe80::/10")))]
     assert set(Rights(table, SCADA)[host]) == {READING}
 
 
@@ -149,7 +149,7 @@ def test_datagrams_read_what_a_device_is_by_the_right_to_43() -> None:
         ([row(READING, "0.0.0.0/0", listen="panel"), row(EVERYTHING, "::/0")], NOTHING),
     ],
 )
-def test_a_cable_keeps_its_rights_until_a_row_names_it(table: list[Row], right: Right) -> None:
+def test_a_cable_keeps_its_rights_until_a_row_names_it(table: list[AccessRow], right: Right) -> None:
     assert Rights(table, PANEL)[""][7] == right
 
 
@@ -192,21 +192,23 @@ def rights_of_sites(*rows):
 
 
 def test_other_sites_only_read_until_a_row_names_them():
-    rights = rights_of_sites(Row(EVERYTHING), Row(NOTHING, units=frozenset({5})))
+    rights = rights_of_sites(AccessRow(EVERYTHING), AccessRow(NOTHING, units=frozenset({5})))
     assert rights["plant-1"][5] == READING
 
 
 def test_a_row_without_a_listener_lets_other_sites_read_only():
-    rights = rights_of_sites(Row(NOTHING, listeners=frozenset({"fleet"}), units=frozenset({1})), Row(EVERYTHING))
+    rights = rights_of_sites(
+        AccessRow(NOTHING, listeners=frozenset({"fleet"}), units=frozenset({1})), AccessRow(EVERYTHING)
+    )
     assert (rights["plant-1"][1], rights["plant-1"][5]) == (NOTHING, READING)
 
 
 def test_a_row_for_a_site_is_for_no_other():
-    named = Row(EVERYTHING, networks=(), listeners=frozenset({"fleet"}), sites=frozenset({"plant-1"}))
+    named = AccessRow(EVERYTHING, networks=(), listeners=frozenset({"fleet"}), sites=frozenset({"plant-1"}))
     rights = rights_of_sites(named)
     assert (rights["plant-1"][5], rights["plant-10"][5], rights["10.2.0.7"][5]) == (EVERYTHING, NOTHING, NOTHING)
 
 
 def test_a_row_for_sites_is_for_no_address():
-    named = Row(EVERYTHING, networks=(), sites=frozenset({"10.2.0.7"}))
+    named = AccessRow(EVERYTHING, networks=(), sites=frozenset({"10.2.0.7"}))
     assert Rights((named,), EntryPoint("scada"))["10.2.0.7"][5] == NOTHING

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from gateway.events import AccessDenied, Event, WriteAudit
 from gateway.modbus.functions import only_reads
 from gateway.request import Caller, Request
-from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, MOST_ROLES, NOTHING, READING, EntryPoint, Rights, Row
+from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, MOST_ROLES, NOTHING, READING, AccessRow, EntryPoint, Rights
 from gateway.routing.router import CertifiedRouter
 from kit.router import router
 
@@ -26,7 +26,9 @@ class Bench:
 
     name = "bench"
 
-    def __init__(self, rows: tuple[Row, ...], role: str, host: str = ELSEWHERE, entry: EntryPoint = REMOTE) -> None:
+    def __init__(
+        self, rows: tuple[AccessRow, ...], role: str, host: str = ELSEWHERE, entry: EntryPoint = REMOTE
+    ) -> None:
         self.caller = Caller("10.9.9.9:1", host, host, "CN=somebody", role)
         self.reached: list[Request] = []
         self.answers: list[bytes | None] = []
@@ -68,11 +70,14 @@ def tried(unit: int) -> list[bytes]:
 
 #: A viewer reads, an operator writes to some units and reads the others.
 TABLE = (
-    Row(READING, role="viewer"),
-    Row(EVERYTHING, units=frozenset(range(40, 50)), role="operator"),
-    Row(READING, role="operator"),
+    AccessRow(READING, role="viewer"),
+    AccessRow(EVERYTHING, units=frozenset(range(40, 50)), role="operator"),
+    AccessRow(READING, role="operator"),
 )
-OTHERS = (Row(EVERYTHING, listeners=frozenset(["scada"])), Row(EVERYTHING, networks=(ip_network("10.0.0.0/8"),)))
+OTHERS = (
+    AccessRow(EVERYTHING, listeners=frozenset(["scada"])),
+    AccessRow(EVERYTHING, networks=(ip_network("10.0.0.0/8"),)),
+)
 
 
 @pytest.mark.parametrize("role", ROLES)
@@ -86,7 +91,7 @@ OTHERS = (Row(EVERYTHING, listeners=frozenset(["scada"])), Row(EVERYTHING, netwo
     ids=["rows for roles", "no rows", "rows for others only"],
 )
 def test_only_a_role_that_may_write_gets_a_write_to_a_unit(
-    rows: tuple[Row, ...], readers: list[str], writers: list[str], role: str
+    rows: tuple[AccessRow, ...], readers: list[str], writers: list[str], role: str
 ) -> None:
     bench = Bench(rows, role)
     for unit in range(1, 248):
@@ -99,7 +104,7 @@ def test_only_a_role_that_may_write_gets_a_write_to_a_unit(
 @given(
     rows=st.lists(
         st.builds(
-            Row,
+            AccessRow,
             right=st.sampled_from([NOTHING, READING, EVERYTHING]),
             networks=st.sampled_from([None, (ip_network("127.0.0.0/8"),), (ip_network("10.0.0.0/8"),)]),
             listeners=st.sampled_from([None, frozenset(["remote"]), frozenset(["scada"]), frozenset(["control"])]),
@@ -113,9 +118,9 @@ def test_only_a_role_that_may_write_gets_a_write_to_a_unit(
     unit=st.sampled_from([1, 7, 247]),
 )
 def test_the_first_row_that_fits_counts_and_nothing_else(
-    rows: tuple[Row, ...], role: str, host: str, unit: int
+    rows: tuple[AccessRow, ...], role: str, host: str, unit: int
 ) -> None:
-    def fits(row: Row) -> bool:
+    def fits(row: AccessRow) -> bool:
         return (
             (row.role == role or (row.role is None and (row.listeners is not None or row.for_all)))
             and (row.listeners is None or "remote" in row.listeners)
@@ -141,17 +146,19 @@ def test_without_a_table_clients_with_certificates_only_read(host: str, role: st
 
 
 def test_a_row_for_a_network_gives_a_certified_client_nothing() -> None:
-    rows = (Row(EVERYTHING, networks=(ip_network("10.0.0.0/8"),)),)
+    rows = (AccessRow(EVERYTHING, networks=(ip_network("10.0.0.0/8"),)),)
     assert set(Rights(rows, REMOTE).of_role("operator")[ELSEWHERE]) == {NOTHING}
     assert not Rights(rows, REMOTE).admits(ELSEWHERE)
     assert set(Rights(rows, SCADA)[ELSEWHERE]) == {EVERYTHING}
 
 
 def test_a_role_that_may_do_nothing_keeps_no_other_role_out() -> None:
-    rights = Rights((Row(NOTHING, role="visitor"), Row(EVERYTHING, role="operator")), REMOTE)
+    rights = Rights((AccessRow(NOTHING, role="visitor"), AccessRow(EVERYTHING, role="operator")), REMOTE)
     assert rights.admits(ELSEWHERE)
     network = (ip_network("10.0.0.0/8"),)
-    rights = Rights((Row(NOTHING, role="visitor"), Row(EVERYTHING, networks=network, role="operator")), REMOTE)
+    rights = Rights(
+        (AccessRow(NOTHING, role="visitor"), AccessRow(EVERYTHING, networks=network, role="operator")), REMOTE
+    )
     assert (rights.admits(ELSEWHERE), rights.names(ELSEWHERE)) == (True, True)
     assert not rights.admits(HERE)
 
@@ -159,19 +166,19 @@ def test_a_role_that_may_do_nothing_keeps_no_other_role_out() -> None:
 @pytest.mark.parametrize("name", ["control", "hmi"])
 def test_a_row_for_a_role_takes_nothing_from_clients_without_an_address(name: str) -> None:
     """Nobody shows a certificate there."""
-    row = Row(READING, listeners=frozenset([name]), role="operator")
+    row = AccessRow(READING, listeners=frozenset([name]), role="operator")
     assert set(Rights((row,), EntryPoint(name, "local"))[""]) == {EVERYTHING}
 
 
 def test_the_rights_of_any_number_of_roles_take_bounded_memory() -> None:
-    rights = Rights((Row(EVERYTHING, role="role-1"),), REMOTE)
+    rights = Rights((AccessRow(EVERYTHING, role="role-1"),), REMOTE)
     for number in range(3 * MOST_ROLES):
         assert set(rights.of_role(f"role-{number}")[HERE]) == {EVERYTHING if number == 1 else NOTHING}
     assert len(rights._roles) <= MOST_ROLES
 
 
 def test_subject_and_role_stand_in_the_account() -> None:
-    bench = Bench((Row(READING, role="viewer"),), "viewer")
+    bench = Bench((AccessRow(READING, role="viewer"),), "viewer")
     assert not bench.asks(7, b"\x06\0\0\0\1")
     denied, audited = bench.events
     assert isinstance(denied, AccessDenied)

@@ -4,7 +4,7 @@ import pytest
 
 from gateway.events import AccessDenied, Event, RequestRefused
 from gateway.request import Request
-from gateway.routing.access import NOTHING, READING, EntryPoint, Rights, Row
+from gateway.routing.access import NOTHING, READING, AccessRow, EntryPoint, Rights
 from gateway.routing.router import Counts, Router
 from gateway.trace.ring import Ring
 from kit.asker import Asker
@@ -83,7 +83,7 @@ def test_what_reaches_no_target_is_counted() -> None:
 def test_what_reaches_no_target_is_in_the_trace() -> None:
     ring, reader = Ring(2**16), Asker(host=READER)
     made = Router(EntryPoint("scada"), lambda: 0.0, [].append, ring=ring)
-    made.routes, made.rights = {7: Echo()}, Rights([Row(READING)], made.entry)
+    made.routes, made.rights = {7: Echo()}, Rights([AccessRow(READING)], made.entry)
     for unit, pdu in ((8, "03 00 00 00 01"), (7, "06 00 00 00 01"), (7, "03 00 00 00 01")):
         made.submit(reader.ask(pdu, unit=unit), 0.0)
     assert [(record.unit, record.error.result) for record in ring.after(0)] == [(8, "no_route"), (7, "denied")]
@@ -94,6 +94,6 @@ def test_other_rights_hold_from_the_next_request_on() -> None:
     for right in (READING, NOTHING):
         made.submit(client.ask("06 00 00 00 01", unit=7), 0.0)
         made.submit(client.ask("03 00 00 00 01", unit=7), 0.0)
-        made.rights = Rights([Row(right)], EntryPoint("scada"))
+        made.rights = Rights([AccessRow(right)], EntryPoint("scada"))
     made.submit(client.ask("03 00 00 00 01", unit=7), 0.0)
     assert client.answers == ["06 00 00 00 01", "03 00 00 00 01", "86 01", "03 00 00 00 01", "83 01"]

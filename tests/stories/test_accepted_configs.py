@@ -21,7 +21,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response
 from gateway.profiles.profile import Profile
-from gateway.routing.access import EVERYTHING, Rights, Row
+from gateway.routing.access import EVERYTHING, AccessRow, Rights
 from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
 from gateway.timing.characters import LineTiming
@@ -182,7 +182,7 @@ class Scene:
 
     def allow_everything(self) -> None:
         for each in (*self.bench.gateway.listeners, *self.bench.gateway.servers):
-            row = Row(EVERYTHING, listeners=frozenset({each.router.entry.name}))
+            row = AccessRow(EVERYTHING, listeners=frozenset({each.router.entry.name}))
             each.router.rights = Rights((row,), each.router.entry)
 
     async def check_unit(self, unit: int) -> None:

@@ -32,7 +32,7 @@ from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
 from gateway.ports import network
 from gateway.request import Caller, Request
-from gateway.routing.access import EVERYTHING, Rights, Row
+from gateway.routing.access import EVERYTHING, AccessRow, Rights
 from kit.free_port import free_port
 from kit.ipv6 import needs_ipv6
 from kit.process import COMMAND, PATIENCE
@@ -320,8 +320,8 @@ async def come_and_go(bench: Bench, source: str, over: asyncio.Event) -> None:
 
 async def test_unknown_clients_leave_the_reserve_to_those_whom_rows_name() -> None:
     async with listening(clients=4, reserve=2) as bench:
-        named = Row(EVERYTHING, networks=(ip_network("127.0.0.9"),))
-        bench.listener.router.rights = Rights((named, Row(EVERYTHING)), bench.listener.router.entry)
+        named = AccessRow(EVERYTHING, networks=(ip_network("127.0.0.9"),))
+        bench.listener.router.rights = Rights((named, AccessRow(EVERYTHING)), bench.listener.router.entry)
         other_clients = [await bench.connect(source=f"127.0.0.{number}") for number in range(20, 24)]
         assert await other_clients[0].is_closed()
         assert await other_clients[1].is_closed()

@@ -22,7 +22,7 @@ from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.mbap import encode
 from gateway.request import Request
-from gateway.routing.access import EVERYTHING, EntryPoint, Rights, Row
+from gateway.routing.access import EVERYTHING, AccessRow, EntryPoint, Rights
 from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE
 from kit.router import router
@@ -374,7 +374,7 @@ async def test_of_many_new_peers_only_so_many_wait_and_known_ones_do_not(monkeyp
 async def test_who_has_no_rights_keeps_no_new_peer_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udp_module, "MOST_AT_ONCE", 3)
     async with listening() as bench:
-        row = Row(EVERYTHING, (ip_network("127.0.0.1"),), listeners=frozenset({"field"}))
+        row = AccessRow(EVERYTHING, (ip_network("127.0.0.1"),), listeners=frozenset({"field"}))
         bench.listener.router.rights = Rights((row,), EntryPoint("field", "datagram"))
         for client in [bench.client(own="127.0.0.66") for _ in range(3)]:
             client.ask()

@@ -8,7 +8,7 @@ from struct import unpack_from
 import pytest
 
 from gateway.request import Request
-from gateway.routing.access import NOTHING, Rights, Row
+from gateway.routing.access import NOTHING, AccessRow, Rights
 from gateway.service.operator import AwaitedOrigin, ask
 from gateway.service.trace_reader import capture
 from gateway.trace.records import Answered, PortChanged
@@ -267,7 +267,7 @@ async def test_a_file_has_nothing_more_from_when_the_right_was_taken_away(asked)
     web = asked.running.gateway.web
     parts = capture(lambda: asked.running.gateway, {"seconds": 60}, "127.0.0.1")
     first = b"\r\n\r\n" + await anext(parts) + await anext(parts)
-    web.rights = Rights([Row(NOTHING, listeners=frozenset({"web"}))], web.entry)
+    web.rights = Rights([AccessRow(NOTHING, listeners=frozenset({"web"}))], web.entry)
     whole = first + b"".join([part async for part in parts])
     assert (len(packets(first)), len(packets(whole))) == (6, 6)
 

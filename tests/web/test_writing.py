@@ -6,7 +6,7 @@ import re
 import pytest
 
 from gateway.modbus.rtu import with_crc
-from gateway.routing.access import READING, Rights, Row
+from gateway.routing.access import READING, AccessRow, Rights
 from gateway.web.answers import Answer
 from gateway.web.pages.questions import KEPT, MOST, PATIENCE
 from gateway.web.problems import complaint
@@ -251,7 +251,7 @@ async def test_rows_of_access_decide_what_there_are_forms_for(tmp_path, device):
 async def test_a_right_that_was_lost_since_the_question_writes_nothing(anna, bench, device):
     question = await asked(anna, point="speed", value="1")
     bench.running.gateway.web.rights = Rights(
-        [Row(READING, listeners=frozenset({"web"}))], bench.running.gateway.web.entry
+        [AccessRow(READING, listeners=frozenset({"web"}))], bench.running.gateway.web.entry
     )
     await anna.post(question)
     assert "exception 01, illegal function" in (await anna.get(question)).text
