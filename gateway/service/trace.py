@@ -18,8 +18,17 @@ from gateway.service.build import Gateway
 from gateway.service.operator import find_unit
 from gateway.service.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.service.unit_names import UnitNames
-from gateway.trace.records import MOST_STORIES, Answered, Exchange, Heard, Incident, PortChanged, Record, Refused
-from gateway.trace.results import RESULTS, function_of, has_result
+from gateway.trace.records import (
+    MOST_STORIES,
+    RESULTS,
+    Answered,
+    Exchange,
+    Heard,
+    Incident,
+    PortChanged,
+    Record,
+    Refused,
+)
 from gateway.trace.ring import STEP
 
 #: How many records a reader gets first, if it names no time.
@@ -95,9 +104,9 @@ def wanted(gateway: Gateway, question: Mapping[str, Any]) -> Callable[[Record], 
     def is_wanted(record: Record) -> bool:
         return (
             is_there(record)
-            and (function is None or function_of(record) == function)
+            and (function is None or record.function == function)
             and (client is None or _asked_by(record, client))
-            and (result is None or has_result(record, result))
+            and (result is None or record.has_result(result))
         )
 
     return is_wanted

@@ -18,8 +18,7 @@ from gateway.service.sampling import Sample
 from gateway.service.trace import Clock, Fact, clocks, fact, lines, page, wanted
 from gateway.service.unit_names import UnitNames
 from gateway.trace.pcapng import Writer
-from gateway.trace.records import Exchange, Heard, PortChanged, Record
-from gateway.trace.results import FAILURES
+from gateway.trace.records import FAILURES, Exchange, Heard, PortChanged, Record
 from gateway.trace.ring import STEP, Ring
 
 #: How often to look for what is new, after how long for more of what there is, how often the time is told, in seconds.

@@ -7,6 +7,7 @@ loop, in seconds. `size` is how many bytes a record takes, with all that it alon
 from typing import Final
 
 from gateway.errors import RequestError
+from gateway.modbus.codes import EXCEPTION_BIT
 
 #: What a record takes without its PDUs, and what a PDU takes beside its bytes. Not compiled it is more than compiled.
 RECORD: Final = 280
@@ -18,6 +19,15 @@ SHARER: Final = 128
 MOST_HEARD: Final = 256
 #: The most incidents that are told at once, as stories.
 MOST_STORIES: Final = 50
+
+#: What can have become of a request; `failed` are all but the first two.
+RESULTS: Final = (
+    *("ok", "exception", "failed", "timeout", "bad_frame", "ambiguous", "line_lost", "sent_again", "not_answered"),
+    *("resting", "overdue", "queue_full", "expired", "line_down", "no_route", "denied", "unwanted", "refused"),
+    *("echo_suspected", "stale"),
+)
+#: Those of which the ring keeps all records among its failures.
+FAILURES: Final = frozenset(RESULTS) - {"ok", "exception", "failed", "sent_again", "not_answered"}
 
 #: A client that shares a transaction: who it is, the unit that it asked for, and when.
 Sharer = tuple[str, int, float]
@@ -32,6 +42,21 @@ class Record:
         self.at = at
         self.line = line
         self.size = size
+
+    @property
+    def result(self) -> str:
+        """What became of a request, one of RESULTS; empty for what is none."""
+        return ""
+
+    @property
+    def function(self) -> int | None:
+        """The function of a request, or of a frame that was heard; None for what has none."""
+        return None
+
+    def has_result(self, result: str) -> bool:
+        """Tell whether a request has come to this, one of RESULTS."""
+        found = self.result
+        return found == result or (result == "failed" and found not in ("", "ok", "exception"))
 
 
 class Exchange(Record):
@@ -72,6 +97,16 @@ class Exchange(Record):
         self.ends_at = ends_at
         self.limit = limit
 
+    @property
+    def result(self) -> str:
+        """See Record."""
+        return _result_of(self.response)
+
+    @property
+    def function(self) -> int | None:
+        """See Record."""
+        return self.request[0]
+
 
 class Incident(Exchange):
     """One with more to tell: that failed with `error`, or is sent again for want of an answer, or has been before.
@@ -104,6 +139,13 @@ class Incident(Exchange):
         self.late_until = 0.0
         self.others: tuple[Sharer, ...] = ()
         self.retries = 0
+
+    @property
+    def result(self) -> str:
+        """See Record."""
+        if self.error is not None:
+            return self.error.result
+        return "sent_again" if self.response is None else _result_of(self.response)
 
     @property
     def sent_again(self) -> bool:
@@ -143,6 +185,16 @@ class Refused(Record):
         self.until = until
         self.count = count
 
+    @property
+    def result(self) -> str:
+        """See Record."""
+        return self.error.result
+
+    @property
+    def function(self) -> int | None:
+        """See Record."""
+        return self.request[0]
+
 
 class Heard(Record):
     """Bytes on a line that were not the answer to what was asked; `kind` says whose they are, as far as it is known.
@@ -157,6 +209,12 @@ class Heard(Record):
         self.kind = kind
         self.frame = frame
         self.count = count
+
+    @property
+    def function(self) -> int | None:
+        """See Record."""
+        is_frame = self.kind != "noise" and len(self.frame) > 1
+        return self.frame[1] & ~EXCEPTION_BIT if is_frame else None
 
 
 class Answered(Record):
@@ -188,6 +246,16 @@ class Answered(Record):
         self.received_at = received_at
         self.reason = reason
 
+    @property
+    def result(self) -> str:
+        """See Record."""
+        return _result_of(self.response)
+
+    @property
+    def function(self) -> int | None:
+        """See Record."""
+        return self.request[0]
+
 
 class PortChanged(Record):
     """The port of a line was lost for a `reason`, or without one opened."""
@@ -197,3 +265,9 @@ class PortChanged(Record):
     def __init__(self, at: float, line: str, reason: str) -> None:
         super().__init__(at, line, RECORD + BYTES + 4 * len(reason))
         self.reason = reason
+
+
+def _result_of(response: bytes | None) -> str:
+    if response is None:
+        return "not_answered"
+    return "exception" if response[0] & EXCEPTION_BIT else "ok"

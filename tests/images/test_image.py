@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.images.image import Counts
+from gateway.images.image import ImageCounts
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
 from images.asking import GENERIC, MINT, ask, broadcast, contents, exchange, image
@@ -224,7 +224,7 @@ def test_requests_and_exceptions_are_counted():
     ask(counted, "03 0000 0001")
     ask(counted, "03 0004 0001")
     ask(counted, "63")
-    assert counted.counts == Counts(requests=3, exceptions=2)
+    assert counted.counts == ImageCounts(requests=3, exceptions=2)
 
 
 def test_the_repr_is_a_status_line():

@@ -5,7 +5,7 @@ import pytest
 from gateway.events import AccessDenied, Event, RequestRefused
 from gateway.request import Request
 from gateway.routing.access import NOTHING, READING, AccessRow, EntryPoint, Rights
-from gateway.routing.router import Counts, Router
+from gateway.routing.router import Router, RouterCounts
 from gateway.trace.ring import Ring
 from kit.asker import Asker
 from kit.router import router
@@ -77,7 +77,7 @@ def test_what_reaches_no_target_is_counted() -> None:
     made, reader = router({7: Echo()}), Asker(host=READER)
     for unit, pdu in ((7, "03 00 00 00 01"), (7, "06 00 00 00 01"), (8, "03 00 00 00 01"), (8, "06 00 00 00 01")):
         made.submit(reader.ask(pdu, unit=unit), 0.0)
-    assert made.counts == Counts(no_route=2, denied=1)
+    assert made.counts == RouterCounts(no_route=2, denied=1)
 
 
 def test_what_reaches_no_target_is_in_the_trace() -> None:

@@ -13,7 +13,7 @@ from jinja2 import Environment
 import gateway.errors
 from gateway.errors import RequestError
 from gateway.service.status import LineStatus, UnitStatus
-from gateway.trace.results import RESULTS
+from gateway.trace.records import RESULTS
 from gateway.web import problems
 from gateway.web.assets import Assets
 from gateway.web.guard import Role

@@ -9,7 +9,7 @@ from aiohttp import web
 from gateway.errors import WrongQuestion
 from gateway.listeners.sockets import host_of
 from gateway.trace.pdus import FUNCTIONS
-from gateway.trace.results import RESULTS
+from gateway.trace.records import RESULTS
 from gateway.web.answers import Answers
 from gateway.web.api import which
 from gateway.web.guard import VISITOR, Need
