@@ -23,6 +23,8 @@ from gateway.state import files, pages
 #: Pages of the log.
 PAGES: Final = 256
 SIZE: Final = PAGES * pages.PAGE
+#: No file may be longer, in bytes. That of forty full images is not; with more values memory ends first.
+LONGEST: Final = 64 << 20
 
 
 class Content(NamedTuple):
@@ -54,7 +56,7 @@ class PageLog:
 
         Raises:
             StateError: another process has it open, or a later version has written it.
-            OSError: it cannot be read.
+            OSError: it cannot be read, or is too long.
         """
         with ExitStack() as unless_read:
             unless_read.callback(self.close)
@@ -68,7 +70,8 @@ class PageLog:
         """Write all of the records or none; they are on the disk on return. `everything` includes them.
 
         Raises:
-            OSError: it cannot be written. It is not known then whether a later start finds the records.
+            OSError: it cannot be written, or would be too long. It is not known then whether a later start finds the
+                records.
             StateError: another process has it open.
         """
         with self._turn:
@@ -137,12 +140,15 @@ class PageLog:
 
     def _begin_anew(self, records: Iterable[bytes]) -> None:
         self._at = SIZE
+        snapshot = pages.encode(self._generation + 1, 0, records)
+        if len(snapshot) > LONGEST:
+            raise OSError(errno.EFBIG, f"{self.snapshot} would have more than {LONGEST} bytes")
         self._hold()
         for file, content in self._set_aside.items():
             files.replace(file, content)
         if self._is_new:  # a snapshot without a log would count as damage
             self._make_log()
-        files.replace(self.snapshot, pages.encode(self._generation + 1, 0, records))
+        files.replace(self.snapshot, snapshot)
         if not self._has_log:
             self._make_log()
         if self._descriptor < 0:
@@ -159,6 +165,9 @@ class PageLog:
 
 def _read(file: Path) -> bytes | None:
     try:
-        return files.read(file)
+        content = files.read(file, LONGEST + 1)
     except (FileNotFoundError, NotADirectoryError):
         return None
+    if len(content) > LONGEST:
+        raise OSError(errno.EFBIG, f"{file} has more than {LONGEST} bytes, which no state has: move it away")
+    return content

@@ -299,3 +299,22 @@ def test_no_link_is_followed(name: Path, tmp_path: Path, ending: str, has_target
         kept.write(at1=1)
     assert precious.exists() == has_target
     assert not has_target or precious.read_text() == "not to be touched"
+
+
+@pytest.mark.parametrize("ending", ["snapshot", "log"])
+def test_a_file_that_is_too_long_is_not_read_into_memory(name: Path, ending: str) -> None:
+    with closing(Kept(name)) as kept:
+        kept.begin()
+    os.truncate(f"{name}.{ending}", 1 << 40)  # with a hole, so it takes no room
+    with pytest.raises(OSError, match="has more than 67108864 bytes, which no state has: move it away"):
+        PageLog(name).open()
+
+
+def test_nothing_is_written_that_could_not_be_read_again(name: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_log, "LONGEST", FEW * PAGE)
+    with closing(Kept(name)) as kept:
+        kept.begin()
+        kept.write(at1=1)
+        with pytest.raises(OSError, match="snapshot would have more than"):
+            kept.write(**{f"at{place}": place for place in range(10_000)})
+    assert read(name) == ({1: 1}, "")
