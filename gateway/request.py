@@ -42,7 +42,7 @@ class Origin(Protocol):
 
 
 class Place(Protocol):
-    """Where a request waits; of one that was passed on, where what was made of it waits."""
+    """Where a request waits; for one that was passed on, where the requests derived from it wait."""
 
     def give_up(self) -> None:
         """See Request."""
@@ -87,7 +87,7 @@ class Request:
         self.origin.answer(self, None)
 
     def give_up(self) -> None:
-        """Perhaps its origin does not want it any more. It is asked before others are refused for it."""
+        """Note that its origin may not want it any more: it is asked before others are refused for lack of room."""
         if self.place is not None:
             self.place.give_up()
 
@@ -102,7 +102,7 @@ class DerivedOrigin:
         self.original = original
         self.caller = original.caller
 
-    def wants(self, request: Request) -> bool:  # noqa: ARG002 - they are wanted as long as the original is
+    def wants(self, request: Request) -> bool:  # noqa: ARG002 - wanted as long as the original is
         """See Origin."""
         return self.original.origin.wants(self.original)
 

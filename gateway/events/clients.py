@@ -12,7 +12,7 @@ class ClientEvent(Event):
     """An event about a client. One with a certificate has its `subject`, and its `role`, empty for the null role."""
 
     def fields(self) -> dict[str, object]:
-        """The fields of the log line; these two only with a certificate."""
+        """Return the fields of the log line; these two only with a certificate."""
         found = super().fields()
         if not found["subject"]:
             del found["subject"], found["role"]
@@ -82,7 +82,7 @@ class RequestRefused(Event):
 
     @classmethod
     def of(cls, request: Request, error: RequestError, *, listener: str = "", device: str = "") -> Self:
-        """The rejection of `request` with `error`."""
+        """Make the rejection of `request` with `error`."""
         code = f"{error.code:02X}"
         return cls(request.caller.client, request.unit, request.pdu[0], code, str(error), listener, device)
 

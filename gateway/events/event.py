@@ -56,7 +56,7 @@ class Event:
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.fields().items())})"
 
     def fields(self) -> dict[str, object]:
-        """The fields of the log line, by name."""
+        """Return the fields of the log line, by name."""
         return {name: getattr(self, name) for name in self.field_names}
 
 

@@ -32,7 +32,7 @@ class ConfigRejected(Event):
 
     @classmethod
     def of(cls, file: str, problems: Sequence[str]) -> Self:
-        """The rejection of `file` for `problems`; `reason` is the first of them."""
+        """Make the rejection of `file` for `problems`; `reason` is the first of them."""
         reason = problems[0].splitlines()[0] + (f" (and {len(problems) - 1} more)" if problems[1:] else "")
         return cls(file, reason)
 
@@ -96,7 +96,7 @@ class PartFailed(Event):
 
     @classmethod
     def of(cls, part: str, error: Exception) -> Self:
-        """`error` occurred in `part`."""
+        """Make the event of an `error` in `part`."""
         return cls(part, repr(error), "".join(format_exception(error)))
 
 

@@ -28,7 +28,7 @@ class LastWrites:
         self._writes: dict[Span, LastWrite] = {}
 
     def done(self, request: Request) -> None:
-        """A request has succeeded; if it only reads, nothing has changed."""
+        """Keep a request that has succeeded, unless it only reads."""
         if only_reads(request.pdu):
             return
         span = parse_sent(request.pdu).write
@@ -40,5 +40,5 @@ class LastWrites:
             del self._writes[next(iter(self._writes))]
 
     def __iter__(self) -> Iterator[LastWrite]:
-        """The newest first."""
+        """Go through them, the newest first."""
         return reversed(self._writes.values())

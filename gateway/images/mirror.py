@@ -89,19 +89,19 @@ class Mirror:
         request.fail(ServerDeviceFailure())
 
     def polled(self, poll: Request, response: bytes | None, now: float) -> None:
-        """A poll is over; None when it has no response."""
+        """Take the response to a poll; None when it has none."""
         self._polling.polled(poll, response, now)
         self._settle(now)
 
     def wrote(self, request: Request, response: bytes | None, now: float) -> None:
-        """A request that was passed on, here or by the mirror before a reload, is finished: values may have changed."""
+        """Note that a request that was passed on, here or by the mirror before a reload, may have changed values."""
         if not only_reads(request.pdu) and response is not None and not _has_no_effect(response):
             self._polling.changed(parse_sent(request.pdu).write, now)
             if not response[0] & EXCEPTION_BIT:
                 self.last_writes.done(request)
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
-        """A request that was passed on is finished, with this response; None if it has none. Call `wrote` first."""
+        """Finish a request that was passed on with its response; None if it has none. Call `wrote` first."""
         request.place = None
         self._rows[request.caller.client].under_way -= 1
         if response is None:
@@ -116,7 +116,7 @@ class Mirror:
         self._settle(now)
 
     def deadline(self) -> float | None:
-        """When `tick` must be called; None while every range is being polled."""
+        """Tell when `tick` must be called; None while every range is being polled."""
         return self._polling.deadline()
 
     def tick(self, now: float) -> None:
@@ -125,11 +125,11 @@ class Mirror:
         self._settle(now)
 
     def ages(self, now: float) -> Iterator[tuple[Poll, float | None]]:
-        """What is polled, and how old the values are in seconds; None while they are not known."""
+        """Tell what is polled, and how old the values are in seconds; None while they are not known."""
         return self._polling.ages(now)
 
     def values(self, span: Span) -> bytes:
-        """What the last polls have brought, as a response carries it; `ages` says of which it is known.
+        """Return what the last polls have brought, as a response carries it; `ages` says of which it is known.
 
         Not all of `span` may be polled: what is not is 0.
         """
@@ -166,7 +166,7 @@ class Mirror:
         return True
 
     def _read(self, pdu: bytes, row: _ClientRequests, now: float) -> bytes | None:
-        """The response to the first waiting read; None if it must still wait.
+        """Make the response to the first waiting read; None if it must still wait.
 
         Raises:
             RequestError: the device's profile refuses it, not all of it is polled, or the values are too old.
@@ -230,5 +230,5 @@ class ForwardedOrigin(DerivedOrigin):
 
 
 def _has_no_effect(response: bytes) -> bool:
-    """Whether the response is an exception after which nothing was written."""
+    """Tell whether the response is an exception after which nothing was written."""
     return bool(response[0] & EXCEPTION_BIT) and response[1] in _WITHOUT_EFFECT

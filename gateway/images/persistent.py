@@ -42,7 +42,7 @@ class ValueStore(Protocol):
         """True once it is known what was saved."""
 
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
-        """The present values of `image`; what could not be saved is undone before `Done` is called."""
+        """Return the present values of `image`; what could not be saved is undone before `Done` is called."""
 
     def keep_at_once(self, change: Change, done: Done) -> None:
         """Save a change; `done` is called when it was saved or has failed."""

@@ -51,7 +51,7 @@ class MirroredDevice(Protocol):
         """Take a request; with `yields`, requests of clients are sent first."""
 
     def is_resting(self, now: float) -> bool:
-        """Whether it backs off after failures."""
+        """Tell whether it backs off after failures."""
 
 
 class PolledRange:
@@ -78,41 +78,41 @@ class PolledRange:
         return Span(self.poll.area, self.poll.first, self.poll.last + 1 - self.poll.first)
 
     def asked(self, now: float, writes: int) -> None:
-        """Its poll is in progress."""
+        """Note that its poll is in progress."""
         self.is_asked, self._asked_at, self._asked_after = True, now, writes
 
     def answered(self) -> None:
-        """Its poll was answered: the age of the values counts from its submission."""
+        """Note that its poll was answered: the age of the values counts from its submission."""
         self.is_asked = self.is_refused = False
         self._sampled_at, self._sampled_after = self._asked_at, self._asked_after
 
     def failed(self) -> None:
-        """Its poll was not answered, or not sent: reads do not wait for the next one."""
+        """Note that its poll was not answered, or not sent: reads do not wait for the next one."""
         self.is_asked = self.is_awaited = False
 
     def changed(self, now: float, writes: int) -> None:
-        """The last write may have changed its values: they are unknown until its next poll, which is due."""
+        """Forget its values, which the last write may have changed, until its next poll, which is due."""
         self._changed_by = writes
         self.is_awaited = True
         self.due_at = now
 
     def touches(self, span: Span | None) -> bool:
-        """Whether it contains an address of `span`; None means every address."""
+        """Tell whether it contains an address of `span`; None means every address."""
         poll = self.poll
         return span is None or (poll.area is span.area and poll.first < span.end and span.start <= poll.last)
 
     def is_known(self, writes: int) -> bool:
-        """Whether its values include the first `writes` writes."""
+        """Tell whether its values include the first `writes` writes."""
         return self._sampled_at is not None and self._sampled_after >= min(self._changed_by, writes)
 
     def is_lost(self, now: float, stale: float, writes: int) -> bool:
-        """Whether its values are stale at `now`, or unknown and no poll is in progress."""
+        """Tell whether its values are stale at `now`, or unknown and no poll is in progress."""
         if self._sampled_at is None or not self.is_known(writes):
             return not self.is_awaited
         return now - self._sampled_at > stale
 
     def age(self, now: float) -> float | None:
-        """How old its values are, in seconds; None while they are unknown."""
+        """Compute how old its values are, in seconds; None while they are unknown."""
         if self._sampled_at is None or not self.is_known(self._changed_by):
             return None
         return now - self._sampled_at
@@ -135,19 +135,19 @@ class Polling:
         self._polls: dict[Request, PolledRange] = {}
 
     def has(self, span: Span) -> bool:
-        """Whether all of `span` is polled."""
+        """Tell whether all of `span` is polled."""
         return self._tables[span.area].has(span)
 
     def touched(self, span: Span | None) -> list[PolledRange]:
-        """The ranges that contain an address of `span`; None means every address."""
+        """Find the ranges that contain an address of `span`; None means every address."""
         return [polled for polled in self._ranges if polled.touches(span)]
 
     def read(self, span: Span) -> bytes:
-        """The items of `span`, as a response carries them."""
+        """Return the items of `span`, as a response carries them."""
         return self._tables[span.area].read(span)
 
     def changed(self, span: Span | None, now: float) -> None:
-        """A write to `span` has finished; None means every address. All ranges are polled again soon."""
+        """Note that a write to `span` has finished (None: every address); all ranges are polled again soon."""
         self.writes += 1
         for polled in self._ranges:
             polled.due_at = min(polled.due_at, now)
@@ -155,7 +155,7 @@ class Polling:
             polled.changed(now, self.writes)
 
     def polled(self, poll: Request, response: bytes | None, now: float) -> None:
-        """A poll is over; None when it has no response."""
+        """Take the response to a poll; None when it has none."""
         polled = self._polls.pop(poll)
         if response is None or response[0] & EXCEPTION_BIT:
             self._failed(polled, response, now)
@@ -164,7 +164,7 @@ class Polling:
             polled.answered()
 
     def deadline(self) -> float | None:
-        """When `tick` must be called; None while nothing more can be polled."""
+        """Tell when `tick` must be called; None while nothing more can be polled."""
         if len(self._polls) >= MOST_POLLS:
             return None
         return min((polled.due_at for polled in self._ranges if not polled.is_asked), default=None)
@@ -183,7 +183,7 @@ class Polling:
                 self._ask(polled, now)
 
     def ages(self, now: float) -> Iterator[tuple[Poll, float | None]]:
-        """What is polled, and how old the values are in seconds; None while they are not known."""
+        """Tell what is polled, and how old the values are in seconds; None while they are not known."""
         return ((polled.poll, polled.age(now)) for polled in self._ranges)
 
     def _ask(self, polled: PolledRange, now: float) -> None:

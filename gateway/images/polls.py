@@ -54,12 +54,12 @@ class MirrorSettings:
 
 
 def polling_function(area: Area) -> int:
-    """The function that reads an area."""
+    """Return the function that reads an area."""
     return READERS[area][0]
 
 
 def joined(polls: Iterable[Poll], limits: Mapping[int, int]) -> list[Poll]:
-    """The same addresses in as few requests as possible: neighbours with the same interval are read together.
+    """Join polls to as few requests as possible: neighbours with the same interval are read together.
 
     `limits` is the most items that the device allows for a function; longer ranges are split.
     """

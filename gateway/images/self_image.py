@@ -20,7 +20,7 @@ NAME: Final = "gateway"
 
 
 def self_settings(unit: int, source: str) -> ImageSettings:
-    """The image of the gateway itself."""
+    """Make the settings of the gateway's own image."""
     areas = {Area.HOLDING: RANGES, Area.INPUT: RANGES}
     return ImageSettings(unit, NAME, PROFILE, areas, shows_gateway=True, source=source)
 
@@ -42,7 +42,7 @@ class SelfImage(Image):
         super().submit(request, now)
 
     def look_again(self, now: float) -> None:
-        """Have the values of `now`, or those of a moment ago."""
+        """Look up the values, unless that was done a moment ago."""
         if self.look is not None and not 0 <= now - self._looked_at < FRESHNESS:
             self._show(self.look(now))
             self._looked_at = now

@@ -46,7 +46,7 @@ class Register:
         return _NAME_LENGTH // 2 if self.type == "string" else registers_of(self.type)
 
     def point(self, start: int, prefix: str) -> Point:
-        """The same for `read`, at a place of its own."""
+        """Make the point for `read`, in the table that begins at `start`."""
         return Point(
             prefix + self.name, Area.HOLDING, start + self.at, self.type, count=self.count, unit=self.unit,
             labels=self.labels,
@@ -118,7 +118,7 @@ class Section(NamedTuple):
     registers: tuple[Register, ...]
 
     def place(self, number: int) -> int:
-        """Where the registers of a part begin."""
+        """Compute where the registers of a part begin."""
         return self.start + PLACE_SIZE * number
 
 
@@ -154,7 +154,7 @@ class Shown(NamedTuple):
 
 
 def registers(shown: Shown) -> Iterator[tuple[int, bytes]]:
-    """Runs of registers as responses carry them, each with its address. What is not among them is 0."""
+    """Yield runs of registers as responses carry them, each with its address. What is not among them is 0."""
     yield 0, _table(GATEWAY, shown.gateway)
     bits = sum(1 << unit for unit in set(shown.failing_units))
     yield FAILING_UNITS, b"".join((bits >> 16 * at & 0xFFFF).to_bytes(2, "big") for at in range(_UNIT_REGISTERS))
@@ -166,7 +166,7 @@ def registers(shown: Shown) -> Iterator[tuple[int, bytes]]:
 
 
 def points(names: Mapping[str, Iterable[str]]) -> tuple[Point, ...]:
-    """What the registers mean, for the parts that are there: their names by the title of their section."""
+    """Make the points of the parts that are there, given by their names under the title of their section."""
     found = [register.point(0, "") for register in GATEWAY]
     for section in SECTIONS:
         for number, name in zip(range(PLACES), names.get(section.title, ()), strict=False):
@@ -184,7 +184,7 @@ def _table(table: Iterable[Register], values: Values) -> bytes:
 
 
 def _encoded(register: Register, value: int | str) -> bytes:
-    """A number that is too large is shown as the largest one, a counter wraps round."""
+    """Encode a value: a number that is too large as the largest one; a counter wraps round."""
     if isinstance(value, str):
         return encode(value.encode("ascii", "replace").decode()[:_NAME_LENGTH], "string", "none", register.count)
     if register.type == "uint32":
@@ -219,7 +219,7 @@ counters.
 
 
 def document() -> str:
-    """docs/own-registers.md."""
+    """Write docs/own-registers.md."""
     opening = _OPENING.format(freshness=f"{1000 * FRESHNESS:.0f} ms", places=PLACES)
     gateway = f"## The gateway: registers 0-79\n\n{_rows(GATEWAY)}"
     return "\n".join([opening, gateway, _document_units(), _document_states(), *map(_document, SECTIONS), _COUNTERS])

@@ -65,19 +65,19 @@ class Diagnostics:
         self._events = 0
 
     def received(self, request: Request) -> None:
-        """A request was received."""
+        """Count a request that was received."""
         self._messages += 1
         is_broadcast = request.unit == BROADCAST_UNIT
         self._unanswered += is_broadcast
         self._log.appendleft(_RECEIVED | _AS_BROADCAST if is_broadcast else _RECEIVED)
 
     def done(self, request: Request) -> None:
-        """The request has been performed."""
+        """Note that the request has been performed."""
         self._events += request.pdu[0] not in _NO_EVENTS
         self._log.appendleft(_PROCESSED)
 
     def refused(self, request: Request, code: ExceptionCode) -> None:
-        """The request gets an exception, which is not sent if it was a broadcast."""
+        """Note that the request gets an exception, which is not sent if it was a broadcast."""
         if request.unit == BROADCAST_UNIT:
             self._log.appendleft(_PROCESSED)
         else:
@@ -85,7 +85,7 @@ class Diagnostics:
             self._log.appendleft(_PROCESSED | _EXCEPTION_BITS.get(code, 0))
 
     def perform(self, pdu: bytes) -> bytes:
-        """Function 08: echo, clear, or a counter.
+        """Answer function 08: echo, clear, or a counter.
 
         Raises:
             IllegalFunction: another sub-function.
@@ -104,7 +104,7 @@ class Diagnostics:
         return pdu
 
     def counter(self, asked: int) -> int:
-        """The counter that sub-function `asked` of 08 returns. The request that asks for it is counted."""
+        """Return the counter of sub-function `asked` of 08. The request that asks for it is counted."""
         counters = {
             BUS_MESSAGES: self._messages,
             EXCEPTIONS: self._exceptions,
@@ -114,11 +114,11 @@ class Diagnostics:
         return counters.get(asked, 0) & 0xFFFF
 
     def event_counter(self, pdu: bytes) -> bytes:
-        """Function 11: requests that were performed."""
+        """Answer function 11: requests that were performed."""
         return _COUNTER.pack(pdu[0], _READY, self._events & 0xFFFF)
 
     def event_log(self, pdu: bytes) -> bytes:
-        """Function 12: the same, the message count, and the last events, the latest first."""
+        """Answer function 12: the same, the message count, and the last events, the latest first."""
         size = _LOG.size - 2 + len(self._log)
         return _LOG.pack(pdu[0], size, _READY, self._events & 0xFFFF, self.counter(BUS_MESSAGES)) + bytes(self._log)
 
@@ -153,12 +153,12 @@ class Identity:
         self._objects = {number: text.encode("ascii", "replace")[:_LONGEST_VALUE] for number, text in texts.items()}
 
     def report(self, pdu: bytes) -> bytes:
-        """Function 17: its name, and that it runs."""
+        """Answer function 17: its name, and that it runs."""
         data = self._objects[_APPLICATION_NAME] + _RUNNING
         return bytes((pdu[0], len(data))) + data
 
     def identify(self, pdu: bytes) -> bytes:
-        """Function 43: its objects from the requested one on, as many as fit.
+        """Answer function 43: its objects from the requested one on, as many as fit.
 
         Raises:
             IllegalFunction: the type is not 14.
@@ -174,7 +174,7 @@ class Identity:
         return self._stream(pdu, [first])
 
     def _asked(self, code: int, first: int) -> list[int]:
-        """The objects from `first` on, all of them if there is no such one (A 6.21)."""
+        """Find the objects from `first` on, all of them if there is no such one (A 6.21)."""
         numbers = [number for number in self._objects if code != _BASIC or number <= _REVISION]
         return numbers[numbers.index(first) :] if first in numbers else numbers
 

@@ -44,19 +44,19 @@ class Table(ABC):
         self._contents = bytearray(calcsize(self._format) * max((last + 1 for _, last in ranges), default=0))
 
     def has(self, span: Span) -> bool:
-        """Whether every item of `span` exists."""
+        """Tell whether every item of `span` exists."""
         return covers(self.ranges, span)
 
     @abstractmethod
     def read(self, span: Span) -> bytes:
-        """The items of `span`, encoded as in a response."""
+        """Return the items of `span`, encoded as in a response."""
 
     @abstractmethod
     def write(self, span: Span, data: bytes) -> None:
         """Set the items of `span` from `data`, encoded as in a request."""
 
     def values(self, start: int, count: int) -> tuple[int, ...]:
-        """The numbers of `count` items from `start` on.
+        """Return the numbers of `count` items from `start` on.
 
         Raises:
             ValueError: an item does not exist.
@@ -101,11 +101,11 @@ class BitTable(Table):
     _largest = 1
 
     def read(self, span: Span) -> bytes:
-        """Eight to a byte, the first one in the lowest bit, the last byte padded with zeros (A 6.1)."""
+        """Pack eight to a byte, the first one in the lowest bit, the last byte padded with zeros (A 6.1)."""
         return pack_bits(bytes(self._contents[span.start : span.end]))
 
     def write(self, span: Span, data: bytes) -> None:
-        """Eight to a byte; the padding of the last byte is ignored (A 6.11)."""
+        """Unpack eight from a byte; the padding of the last byte is ignored (A 6.11)."""
         self._contents[span.start : span.end] = unpack_bits(data, span.count)
 
 
@@ -118,11 +118,11 @@ class RegisterTable(Table):
     _largest = 0xFFFF
 
     def read(self, span: Span) -> bytes:
-        """Two bytes each, the high one first (A 4.2)."""
+        """Return two bytes each, the high one first (A 4.2)."""
         return bytes(self._contents[2 * span.start : 2 * span.end])
 
     def write(self, span: Span, data: bytes) -> None:
-        """Two bytes each, the high one first (A 4.2)."""
+        """Take two bytes each, the high one first (A 4.2)."""
         self._contents[2 * span.start : 2 * span.end] = data
 
 
@@ -137,7 +137,7 @@ _KINDS: Final[dict[Area, type[Table]]] = {
 
 
 def make_tables(ranges: Mapping[Area, tuple[Range, ...]], initial: Mapping[Area, Iterable[Values]]) -> Tables:
-    """The four tables with their initial values; an area that `ranges` does not name has no items.
+    """Make the four tables with their initial values; an area that `ranges` does not name has no items.
 
     Raises:
         ValueError: a range is impossible, or an initial value does not fit.
@@ -172,12 +172,12 @@ def _write(table: Table, span: Span, asked: RequestPdu) -> None:
 
 
 def _write_coil(table: Table, span: Span, asked: RequestPdu) -> None:
-    """FF00 is on, 0000 off (A 6.5)."""
+    """Write a coil: FF00 is on, 0000 off (A 6.5)."""
     table.write(span, b"\1" if asked.data[3] else b"\0")
 
 
 def _mask_register(table: Table, span: Span, asked: RequestPdu) -> None:
-    """(current AND and_mask) OR (or_mask AND NOT and_mask) (A 6.16)."""
+    """Write (current AND and_mask) OR (or_mask AND NOT and_mask) (A 6.16)."""
     (current,) = _WORD.unpack(table.read(span))
     and_mask, or_mask = _MASKS.unpack(asked.data)
     table.write(span, _WORD.pack((current & and_mask) | (or_mask & ~and_mask)))

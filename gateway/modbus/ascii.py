@@ -28,18 +28,18 @@ def lrc(data: bytes) -> int:
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
-    """The ASCII ADU of `pdu`, with upper-case digits."""
+    """Make the ASCII ADU of `pdu`, with upper-case digits."""
     body = bytes((unit,)) + pdu
     return START + (body + bytes((lrc(body),))).hex().upper().encode() + END
 
 
 def characters(size: int) -> int:
-    """Characters of a frame with this many bytes between colon and CR LF."""
+    """Count the characters of a frame with this many bytes between colon and CR LF."""
     return len(START) + 2 * size + len(END)
 
 
 def plain(text: bytes) -> bytes:
-    """The text without the eighth bits."""
+    """Clear the eighth bits of a text."""
     return text.translate(_SEVEN_BITS)
 
 
@@ -51,7 +51,7 @@ class AsciiCutter:
         self._last = 0.0
 
     def cut(self, data: bytes, now: float) -> list[tuple[int, bytes]]:
-        """Take bytes. The texts that end with CR LF, each with the number of characters skipped before it.
+        """Take bytes; return the texts that end with CR LF, each with the number of characters skipped before it.
 
         Characters that are skipped after the last one are a part with an empty text.
         """
@@ -110,7 +110,7 @@ class AsciiFramer(RequestFramer):
         return frames
 
     def _received_damaged(self, data: bytes, last: bytes, now: float) -> list[Frame]:
-        """A frame may end before the last of them, or begin after the first."""
+        """Take damaged bytes: a frame may end before the last of them, or begin after the first."""
         frames = self.received(data, now) if data else []
         if self.unfinished >= len(data):
             self._skip(self._cutter.drop())
@@ -118,7 +118,7 @@ class AsciiFramer(RequestFramer):
 
 
 def decode(text: bytes) -> Frame | None:
-    """The frame in this text, from its colon to CR LF, or None."""
+    """Decode the frame in this text, from its colon to CR LF; None if it is none."""
     if not text.startswith(START) or not len(START) + len(END) <= len(text) <= MAX_ASCII_ADU:
         return None
     try:

@@ -26,7 +26,7 @@ _CONFIRMING: Final = (Code.WRITE_MULTIPLE_COILS, Code.WRITE_MULTIPLE_REGISTERS)
 
 
 def explain(asked: RequestPdu, unit: int | None, heard: bytes, mode: Mode) -> str:
-    """Why `heard` is not the response of `unit`, or of any, to `asked`; empty if it tells nothing.
+    """Say why `heard` is not the response of `unit`, or of any, to `asked`; empty if it tells nothing.
 
     On a line, frames of other units and functions tell nothing: they may be for others.
     """
@@ -40,7 +40,7 @@ def explain(asked: RequestPdu, unit: int | None, heard: bytes, mode: Mode) -> st
 
 
 def explain_pdu(asked: RequestPdu, pdu: bytes) -> str:
-    """Why the PDU of an intact frame is not the response, if it has the function; else empty."""
+    """Say why the PDU of an intact frame is not the response, if it has the function; else empty."""
     data = asked.data
     if pdu[0] != asked.function or response_size(pdu) not in (0, len(pdu)) or asked.accepts(pdu):
         return ""
@@ -70,7 +70,7 @@ def _explain_adu(asked: RequestPdu, unit: int | None, adu: mbap.TcpFrame | None)
 
 
 def _only_frame(heard: bytes, mode: Mode) -> tuple[int, bytes] | None:
-    """Unit and PDU, if that is all that was heard."""
+    """Return unit and PDU, if that is all that was heard."""
     if mode == "ascii":
         framer = AsciiFramer()
         frames = framer.received(heard, 0.0)
@@ -83,5 +83,5 @@ def _hex(data: bytes) -> str:
 
 
 def _items(pdu: bytes) -> str:
-    """The address and the quantity behind the function code."""
+    """Say the address and the quantity behind the function code."""
     return f"{int.from_bytes(pdu[3:5])} from {int.from_bytes(pdu[1:3])} on"

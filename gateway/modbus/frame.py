@@ -42,22 +42,22 @@ class RequestFramer:
         self._skipped = 0
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """The ADU of `pdu`."""
+        """Make the ADU of `pdu`."""
         raise NotImplementedError
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
-        """Take bytes; frames that are complete with them, in order.
+        """Take bytes; return the frames that are complete with them, in order.
 
         At least one byte of `damaged` ones is not what was sent: no frame contains all of them.
         """
         raise NotImplementedError
 
     def deadline(self) -> float | None:
-        """When to call `tick`, or None."""
+        """Tell when to call `tick`; None if it need not be called."""
         return None
 
     def tick(self, now: float) -> list[Frame]:  # noqa: ARG002 - where silence ends nothing
-        """Let time pass; frames that silence has ended."""
+        """Let time pass; return the frames that silence has ended."""
         return []
 
     @property

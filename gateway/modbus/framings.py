@@ -19,7 +19,7 @@ _SHORTEST_PDU: Final = 2
 
 
 def looks_like(data: bytes) -> Framing | None:
-    """The framing of which `data` begins with a whole frame, if any."""
+    """Find the framing of which `data` begins with a whole frame, if any."""
     if _is_tcp(data):
         return "Modbus TCP"
     if decode(data[: data.find(END) + len(END)]) is not None:
@@ -28,13 +28,13 @@ def looks_like(data: bytes) -> Framing | None:
 
 
 def likeness(data: bytes, own: Framing) -> str:
-    """The words to add to a message if `data` begins with a whole frame of another framing than `own`."""
+    """Make the end of a message about `data` that begins with a whole frame of another framing than `own`."""
     framing = looks_like(data)
     return "" if framing in (None, own) else f": this looks like {framing}, which {_SCHEMES[framing]}:// is for"
 
 
 def _is_tcp(data: bytes) -> bool:
-    """Whether there is a header with the protocol identifier 0, and a PDU of its length that fits its function."""
+    """Tell whether there is a header with the protocol identifier 0, and a PDU of its length that fits its function."""
     if len(data) < _HEADER + _SHORTEST_PDU or data[2:4] != b"\0\0":
         return False
     size = 6 + int.from_bytes(data[4:6])

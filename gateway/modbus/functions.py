@@ -48,7 +48,7 @@ class Items:
     values_at: int = 0
 
     def byte_count(self, count: int) -> int:
-        """Bytes of the values of this many items: two for a register, one for eight coils or inputs."""
+        """Compute the bytes of this many items: two for a register, one for eight coils or inputs."""
         return 2 * count if self.area in (Area.HOLDING, Area.INPUT) else (count + 7) // 8
 
 
@@ -79,13 +79,13 @@ class Function:
 
 
 def row_of(head: bytes) -> Function:
-    """The row of the request or response that begins with `head`."""
+    """Find the row of the request or response that begins with `head`."""
     row = _BY_CODE[head[0]]
     return row.parts.get(head[: row.repeats], row) if row.parts else row
 
 
 def request_size(head: bytes) -> int:
-    """Size of the request PDU that begins with `head`: see Shape.size."""
+    """Compute the size of the request PDU that begins with `head`: see Shape.size."""
     if not head:
         return 1
     row = _BY_CODE[head[0]]
@@ -93,7 +93,7 @@ def request_size(head: bytes) -> int:
 
 
 def response_size(head: bytes) -> int:
-    """Size of the response PDU, normal or exception, that begins with `head`: see Shape.size."""
+    """Compute the size of the response PDU, normal or exception, that begins with `head`: see Shape.size."""
     if not head:
         return 1
     row = _BY_CODE[head[0]]
@@ -101,12 +101,12 @@ def response_size(head: bytes) -> int:
 
 
 def only_reads(pdu: bytes) -> bool:
-    """Whether a request is known to change nothing, and its function has no requests that do."""
+    """Tell whether a request is known to change nothing, and its function has no requests that do."""
     return row_of(pdu).effect == "read"
 
 
 def _one_word(*sub_functions: int, asks: bool = False, is_answered: bool = True) -> dict[bytes, Function]:
-    """Sub-functions of 08 with one word of data in request and response.
+    """Make the rows of sub-functions of 08 with one word of data in request and response.
 
     One that `asks` for a value has the data 0000, and its response repeats only the sub-function.
     """

@@ -50,12 +50,12 @@ class TcpFrame:
 
 
 def encode(transaction: int, unit: int, pdu: bytes) -> bytes:
-    """The TCP ADU of `pdu`."""
+    """Make the TCP ADU of `pdu`."""
     return (transaction << 40 | _MODBUS << 24 | (len(pdu) + 1) << 8 | unit).to_bytes(_HEAD, "big") + pdu
 
 
 def decode(datagram: bytes) -> TcpFrame | None:
-    """The ADU in `datagram`, or None if that is anything but one ADU."""
+    """Decode the ADU in `datagram`; None if that is anything but one ADU."""
     framer = MbapFramer()
     framer.take(datagram)
     try:
@@ -82,21 +82,21 @@ class MbapFramer:
         self._at = 0
 
     def room(self) -> memoryview:
-        """Where the next bytes go; empty while complete ADUs fill the buffer."""
+        """Return where the next bytes go; empty while complete ADUs fill the buffer."""
         unfinished = len(self._data) - self._at
         return self._view[: _BUFFER - unfinished] if unfinished else self._view
 
     def filled(self, count: int) -> None:
-        """`count` bytes have been received into `room()`."""
+        """Take `count` bytes that have been received into `room()`."""
         self.take(self._view[:count].tobytes())
 
     def take(self, data: bytes) -> None:
-        """These bytes have been received."""
+        """Take bytes that have been received."""
         self._data = self._data[self._at :] + data if self._at < len(self._data) else data
         self._at = 0
 
     def next(self) -> TcpFrame | None:
-        """The next complete ADU, or None. ADUs of other protocols are skipped (T 4.4.2.2).
+        """Return the next complete ADU, or None. ADUs of other protocols are skipped (T 4.4.2.2).
 
         Raises:
             NotModbus: the length field is outside 2 to 254, so that no later ADU can be found; there is an RTU or ASCII
@@ -120,7 +120,7 @@ class MbapFramer:
         return None
 
     def holds(self, transaction: bytes) -> bool:
-        """Whether an ADU with this identifier (two bytes) waits for `next`, or has begun."""
+        """Tell whether an ADU with this identifier (two bytes) waits for `next`, or has begun."""
         data, at = self._data, self._at
         while at < len(data):
             begun = data[at : at + 4]
@@ -132,7 +132,7 @@ class MbapFramer:
         return False
 
     def cut(self, data: bytes) -> Iterator[TcpFrame]:
-        """The complete ADUs up to the end of `data`; take all of them.
+        """Yield the complete ADUs up to the end of `data`; take all of them.
 
         Raises:
             NotModbus: as `next` does.

@@ -61,7 +61,7 @@ class RequestPdu:
         return self.data[items.values_at :] if items is not None and items.values_at else b""
 
     def accepts(self, response: bytes) -> bool:
-        """Whether `response` fits: by function, size and echoed fields, or as an exception response."""
+        """Tell whether `response` fits: by function, size and echoed fields, or as an exception response."""
         if len(response) == 2 and response[0] == self.function | EXCEPTION_BIT:
             return True
         if not response.startswith(self.response_head):
@@ -144,5 +144,5 @@ def _span(items: Items | None, pdu: bytes) -> Span | None:
 
 
 def exception_response(function: int, code: int) -> bytes:
-    """The exception response to `function` (A 7)."""
+    """Make the exception response to `function` (A 7)."""
     return bytes((function | EXCEPTION_BIT, code))

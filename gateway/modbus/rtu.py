@@ -38,7 +38,7 @@ def crc_fits(frame: bytes) -> bool:
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
-    """The RTU ADU of `pdu`."""
+    """Make the RTU ADU of `pdu`."""
     return with_crc(bytes((unit,)) + pdu)
 
 
@@ -108,7 +108,7 @@ class RtuFramer(RequestFramer):
         return frames
 
     def _received_damaged(self, data: bytes, last: bytes, now: float) -> list[Frame]:
-        """A request may end before the last of them, or begin after the first."""
+        """Take damaged bytes: a request may end before the last of them, or begin after the first."""
         frames = self.received(data, now)
         self._buffer += last
         begun = len(self._buffer) - len(data)
@@ -126,7 +126,7 @@ class RtuFramer(RequestFramer):
         return frames
 
     def _size(self, data: bytes | bytearray, *, has_ended: bool) -> int:
-        """Size of the frame at the start of `data`; 0 while there is none.
+        """Find the size of the frame at the start of `data`; 0 while there is none.
 
         The CRC alone does not distinguish the two readings: it also fits with a NUL after a frame. So the less likely
         reading counts only once the other one is impossible.
@@ -144,7 +144,7 @@ class RtuFramer(RequestFramer):
         return 0
 
     def _readings(self, data: bytes | bytearray) -> tuple[Callable[[bytes], int], ...]:
-        """How to read a frame that begins with `data`, the likelier reading first."""
+        """Choose how to read a frame that begins with `data`, the likelier reading first."""
         unit = data[0] if data else BROADCAST_UNIT
         if self._ours is None or unit == BROADCAST_UNIT or unit in self._ours:
             return (request_size,)

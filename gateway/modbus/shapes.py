@@ -28,7 +28,7 @@ class Shape:
         self._count_at = count_at
 
     def size(self, head: bytes) -> int:
-        """The size, or how many bytes are needed to know more of it. 0: only silence ends it."""
+        """Compute the size, or how many bytes are needed to know more of it. 0: only silence ends it."""
         at, told_by = self._count_at, self.told_by
         if len(head) < told_by:
             return told_by
@@ -37,7 +37,7 @@ class Shape:
         return told_by + (head[at] if at + 1 == told_by else head[at] << 8 | head[at + 1])
 
     def fits(self, pdu: bytes) -> bool:
-        """Whether a whole PDU has this shape."""
+        """Tell whether a whole PDU has this shape."""
         return len(pdu) in self.sizes and self.size(pdu) in (0, len(pdu))
 
 
@@ -56,12 +56,12 @@ class Identification(Shape):
 
 
 def fixed(size: int) -> Shape:
-    """A PDU that always has the same size."""
+    """Make the shape of a PDU that always has the same size."""
     return Shape(1, range(size, size + 1), f"the length must be {size} bytes", longest=size)
 
 
 def counted(at: int, counts: range = range(MAX_PDU), *, width: int = 1) -> Shape:
-    """A PDU with a byte count `at` this place, of `width` bytes, which is one of `counts`."""
+    """Make the shape of a PDU with a byte count `at` this place, of `width` bytes, which is one of `counts`."""
     head = at + width
     sizes = range(head + counts.start, min(head + counts.stop, MAX_PDU + 1), counts.step)
     rule = f"the byte count must be {counts.start} to {sizes[-1] - head}, and that of the bytes after it"
@@ -69,7 +69,7 @@ def counted(at: int, counts: range = range(MAX_PDU), *, width: int = 1) -> Shape
 
 
 def any_size(least: int) -> Shape:
-    """A PDU of at least `least` bytes that only silence ends."""
+    """Make the shape of a PDU of at least `least` bytes that only silence ends."""
     return Shape(least, range(least, MAX_PDU + 1), f"the length must be {least} to {MAX_PDU} bytes", longest=0)
 
 

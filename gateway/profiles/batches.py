@@ -21,7 +21,7 @@ class Batch(NamedTuple):
         return read_request(self.span)
 
     def items_read(self, response: bytes) -> Iterator[tuple[Point, bytes]]:
-        """Each point with its items in a normal response.
+        """Yield each point with its items in a normal response.
 
         Raises:
             ValueError: the response is too short.
@@ -34,7 +34,7 @@ class Batch(NamedTuple):
 
 
 def batches(points: Iterable[Point], limits: Mapping[int, int]) -> list[Batch]:
-    """The points in batches, by area and address. `limits` is the most items that the device allows for a function."""
+    """Group points by area and address. `limits` is the most items that the device allows for a function."""
     found: list[Batch] = []
     for point in sorted(points, key=lambda point: (point.area, point.address)):
         joined = _joined(found[-1], point, limits) if found else None
@@ -46,7 +46,7 @@ def batches(points: Iterable[Point], limits: Mapping[int, int]) -> list[Batch]:
 
 
 def _joined(batch: Batch, point: Point, limits: Mapping[int, int]) -> Batch | None:
-    """The batch with one more point; None if there is a gap before it or the request would be too long."""
+    """Add a point to the batch; None if there is a gap before it or the request would be too long."""
     span = batch.span
     function, most = READERS[span.area]
     count = max(span.end, point.span.end) - span.start

@@ -51,7 +51,7 @@ class PublishedDevice:
     functions: frozenset[int] | None = None
 
     def point(self, name: str) -> PublishedPoint | None:
-        """Its point with this name; None if there is none."""
+        """Find its point with this name; None if there is none."""
         return next((point for point in self.points if point.name == name), None)
 
 
@@ -63,7 +63,7 @@ class TimedBatch(NamedTuple):
 
 
 def timed_batches(device: PublishedDevice) -> list[TimedBatch]:
-    """The reads of a device's points: as few as it allows, without reading other addresses."""
+    """Make the reads of a device's points: as few as it allows, without reading other addresses."""
     readable = sorted((point for point in device.points if point.is_readable), key=lambda each: each.every)
     return [
         TimedBatch(every, batch)

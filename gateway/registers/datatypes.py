@@ -39,23 +39,23 @@ _REGISTER: Final = 2
 
 
 def registers_of(data_type: str) -> int:
-    """How many registers a value takes. Text takes one at least."""
+    """Compute how many registers a value takes. Text takes one at least."""
     layout = _FORMATS.get(data_type)
     return 1 if layout is None else layout.size // _REGISTER
 
 
 def is_whole(data_type: str) -> bool:
-    """Whether a type holds whole numbers only."""
+    """Tell whether a type holds whole numbers only."""
     return data_type != "string" and not is_float(data_type)
 
 
 def is_float(data_type: str) -> bool:
-    """Whether a type holds floating-point numbers."""
+    """Tell whether a type holds floating-point numbers."""
     return data_type in ("float32", "float64")
 
 
 def bounds(data_type: str) -> tuple[int, int]:
-    """The least and the greatest whole number that fits into a type of whole numbers."""
+    """Return the least and the greatest number that fits into a type of whole numbers."""
     if data_type == "bit":
         return 0, 1
     bits = 16 * registers_of(data_type)
@@ -63,7 +63,7 @@ def bounds(data_type: str) -> tuple[int, int]:
 
 
 def decode(data: bytes, data_type: str, swap: str = "none") -> Value:
-    """The value in the bytes of its registers, in the order in which a response carries them.
+    """Decode the bytes of a value's registers, in the order in which a response carries them.
 
     A float32 is the shortest number that is nearest to it. Text ends at the first NUL; spaces behind it are dropped,
     and bytes that are no UTF-8 become �.
@@ -76,7 +76,7 @@ def decode(data: bytes, data_type: str, swap: str = "none") -> Value:
 
 
 def encode(value: Value, data_type: str, swap: str = "none", length: int = 1) -> bytes:
-    """The bytes of the registers that carry `value`; text has `length` registers and is filled up with NUL.
+    """Make the bytes of the registers that carry `value`; text has `length` registers, filled up with NUL.
 
     Raises:
         ValueError: the type cannot hold the value.
@@ -98,7 +98,7 @@ def encode(value: Value, data_type: str, swap: str = "none", length: int = 1) ->
 
 
 def swapped(data: bytes, swap: str) -> bytes:
-    """The bytes of registers in the swapped order, or back."""
+    """Swap the bytes of registers, or swap them back."""
     words = [data[at : at + _REGISTER] for at in range(0, len(data), _REGISTER)]
     if swap in ("words", "both"):
         words.reverse()
@@ -118,7 +118,7 @@ def _encode_text(text: str, length: int) -> bytes:
 
 
 def _shortest(value: float) -> float:
-    """The number with the fewest digits that gives the same float32."""
+    """Find the number with the fewest digits that gives the same float32."""
     layout = _FORMATS["float32"]
     data = layout.pack(value)
     for digits in range(6, _DIGITS_OF_FLOAT32):

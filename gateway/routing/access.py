@@ -30,7 +30,7 @@ MOST_ROLES: Final = 100
 
 
 def right_to(functions: Iterable[int]) -> Right:
-    """The right to exactly these functions."""
+    """Make the right to exactly these functions."""
     return frozenset(each if each in READING_FUNCTIONS else bytes((each,)) for each in functions)
 
 
@@ -52,7 +52,7 @@ class AccessRow:
     sites: frozenset[str] = frozenset()
 
     def applies_to(self, client: "Client") -> bool:
-        """Whether it applies to a client from this address, None for one without, or to a site by its name."""
+        """Tell whether it applies to a client from this address, None for one without, or to a site by its name."""
         if self.networks is None or client is None:
             return self.networks is None
         return client in self.sites if isinstance(client, str) else any(client in each for each in self.networks)
@@ -114,7 +114,7 @@ class Rights(dict[str, tuple[Right, ...]]):
         self._roles: dict[str, Rights] = {}
 
     def of_role(self, role: str) -> "Rights":
-        """The rights of certified clients with this role."""
+        """Find the rights of certified clients with this role."""
         rights = self._roles.get(role)
         if rights is None:
             if len(self._roles) >= MOST_ROLES:
@@ -124,26 +124,26 @@ class Rights(dict[str, tuple[Right, ...]]):
         return rights
 
     def admits(self, host: str) -> bool:
-        """Whether a client from this address has any right; one with a certificate, if it had the right role."""
+        """Tell whether a client from this address has any right; one with a certificate, if it had the right role."""
         if any(self[host]):
             return True
         client = self._client(host)
         return self._entry.kind == "certified" and any(row.right and row.applies_to(client) for row in self._rows)
 
     def names(self, host: str, role: str | None = None) -> bool:
-        """Whether a row gives rights to a network that this address is in; to this role, for a certified client."""
+        """Tell whether a row gives rights to a network with this address; to this role, for a certified client."""
         if role is not None:
             return self.of_role(role).names(host)
         return self.admits(host) and host in self._named
 
     def allows(self, host: str, unit: int, function: int) -> bool:
-        """Whether a client from this address may use a function of a unit; 43 for reading the identification."""
+        """Tell whether a client from this address may use a function of a unit; 43 for reading the identification."""
         right, begin = self[host][unit], bytes((function,))
         is_identification = begin == READING_IDENTIFICATION[:1] and READING_IDENTIFICATION in right
         return function in right or begin in right or is_identification
 
     def rows_for(self, host: str, unit: int) -> tuple[AccessRow, ...]:
-        """The rows by which a client from this address has its rights to a unit, which is not that of broadcasts.
+        """Find the rows by which a client from this address has its rights to a unit other than that of broadcasts.
 
         Usually one; several if the unit has several numbers elsewhere; none if no row applies.
         """
@@ -184,13 +184,13 @@ def _rows_at(entry: EntryPoint, rows: tuple[AccessRow, ...]) -> Iterable[AccessR
 
 
 def _reading_of(right: Right) -> Right:
-    """The part of a right that only reads. The right to function 43 includes identification."""
+    """Take the part of a right that only reads. The right to function 43 includes identification."""
     return (right | {READING_IDENTIFICATION} if READING_IDENTIFICATION[:1] in right else right) & READING
 
 
 @lru_cache(maxsize=256)
 def _by_unit(rows: tuple[AccessRow, ...], known_as: KnownAs, unit0: int | None) -> tuple[Right, ...]:
-    """The right at each unit identifier, 0 to 255. Clients with the same rows share it."""
+    """Find the right at each unit identifier, 0 to 255. Clients with the same rows share it."""
     rights = [_right_at(identifier, units, rows) for identifier, units in enumerate(known_as)]
     all_units = [right for at, right in enumerate(rights) if at in _ALL_UNITS or known_as[at]]
     rights[BROADCAST_UNIT] = frozenset.intersection(*all_units) if unit0 is None else rights[unit0]
@@ -198,7 +198,7 @@ def _by_unit(rows: tuple[AccessRow, ...], known_as: KnownAs, unit0: int | None) 
 
 
 def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[AccessRow, ...]) -> Right:
-    """The right by the first row that applies. With several unit numbers, only what is allowed at each."""
+    """Find the right by the first row that applies. With several unit numbers, only what is allowed at each."""
     right, *others = [
         next((row.right for row in rows if _fits(row, identifier, unit)), NOTHING) for unit in known_as or (None,)
     ]
@@ -206,7 +206,7 @@ def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[AccessRow,
 
 
 def _fits(row: AccessRow, identifier: int, unit: int | None) -> bool:
-    """Whether a row applies to unit `identifier` here, which is `unit` elsewhere, or None."""
+    """Tell whether a row applies to unit `identifier` here, which is `unit` elsewhere, or None."""
     if row.units is None:
         return True
     if row.listeners is not None:

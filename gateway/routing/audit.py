@@ -67,7 +67,7 @@ class AuditedOrigin:
 
 
 def _written(pdu: bytes) -> tuple[int, int] | tuple[None, None]:
-    """Address and number of the coils or registers to write, if the request names them."""
+    """Find the address and number of the coils or registers to write, if the request names them."""
     try:
         span = parse_sent(pdu).write
     except RequestError:

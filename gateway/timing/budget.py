@@ -32,7 +32,7 @@ class AnswerTime:
     fixed: bool = False
 
     def allowed(self, asked: RequestPdu) -> float:
-        """Seconds from the end of the request to the start of the response."""
+        """Compute the seconds from the end of the request to the start of the response."""
         time = None if self.fixed else self.table.time(asked.function, asked.items)
         return self.timeout if time is None else self.margin * time
 
@@ -55,16 +55,16 @@ class Budget:
     latency: float
 
     def limit(self, asked: RequestPdu, answer_time: AnswerTime) -> float:
-        """Seconds from the end of the request on the wire until it fails."""
+        """Compute the seconds from the end of the request on the wire until it fails."""
         return self.response_wire_time(asked) + answer_time.allowed(asked) + self.latency
 
     def response_wire_time(self, asked: RequestPdu) -> float:
-        """Seconds of the longest expected response on the wire; 0 for one of unknown size."""
+        """Compute the seconds of the longest expected response on the wire; 0 for one of unknown size."""
         longest = asked.longest_response
         return self.line.frame(longest) if longest else 0.0
 
     def request_wire_time(self, asked: RequestPdu) -> float:
-        """Seconds of the request on the wire."""
+        """Compute the seconds of the request on the wire."""
         return self.line.frame(len(asked.data))
 
 
@@ -83,7 +83,7 @@ class Pace:
     has_wire: bool = True
 
     def time_of(self, asked: RequestPdu, table: TimingTable) -> float:
-        """From the first character of the request until the next request may be sent.
+        """Compute the time from the first character of the request until the next one may be sent.
 
         A function without a row in `table` is answered as soon as can be, so the time is the shortest possible one.
         """

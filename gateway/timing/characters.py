@@ -26,7 +26,7 @@ class CharacterFormat:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """The format that `text` names, such as `8E1` or `7O1`.
+        """Parse a format, such as `8E1` or `7O1`.
 
         Raises:
             ValueError: `text` is no character format.
@@ -71,17 +71,17 @@ class LineTiming:
         return self.silence(3.5)
 
     def silence(self, characters: float) -> float:
-        """A silence of this many characters; above 19200 baud in proportion to the fixed t3.5."""
+        """Compute the silence of this many characters; above 19200 baud in proportion to the fixed t3.5."""
         if self.baud > FASTEST_SCALED_BAUD:
             return T35_FIXED * characters / 3.5
         return characters * self.character
 
     def frame_end(self, idle_chars: float) -> float:
-        """The silence that ends a frame: none in ASCII, where CR LF ends it."""
+        """Compute the silence that ends a frame: none in ASCII, where CR LF ends it."""
         return 0.0 if self.mode == "ascii" else self.silence(idle_chars)
 
     def frame(self, pdu_size: int) -> float:
-        """A frame with a PDU of this many bytes."""
+        """Compute the time of a frame with a PDU of this many bytes."""
         return (self._each * pdu_size + self._around) * self.character
 
     @property

@@ -53,7 +53,7 @@ class Histogram:
         counts[bucket] = count + 1  # with += the compiler takes it for any object
 
     def quantile(self, share: float) -> float | None:
-        """The value that this share of all values does not exceed, as exact as the buckets; None without values."""
+        """Find the value that this share of all does not exceed, as exact as the buckets; None without values."""
         rank, below = share * sum(self.counts), 0
         if not rank:
             return None
@@ -67,7 +67,7 @@ class Histogram:
 
 
 def merged(scale: Scale, histograms: Iterable[Histogram]) -> Histogram:
-    """The sum of `histograms`, which all have this `scale`."""
+    """Add up `histograms`, which all have this `scale`."""
     whole = Histogram(scale)
     for each in histograms:
         whole.counts = [one + other for one, other in zip(whole.counts, each.counts, strict=True)]

@@ -53,7 +53,7 @@ class UnitUse(NamedTuple):
         return self.unanswered / self.requests if self.requests else 0.0
 
     def plus(self, other: "UnitUse") -> "UnitUse":
-        """Both together."""
+        """Add up both."""
         return UnitUse(*map(add, self, other))
 
 
@@ -75,7 +75,7 @@ class LineUse(NamedTuple):
         return min(self.busy / self.seconds, 1.0) if self.seconds else 0.0
 
     def plus(self, other: "LineUse") -> "LineUse":
-        """Both together."""
+        """Add up both."""
         return LineUse(*map(add, self, other))
 
 
@@ -90,25 +90,25 @@ class Slot:
         self.units: dict[str, UnitUse] = {}
 
     def add(self, lines: Mapping[str, LineUse], units: Mapping[str, UnitUse]) -> None:
-        """More has happened."""
+        """Add what has happened."""
         for name, line in lines.items():
             self.lines[name] = self.lines.get(name, LineUse()).plus(line)
         for name, unit in units.items():
             self.units[name] = self.units.get(name, UnitUse()).plus(unit)
 
     def copy(self) -> "Slot":
-        """The same, to which nothing is added any more."""
+        """Copy it: nothing is added to the copy any more."""
         slot = Slot(self.number)
         slot.lines, slot.units = dict(self.lines), dict(self.units)
         return slot
 
     def as_text(self) -> str:
-        """All of it, for a file."""
+        """Write all of it, for a file."""
         return json.dumps({"lines": _rounded(self.lines), "units": _rounded(self.units)}, separators=(",", ":"))
 
     @classmethod
     def read(cls, number: int, text: str) -> "Slot":
-        """What `as_text` has written.
+        """Read what `as_text` has written.
 
         Raises:
             ValueError: it has not.
@@ -147,7 +147,7 @@ class History:
         self._gone: set[int] = set()
 
     def add(self, time: float, lines: Mapping[str, LineUse], units: Mapping[str, UnitUse]) -> None:
-        """This has happened shortly before `time`, in seconds since 1970."""
+        """Add what has happened shortly before `time`, in seconds since 1970."""
         number = slot_at(time)
         self._slot(number).add(lines, units)
         if number != self._now:
@@ -164,23 +164,23 @@ class History:
         self._forget()
 
     def last(self, time: float, count: int) -> Past:
-        """The last `count` slots up to the one at `time`."""
+        """Return the last `count` slots up to the one at `time`."""
         end = slot_at(time) + 1
         return Past(end - count, [self._slots.get(number) for number in range(end - count, end)])
 
     def changes(self) -> Changes:
-        """What has changed since the last time."""
+        """Take what has changed since the last time."""
         changed, self._changed = self._changed, set()
         gone, self._gone = self._gone, set()
         return Changes([self._slots[number].copy() for number in sorted(changed)], frozenset(gone))
 
     def put_back(self, changes: Changes) -> None:
-        """They could not be written."""
+        """Take back changes that could not be written."""
         self._changed.update(self._slots.keys() & {slot.number for slot in changes.written})
         self._gone.update(changes.gone - self._slots.keys())
 
     def change_all(self) -> None:
-        """Nothing of it is in the file any more."""
+        """Count all of it as changed: nothing of it is in the file any more."""
         self._changed.update(self._slots)
 
     def _slot(self, number: int) -> Slot:
@@ -202,7 +202,7 @@ class History:
 
 
 def slot_at(time: float) -> int:
-    """The number of the slot at `time`, in seconds since 1970."""
+    """Compute the number of the slot at `time`, in seconds since 1970."""
     return int(time // STEP)
 
 

@@ -39,7 +39,7 @@ class Samples:
         self.rows: dict[int, TimesOfSize] = {}
 
     def add(self, items: int, seconds: float) -> None:
-        """A response has come. Beyond MOST_SIZES, new numbers of items are left out."""
+        """Add a response. Beyond MOST_SIZES, new numbers of items are left out."""
         row = self.rows.get(items)
         if row is None:
             if len(self.rows) >= MOST_SIZES:
@@ -77,14 +77,14 @@ class Times:
         self.answered_at = NEVER
 
     def answered(self, now: float, ends_at: float, limit: float) -> None:
-        """A valid response came `now` to a request whose last character was sent at `ends_at`."""
+        """Add a valid response that came `now` to a request whose last character was sent at `ends_at`."""
         self.limit = limit
         self.answered_at = now
         self.answer.add(now - ends_at)
         self.share.add((now - ends_at) / limit if limit > 0.0 else 0.0)
 
     def came_late(self, elapsed: float, limit: float) -> bool:
-        """A response was dropped `elapsed` seconds after its request: whether that was after the limit."""
+        """Add a response that was dropped `elapsed` seconds after its request; True if that was after the limit."""
         if elapsed <= limit:
             return False
         self.late += 1
@@ -128,7 +128,7 @@ class TimeSpent:
         self._byte = timing.frame(1) - timing.frame(0)
 
     def add(self, sent_at: float, ends_at: float, now: float, response: int, quiet_at: float) -> None:
-        """A transaction is over `now`; its last character was sent at `ends_at`.
+        """Add a transaction that is over `now`; its last character was sent at `ends_at`.
 
         `response` is the size of its response PDU, 0 without one. The next request may be sent at `quiet_at`.
         """
@@ -142,5 +142,5 @@ class TimeSpent:
             self.gap += quiet_at - now
 
     def phases(self, asking: float = 0.0, waiting: float = 0.0) -> Phases:
-        """All of it so far, with the times of the transaction in progress."""
+        """Add up all of it so far, with the times of the transaction in progress."""
         return Phases(self.request + asking, self.wait + waiting, self.response, self.gap)

@@ -18,7 +18,7 @@ class Fit:
     per_item: float
 
     def time(self, items: int) -> float:
-        """Seconds for this many items."""
+        """Compute the seconds for this many items."""
         return max(self.start + self.per_item * items, 0.0)
 
 
@@ -61,7 +61,7 @@ class MeasuredTimes:
         return max(self.longest, *self.times)
 
     def quantile(self, share: float) -> float:
-        """The time that this share of the responses did not exceed."""
+        """Find the time that this share of the responses did not exceed."""
         ordered = sorted(self.times)
         return ordered[min(ceil(share * len(ordered)), len(ordered)) - 1]
 
@@ -93,9 +93,9 @@ class Proposal:
         return max(self._present_margin, ceil(round(10 * max(needed), 6)) / 10)
 
     def fitted(self, row: MeasuredTimes) -> float:
-        """The time of a row's requests by the table, in seconds."""
+        """Compute the time of a row's requests by the table, in seconds."""
         return self.fits[row.function].time(row.items)
 
     def limit(self, row: MeasuredTimes) -> float:
-        """The limit that a row's requests would have, in seconds."""
+        """Compute the limit that a row's requests would have, in seconds."""
         return (row.limit_ms - row.allowed_ms) / 1000 + self.margin * max(self.fitted(row), 0.001)

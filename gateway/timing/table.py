@@ -23,7 +23,7 @@ class TimingTable:
 
     @classmethod
     def of(cls, points: Mapping[int, list[Point]]) -> Self:
-        """The table of these points, in any order.
+        """Make the table of these points, in any order.
 
         Raises:
             ValueError: two points of a function have the same items, or a time decreases.
@@ -38,7 +38,7 @@ class TimingTable:
         return cls(rows)
 
     def time(self, function: int, items: int) -> float | None:
-        """Seconds the device may take, or None if the table has no row for the function.
+        """Compute the seconds the device may take; None if the table has no row for the function.
 
         Linear between points, flat before the first, continued with the last slope after the last.
         """

@@ -24,7 +24,7 @@ class Use:
         self.transactions = 0
 
     def add(self, seconds: float, transactions: int = 1) -> None:
-        """Some more."""
+        """Add some more."""
         self.seconds += seconds
         self.transactions += transactions
 
@@ -40,7 +40,7 @@ class Usage:
         self._size = 0
 
     def add(self, client: str, unit: int, function: int, seconds: float) -> None:
-        """A transaction of this user has taken the line this long, with the silence behind it."""
+        """Add how long a transaction of this user has taken the line, with the silence behind it."""
         of_client = self._clients.get(client)
         use = None if of_client is None else of_client.get(unit << _FUNCTION_BITS | function)
         if use is None:
@@ -48,13 +48,13 @@ class Usage:
         use.add(seconds)
 
     def take(self) -> dict[User, Use]:
-        """All that was added since the last time."""
+        """Take all that was added since the last time."""
         rows = self.look()
         self._clients, self._size = {}, 0
         return rows
 
     def look(self) -> dict[User, Use]:
-        """The same, and the table goes on."""
+        """Return the same, while the table goes on."""
         return {
             (client, both >> _FUNCTION_BITS, both & _FUNCTION): use
             for client, of_client in self._clients.items()

@@ -20,7 +20,7 @@ ENOUGH_TO_SHORTEN: Final = 100
 def verdict(
     share: float | None, responses: int, late: int, limit_ms: float, proposed_ms: float | None = None
 ) -> Verdict:
-    """Of `responses`, 99 of 100 took at most this `share` of the limit, and `late` came after it.
+    """Judge a limit: 99 of 100 of `responses` took at most this `share` of it, and `late` came after it.
 
     `proposed_ms` is the limit by a timing table from these responses, if there is one: it tells what is far too long.
     """

@@ -68,11 +68,11 @@ class Writer:
         self._interfaces: dict[str, int] = {}
 
     def head(self) -> bytes:
-        """The beginning of the file."""
+        """Make the beginning of the file."""
         return _block(_SECTION, pack("<IHHq", _MAGIC, 1, 0, -1) + _options((_APPLICATION, self._application.encode())))
 
     def interface(self, line: str, description: str) -> bytes:
-        """A line, before its first packet; nothing if it is known already."""
+        """Make the block of a line, before its first packet; nothing if it is known already."""
         if line in self._interfaces:
             return b""
         self._interfaces[line] = len(self._interfaces)
@@ -80,7 +80,7 @@ class Writer:
         return _block(_INTERFACE, pack("<HHI", _UPPER_PDU, 0, 0) + options)
 
     def packet(self, packet: Packet) -> bytes:
-        """A frame on a line that is known."""
+        """Make the block of a frame on a line that is known."""
         server, client = _DISSECTORS[packet.dissector], _CLIENT_PORT
         source, destination = (client, server) if packet.is_request else (server, client)
         tags = b"".join(
@@ -106,7 +106,7 @@ def _block(kind: int, body: bytes) -> bytes:
 
 
 def _options(*options: tuple[int, bytes]) -> bytes:
-    """Options with the one that ends them."""
+    """Join options, with the one that ends them."""
     return b"".join(pack("<HH", code, len(value)) + _padded(value) for code, value in options if value) + bytes(4)
 
 

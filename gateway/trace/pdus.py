@@ -52,7 +52,7 @@ Word = Callable[[str], str]
 
 
 def request_in_words(pdu: bytes, word: Word = str) -> str:
-    """What a request asks for: `read holding 0-1 (40001-40002)`."""
+    """Describe what a request asks for: `read holding 0-1 (40001-40002)`."""
     asked = _parsed(pdu)
     if asked is None:
         return f"{_function(pdu[0], word)}: {pdu.hex(' ').upper()}"
@@ -65,7 +65,7 @@ def request_in_words(pdu: bytes, word: Word = str) -> str:
 
 
 def response_in_words(request: bytes, response: bytes, word: Word = str) -> str:
-    """What a response says to a request: its values, or which exception."""
+    """Describe what a response says to a request: its values, or which exception."""
     if response[0] & EXCEPTION_BIT:
         return exception_in_words(response[1], word)
     asked = _parsed(request)
@@ -77,13 +77,13 @@ def response_in_words(request: bytes, response: bytes, word: Word = str) -> str:
 
 
 def exception_in_words(code: int, word: Word = str) -> str:
-    """An exception code and its name."""
+    """Name an exception, with its code."""
     name = f", {word(EXCEPTIONS[code])}" if code in EXCEPTIONS else ""
     return f"{word('exception')} {code:02X}{name}"
 
 
 def frame_in_words(frame: bytes, *, is_request: bool, word: Word = str) -> str:
-    """A PDU of which it is not known what it answers."""
+    """Describe a PDU of which it is not known what it answers."""
     if frame[0] & EXCEPTION_BIT and len(frame) > 1:
         return exception_in_words(frame[1], word)
     return request_in_words(frame, word) if is_request else f"{_function(frame[0], word)}: {frame.hex(' ').upper()}"
@@ -119,7 +119,7 @@ def _written(asked: RequestPdu, word: Word) -> str:
 
 
 def _coil(value: bytes, word: Word) -> str:
-    """The value of function 05. Some devices know others than on and off."""
+    """Write the value of function 05. Some devices know others than on and off."""
     return {b"\xff\0": word("on"), b"\0\0": word("off")}.get(value, value.hex().upper())
 
 

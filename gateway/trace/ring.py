@@ -109,12 +109,12 @@ class Ring:
         self._trim_failures()
 
     def after(self, number: int, most: int = STEP) -> list[Record]:
-        """The next records from this number on, at most this many. Some before may be gone: see `first`."""
+        """Return the next records from this number on, at most this many. Some before may be gone: see `first`."""
         begin = max(number, self.first)
         return [self._record(each) for each in range(begin, min(self.added, begin + most))]
 
     def number_at(self, since: float) -> int:
-        """The number of the first record that was made at `since` or later."""
+        """Find the number of the first record that was made at `since` or later."""
         low, high = self.first, self.added
         while low < high:
             middle = (low + high) // 2
@@ -130,7 +130,7 @@ class Ring:
         return self._record(self.first).at if self.added > self.first else None
 
     def failures(self) -> Iterator[Record]:
-        """The failures, the newest first."""
+        """Go through the failures, the newest first."""
         return reversed(self._failures)
 
     def _record(self, number: int) -> Record:

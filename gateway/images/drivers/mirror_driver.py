@@ -58,7 +58,7 @@ class MirrorDriver:
             self._run(self.mirror.abandon, request)
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - the same for every poll
-        """Whether waiting polls should be sent."""
+        """Tell whether waiting polls should be sent."""
         return self._is_open
 
     def answer(self, request: Request, pdu: bytes | None) -> None:

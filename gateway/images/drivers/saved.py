@@ -85,7 +85,7 @@ def open_saved(folder: Path) -> Opened:
 
 
 def _records(kept: Values, changed: Values) -> Iterator[bytes]:
-    """A record for each run of neighbours: `["shift-data","holding",5,[7,8,9]]` for the values from address 5 on."""
+    """Make a record for each run of neighbours: `["shift-data","holding",5,[7,8,9]]` for those from address 5 on."""
     for image, area in sorted(kept.keys() | changed.keys()):
         values = kept.get((image, area), {}) | changed.get((image, area), {})
         for run in _runs(sorted(values)):

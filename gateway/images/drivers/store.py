@@ -85,7 +85,7 @@ class Store:
         self._saved = saved
 
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
-        """The present values of `image` by area and address, saved or not."""
+        """Return the present values of `image` by area and address, saved or not."""
         layers = (self._kept, *self._unsaved())
         return {
             area: dict(chain.from_iterable(each.get((image, area), {}).items() for each in layers)) for area in Area
@@ -129,7 +129,7 @@ class Store:
             self._emit(StateNotKept(self._file, _reason(error) or "the disk takes too long"))
 
     def _unsaved(self) -> tuple[Values, Values]:
-        """Values that are being written, and those collected since."""
+        """Return the values that are being written, and those collected since."""
         return self._batch.values if self._batch else {}, self._next.values
 
     def _write_later(self) -> None:
@@ -182,7 +182,7 @@ class Store:
             self._refuses = False
 
     def _tell(self, error: BaseException | None) -> None:
-        """A failure is logged when it begins and when it ends."""
+        """Log a failure when it begins and when it ends."""
         if error is not None and not self._fails:
             self._emit(StateNotKept(self._file, _reason(error)))
         if error is None and self._fails:
