@@ -15,7 +15,7 @@ from gateway.config.plan import Plan
 from gateway.config.problem import Problem
 from gateway.errors import ConfigError
 from gateway.service.config_process import READING_TIME, ConfigRead
-from gateway.service.reload import Outcome, Reloader, differences, find_settled
+from gateway.service.reload import Outcome, Reloader, differences, need_restart
 from gateway.service.running import Running
 
 #: This many lines of a comparison are shown, and this many characters of a file.
@@ -110,7 +110,7 @@ class ConfigViewer:
             added=found.added,
             removed=found.removed,
             changed=found.changed,
-            restart=find_settled(self._reloader.at_start, plan),
+            restart=need_restart(self._reloader.at_start, plan),
         )
 
 

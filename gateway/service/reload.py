@@ -150,7 +150,7 @@ class Reloader:
         self._running.reload_succeeded = not defect
         warnings = (*map(str, loaded.problems), *unusable)
         outcome = replace(
-            differences(old, new), restart=find_settled(self.at_start, new), warnings=warnings, defect=defect
+            differences(old, new), restart=need_restart(self.at_start, new), warnings=warnings, defect=defect
         )
         warn(loaded.problems, self._running.emit)
         warn_of_certificates(certificates, self._running.emit)
@@ -241,7 +241,7 @@ def _tables(plan: Plan) -> Mapping[str, object]:
     }
 
 
-def find_settled(at_start: Plan, new: Plan) -> tuple[str, ...]:
-    """The changes in `new` that apply only after a restart."""
+def need_restart(at_start: Plan, new: Plan) -> tuple[str, ...]:
+    """Find the changes in `new` that apply only after a restart."""
     fixed = (("log", at_start.log, new.log), ("control", at_start.control, new.control), ("web", at_start.web, new.web))
     return tuple(name for name, one, other in fixed if one != other)
