@@ -133,19 +133,26 @@ def _name(line: Line) -> str:
     return f"line {line.settings.name}"
 
 
+def _client(origin: Any) -> str:
+    """Name a client, also in a checkout from before there were callers."""
+    return str(getattr(origin, "caller", origin).client)
+
+
 def watch_requests() -> None:
     """Note each request and its answer, what clients get, and what is kept for the trace."""
 
     def told(request: Request) -> str:
-        return f"{request.origin.client}'s {request.unit}: {request.pdu.hex(' ')}"
+        return f"{_client(request.origin)}'s {request.unit}: {request.pdu.hex(' ')}"
 
     watch(Request, "respond", lambda request, pdu: f"{told(request)} is answered {pdu.hex(' ')}")
     watch(Request, "fail", lambda request, error: f"{told(request)} fails: {error!r}")
     watch(Request, "end", lambda request: f"{told(request)} ends")
     watch(
-        Request, "__init__", lambda _, unit, pdu, origin, *rest: f"{origin.client} asks {unit}: {bytes(pdu).hex(' ')}"
+        Request,
+        "__init__",
+        lambda _, unit, pdu, origin, *rest: f"{_client(origin)} asks {unit}: {bytes(pdu).hex(' ')}",
     )
-    watch(Client, "send", lambda client, data: f"{client.session.client} gets {data.hex(' ')}")
+    watch(Client, "send", lambda client, data: f"{_client(client.session)} gets {data.hex(' ')}")
     watch(lines.Client, "send", lambda client, data: f"client {client._number} gets {data.hex(' ')}")
     watch(Socket, "write", lambda socket, data: f"a client over TCP gets {data.hex(' ')}")
     Ring.is_on = property(lambda ring: True)
