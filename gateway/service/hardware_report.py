@@ -120,7 +120,7 @@ async def look_at(opener: Opener, settings: SerialSettings, unit: int | None) ->
     formats = [(text, replace(settings, format=CharacterFormat.parse(text))) for text in FORMATS]
     sections.append(Section("Formats", [await _tried(opener, each, text) for text, each in formats]))
     if unit is not None:
-        sections.append(Section(f"Unit {unit}", await read_for(make_opener, settings, unit, count=READS)))
+        sections.append(Section(f"Unit {unit}", await read_for(opener, settings, unit, count=READS)))
     return sections
 
 

@@ -51,11 +51,7 @@ which takes 4.6 ms (8 characters); its late window is twice as long. In ASCII 22
 from collections.abc import Callable
 from functools import partial
 
-from gateway.devices.device import Device, ScannedUnit
-from gateway.devices.addresses import UnitAddresses
-from gateway.devices.quirks import AddressZeroDevice, MovableDevice
-from gateway.events import Event
-from gateway.lines.counts import Counts, total
+from gateway.devices.device import ScannedUnit
 from gateway.lines.transaction import ScanTransaction
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
