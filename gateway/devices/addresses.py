@@ -42,7 +42,7 @@ class Whereabouts:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether there are several possible addresses."""
+        """Tell whether there are several possible addresses."""
         return len(self.units) > 1
 
     def begin_at(self, *units: int) -> None:

@@ -77,17 +77,17 @@ class Device(Destination):
 
     @property
     def possible_units(self) -> tuple[int, ...]:
-        """The addresses that it may have; none if it is not asked at all."""
+        """Return the addresses that it may have; none if it is not asked at all."""
         return (self.unit,)
 
     @property
     def moved_from(self) -> int | None:
-        """The address in the config, if the device is, or may be, at another one; None if not."""
+        """Return the address in the config if the device is, or may be, at another one; None if not."""
         configured = self.settings.unit
         return None if self.possible_units == (configured,) else configured
 
     def is_resting(self, now: float) -> bool:
-        """Whether the device backs off."""
+        """Tell whether the device backs off."""
         return self.breaker.is_resting(now)
 
     def report_rejection(self, request: Request, error: RequestError) -> None:

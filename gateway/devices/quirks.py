@@ -56,10 +56,10 @@ class AddressZeroTransaction(Transaction):
 
     @property
     def answers_from(self) -> None:
-        """None: the unit is unknown."""
+        """Return None: the unit is unknown."""
 
     def accepts(self, frame: Frame) -> bool:
-        """Whether `frame` is the response, from any unit."""
+        """Tell whether `frame` is the response, from any unit."""
         return self.asked.accepts(frame.pdu)
 
 
@@ -92,10 +92,10 @@ class AddressChange(Transaction):
 
     @property
     def answers_from(self) -> None:
-        """None: the old unit or the new one."""
+        """Return None: the old unit responds, or the new one."""
 
     def accepts(self, frame: Frame) -> bool:
-        """Whether `frame` confirms the change, or is the exception to it."""
+        """Tell whether `frame` confirms the change, or is the exception to it."""
         is_exception = frame.pdu[0] & EXCEPTION_BIT
         return frame.unit == (self.unit if is_exception else self.new_unit) and self.asked.accepts(frame.pdu)
 
@@ -107,7 +107,7 @@ class BaudChange(Transaction):
 
     @property
     def baud(self) -> float:
-        """The new rate."""
+        """Return the new rate."""
         (baud,) = unpack(">f", _registers(self.asked, BAUD_REGISTER, 2))
         return float(baud)
 
@@ -271,6 +271,6 @@ def changes(asked: RequestPdu, quirks: Collection[str]) -> Quirk | None:
 
 
 def _registers(asked: RequestPdu, register: int, count: int) -> bytes:
-    """The values that the request writes to `count` registers from `register` on."""
+    """Cut out the values that the request writes to `count` registers from `register` on."""
     at = 2 * (register - cast("Span", asked.write).start)
     return asked.values[at : at + 2 * count]

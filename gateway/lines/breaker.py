@@ -31,17 +31,17 @@ class Breaker:
         self._until = 0.0
 
     def is_resting(self, now: float) -> bool:
-        """Whether the unit rests at `now`."""
+        """Tell whether the unit rests at `now`."""
         return now < self._until
 
     def rest_left(self, now: float) -> float:
-        """How much longer the unit rests, in seconds."""
+        """Return how much longer the unit rests, in seconds."""
         return max(0.0, self._until - now)
 
     def record_failure(
         self, limit: float, window_end: float, longest: float | None = None, *, failed_before: int = 0
     ) -> bool:
-        """A request has failed after `limit` seconds, and so often before that; True if a rest begins.
+        """Count a request that failed after `limit` seconds, and so often before that; True if a rest begins.
 
         `longest` is the maximum in seconds: 0 for no rest at all, None for the default.
         """
@@ -57,7 +57,7 @@ class Breaker:
         return not failed_before
 
     def record_success(self) -> bool:
-        """The unit has responded; True if that ends its back-off."""
+        """Begin anew: the unit has responded. True if that ends its back-off."""
         rested = self.rest > 0.0
         self.failures, self.rest, self._until = 0, 0.0, 0.0
         return rested

@@ -61,7 +61,7 @@ class Counts:
     echoes: int = 0
 
     def count_error(self, error: RequestError, requests: int) -> None:
-        """This many requests failed with `error`."""
+        """Count so many requests that failed with `error`."""
         setattr(self, error.result, getattr(self, error.result) + requests)
 
 
@@ -96,7 +96,7 @@ class UnitCounts(dict[int, Counts]):
 
     @property
     def responses(self) -> int:
-        """Valid responses in time."""
+        """Count the valid responses in time."""
         return sum(counts.responses for counts in self.values())
 
     def __missing__(self, function: int) -> Counts:
@@ -109,22 +109,22 @@ class UnitCounts(dict[int, Counts]):
         return counts
 
     def count_exception(self, code: int, requests: int, now: float) -> None:
-        """This many requests got the exception `code` from the unit."""
+        """Count so many requests that got the exception `code` from the unit."""
         self.codes[code] = self.codes.get(code, 0) + requests
         self.record_error(f"exception {code:02X}", now)
 
     def record(self, what: str, now: float) -> None:
-        """Something that may be repaired has happened: see `last_times`."""
+        """Keep the time of what may be repaired: see `last_times`."""
         self.last_times[what] = LastTime(now, self.responses)
 
     def record_instead(self, received: bytes, why: str) -> None:
-        """These bytes came in place of a response; `why` they are none, if they tell."""
+        """Keep the bytes that came in place of a response; `why` they are none, if they tell."""
         self.why = why
         if received and not why:
             self.received_instead.append(received)
 
     def record_error(self, error: str, now: float) -> None:
-        """A request that was sent has failed."""
+        """Keep why a request that was sent has failed."""
         self.last_error = error
         self.last_error_at = now
 
@@ -136,10 +136,10 @@ RESULTS: Final = _NAMES[: _NAMES.index("explained")]
 
 
 def total(counts: Iterable[Counts]) -> Counts:
-    """The sum of `counts`."""
+    """Return the sum of `counts`."""
     return Counts(*map(sum, zip(*map(_VALUES, counts), strict=True)))
 
 
 def total_of_units(units: Iterable[UnitCounts]) -> Counts:
-    """The sum over units and functions."""
+    """Return the sum over units and functions."""
     return total(counts for unit in units for counts in unit.values())

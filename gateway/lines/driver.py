@@ -18,13 +18,13 @@ class Permission(Protocol):
     """Leave to write to a line that others ask on too, in turn."""
 
     def permits(self) -> bool:
-        """Whether a request may be written now."""
+        """Tell whether a request may be written now."""
 
     def silence(self) -> float:
-        """How long nothing may be written from now on, in seconds: late answers to others may come."""
+        """Return how long nothing may be written from now on, in seconds: late answers to others may come."""
 
     def heard_asker(self) -> None:
-        """Somebody else has asked on the line."""
+        """Take note that another client has asked on the line."""
 
 
 class LineDriver:
@@ -61,7 +61,7 @@ class LineDriver:
         line = self.line
         if line.is_quiet(now):
             self._read_port()
-        is_planned = line.is_busy and line.has_expiry  # then what comes behind others makes nothing due earlier
+        is_planned = line.is_busy and line.has_expiry  # then its deadline cannot come forward
         try:
             line.submit(transaction, now)
         except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
@@ -72,7 +72,7 @@ class LineDriver:
             self._boundary.plan(self._deadline())
 
     def port_up(self, port: Port) -> None:
-        """The port is open."""
+        """Use this port: it is open."""
         self._boundary.port = port
         self.wire = resolve_wire(self.line.settings.wire, is_virtual=port.is_virtual)
         port_up = partial(self.line.port_up, virtual=self.wire == "direct", has_arrived=port.has_arrived)
@@ -84,7 +84,7 @@ class LineDriver:
             self._boundary.run(self.line.be_silent, self._time() + permission.silence())
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
-        """These bytes were received."""
+        """Take received bytes."""
         try:
             self._receive(data, self._time(), damaged)
         except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
@@ -99,7 +99,7 @@ class LineDriver:
         return self.line.is_closed
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
-        """The port was lost; requests fail at once until it is open again."""
+        """Let go of the port, which was lost; requests fail at once until it is open again."""
         self._boundary.lost()
 
     def change_rate(self, baud: int) -> None:
@@ -111,17 +111,17 @@ class LineDriver:
 
     @property
     def is_virtual(self) -> bool:
-        """Whether the port is open, and a virtual one."""
+        """Tell whether the port is open, and a virtual one."""
         return self._boundary.port is not None and self._boundary.port.is_virtual
 
     @property
     def errors(self) -> CharacterErrors | None:
-        """What was wrong with received characters since the port was opened, as far as its driver counts that."""
+        """Return what was wrong with received characters since the port was opened, if its driver counts that."""
         return None if self._boundary.port is None else self._boundary.port.errors
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request is on the line."""
+        """Tell whether a request is on the line."""
         return self.line.is_busy
 
     def finish(self) -> None:
@@ -129,7 +129,7 @@ class LineDriver:
         self._boundary.run(self.line.finish, self._time())
 
     def overdue(self, now: float) -> float:
-        """How many seconds the line is behind its deadline."""
+        """Return how many seconds the line is behind its deadline."""
         return self._boundary.overdue(now)
 
     def close(self) -> None:
@@ -175,7 +175,7 @@ class LineDriver:
 
 
 def _write_with(permission: Permission, port: Port, data: bytes) -> None:
-    """The last look before a write: nothing comes between this and the system call."""
+    """Write if it is still permitted: nothing comes between this look and the system call."""
     if permission.permits():
         port.write(data)
     else:

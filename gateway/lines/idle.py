@@ -32,14 +32,14 @@ class IdleTime:
         self._last: ScanTransaction | None = None
 
     def put(self, question: ScanTransaction) -> None:
-        """Let a question wait here, in place of one that nobody wants any more."""
+        """Let a question wait here, in place of one that is no longer wanted."""
         before, self.question = self.question, question
         self.held_until = 0.0
         if before is not None:
             before.fail(Unwanted())
 
     def take(self, now: float) -> ScanTransaction | None:
-        """The question, if it may be sent at `now`; else somebody else may be sent."""
+        """Take out the question if it may be sent at `now`; None if another request may."""
         question = self.question
         if question is None:
             return None
@@ -53,13 +53,13 @@ class IdleTime:
         return question
 
     def deadline(self, sends_at: float) -> float | None:
-        """When it can be sent, on a line that is free at `sends_at` and for which nobody else waits."""
+        """Return when it can be sent, on a line that is free at `sends_at` and for which nothing else waits."""
         if self.question is None or len(self._queue):
             return None
         return max(sends_at, self.held_until)
 
     def clear(self) -> list[ScanTransaction]:
-        """Remove it."""
+        """Remove the question."""
         question, self.question = self.question, None
         return [] if question is None else [question]
 

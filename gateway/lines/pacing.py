@@ -9,10 +9,10 @@ from typing import Final
 
 #: An adapter may have delayed a byte by this many seconds (a USB frame), so that the next ones follow sooner.
 HELD_BACK: Final = 0.001
-#: The last byte is read as it comes: the one before may be one character old.
-AS_THEY_COME: Final = 1
-#: A pause is worth it if this many bytes come meanwhile.
-WORTH: Final = 2
+#: The last byte is not waited for in a pause: the byte before it may be one character old.
+LAST_BYTES_READ_SINGLY: Final = 1
+#: A shorter pause costs more than it saves, in characters.
+SHORTEST_PAUSE_CHARS: Final = 2
 #: The longest pause, in seconds: a lost port is noticed only when it is read.
 LONGEST: Final = 0.05
 #: The longest pause before bytes were seen to come at the line's rate: the rest may come at once.
@@ -28,16 +28,16 @@ class Pace:
 
     def __init__(self, longest: int) -> None:
         self._longest = longest
-        self._character: float
-        self._silence: float
-        self._held_back: float
+        self._character = 0.0
+        self._silence = 0.0
+        self._held_back = 0.0
         #: Of a response: when its first bytes came, how many they were, and how many have come.
         self._first_at = 0.0
-        self._first: int
-        self._came: int
+        self._first = 0
+        self._came = 0
         #: On the idle line: when the last byte came, and how many since the last silence.
         self._idle_at = 0.0
-        self._unparted = 0
+        self._since_silence = 0
 
     def tune(self, character: float, silence: float, *, virtual: bool) -> None:
         """Set the length of a character and of the silence between frames. A `virtual` port delays no bytes."""
@@ -46,24 +46,24 @@ class Pace:
         self._held_back = 0.0 if virtual else HELD_BACK
 
     def begin(self) -> None:
-        """A request is sent."""
-        self._first = self._came = self._unparted = 0
+        """Begin anew: a request is sent."""
+        self._first = self._came = self._since_silence = 0
 
     def add(self, size: int, now: float) -> None:
-        """This many bytes came that may be part of the response."""
+        """Count bytes that came, and may be part of the response."""
         if not self._came:
             self._first_at, self._first = now, size
         self._came += size
 
     def add_idle(self, size: int, now: float) -> None:
-        """This many bytes came on the idle line."""
+        """Count bytes that came on the idle line."""
         if now - self._idle_at - size * self._character > self._silence:
-            self._unparted = 0
+            self._since_silence = 0
         self._idle_at = now
-        self._unparted += size
+        self._since_silence += size
 
     def read_at(self, missing: int, now: float) -> float | None:
-        """When to read again if at least `missing` bytes of a response are still to come; None: at the next byte.
+        """Choose when to read again if `missing` bytes of a response or more are still to come; None: at the next byte.
 
         Bytes that came faster than the line's rate do not tell when the rest comes. Only bytes after the first ones
         count, because the device may have taken its time before.
@@ -74,11 +74,11 @@ class Pace:
             return None
         # By more than a character only what comes in bundles is seen late, and then the rest is under way already.
         held_back = max(self._held_back, min(late - character, HELD_BACK))
-        pause = (missing - AS_THEY_COME) * character - held_back
+        pause = (missing - LAST_BYTES_READ_SINGLY) * character - held_back
         pause = min(pause, LONGEST if came else LONGEST_UNPROVEN)
-        return None if pause < WORTH * character else now + pause
+        return None if pause < SHORTEST_PAUSE_CHARS * character else now + pause
 
     def read_idle_at(self, now: float) -> float | None:
-        """The same on the idle line: noise, longer than any frame, need not be read byte by byte."""
-        is_noise = self._unparted > self._longest
-        return now + NOISE if is_noise and WORTH * self._character <= NOISE else None
+        """Choose the same for the idle line: noise, longer than any frame, need not be read byte by byte."""
+        is_noise = self._since_silence > self._longest
+        return now + NOISE if is_noise and SHORTEST_PAUSE_CHARS * self._character <= NOISE else None

@@ -92,7 +92,7 @@ class WaitingQueue:
         return self._clients.waiting + self._polls.waiting
 
     def __iter__(self) -> Iterator[Transaction]:
-        """Each transaction that waits, once."""
+        """Yield each transaction that waits, once."""
         return iter(dict.fromkeys(place.transaction for row in self._rows() for place in row.places))
 
     def put(self, transaction: Transaction, now: float) -> Transaction | None:
@@ -135,7 +135,7 @@ class WaitingQueue:
         return transaction
 
     def expired(self, now: float) -> list[tuple[Request, str]]:
-        """Remove the requests that have waited too long at `now`; with the names of the devices that they are for."""
+        """Remove the requests that have waited too long at `now`. Returns each with the name of its device."""
         late = []
         expiries = self._expiries
         while expiries:

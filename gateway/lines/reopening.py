@@ -26,26 +26,26 @@ class Reopening:
         self._open_again: OpenAgain | None = None
 
     def begin(self, now: float) -> None:
-        """The connection is closed, or about to be."""
+        """Begin: the connection is closed, or about to be."""
         self.is_on = True
         self.until = None
         self._since = now
 
     def ended(self, open_again: OpenAgain, *, is_needed: bool) -> None:
-        """The connection has been closed. It is opened at once if it `is_needed`."""
+        """Keep how to open the closed connection again, and do so at once if it `is_needed`."""
         self._open_again = open_again
         if is_needed:
             self._plan()
             self._open()
 
     def need(self, transaction: Transaction) -> None:
-        """This request waits for the connection."""
+        """Have the connection opened for this request."""
         until = self._until(transaction)
         self.until = until if self.until is None else min(self.until, until)
         self._open()
 
     def end(self) -> None:
-        """It is open, or cannot be opened."""
+        """End: the connection is open, or cannot be opened."""
         self.is_on = False
         self.until = None
         self._open_again = None

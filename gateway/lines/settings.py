@@ -38,7 +38,7 @@ class LineSettings:
     source: str = field(default="", compare=False)
 
     def time_for_repeats(self, request: float, limit: float, window: float) -> float:
-        """How long a read and its repeats may take: on the wire, its limit, and its late window are this long.
+        """Return how long a read and its repeats may take. `request` is on the wire, `limit` and late `window` follow.
 
         By default twice the limit and the window. If that is too short for a repeat after silence, it is longer by a
         short request of others, behind which the repeat may have to wait.
@@ -50,10 +50,10 @@ class LineSettings:
 
     @property
     def frame_end(self) -> float:
-        """The silence that ends a frame."""
+        """Return the silence that ends a frame."""
         return self.timing.frame_end(self.idle_chars)
 
     @property
     def silence_before_request(self) -> float:
-        """The silence before each request."""
+        """Return the silence before each request."""
         return self.frame_end if self.gap is None else self.gap

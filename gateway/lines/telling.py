@@ -35,7 +35,7 @@ class Report:
         self._mode = mode
 
     def queue_full(self, transaction: Transaction) -> None:
-        """A request got 06."""
+        """Tell that a request got 06."""
         device = transaction.device
         self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.client))
 
@@ -55,14 +55,14 @@ class Report:
             self._log(events.RequestTimeout, transaction, now)
 
     def late_response(self, transaction: Transaction, now: float) -> None:
-        """A response came after its request had failed: at its limit, or when one came that may be another client's."""
+        """Count a response that came after its request had failed: at its limit, or as one may be another client's."""
         transaction.counts.late_responses += 1
         if transaction.times.came_late(now - transaction.ends_at, transaction.limit):
             transaction.device.counts.record("late", now)
         self._log(events.LateResponse, transaction, now)
 
     def too_early(self, transaction: Transaction, *, proven: bool) -> None:
-        """The response came before the request can have been sent; `proven`: the port has no wire."""
+        """Count a response that came before the request can have been sent; `proven`: the port has no wire."""
         transaction.counts.early_responses += 1
         if proven:
             device, function = transaction.device, transaction.asked.function
@@ -70,27 +70,27 @@ class Report:
             self._emit(event)
 
     def foreign(self, frame: Frame, asked: Transaction) -> None:
-        """A valid frame came that is not the response to `asked`."""
+        """Count a valid frame that is not the response to `asked`."""
         asked.counts.foreign_frames += 1
         self._emit(events.ForeignFrame(self._line, asked.unit, asked.device.name, frame.pdu[0], _text(frame)))
 
     def other_client(self, transaction: Transaction, frame: Frame) -> None:
-        """Another client has sent a request to the same unit."""
+        """Tell that another client has sent a request to the same unit."""
         self._emit(events.OtherClientHeard(self._line, transaction.unit, transaction.device.name, _text(frame)))
 
     def echo(self, transaction: Transaction, *, first: bool) -> None:
-        """A copy of the request came from the adapter."""
+        """Count a copy of the request, which came from the adapter."""
         transaction.counts.echoes += 1
         if first:
             self._emit(events.EchoHeard(self._line, self._source, _echo_hint(transaction)))
 
     def resting(self, device: Destination, now: float) -> None:
-        """A unit begins to rest."""
+        """Tell that a unit begins to rest."""
         rest = round(device.breaker.rest_left(now), 1)
         self._emit(events.UnitResting(self._line, device.unit, device.name, rest, device.source))
 
     def recovered(self, device: Destination) -> None:
-        """A unit that rested has responded."""
+        """Tell that a unit that rested has responded."""
         self._emit(events.UnitRecovered(self._line, device.unit, device.name))
 
     def _log(self, event: Callable[..., events.Event], transaction: Transaction, now: float) -> None:
@@ -117,7 +117,7 @@ class Recorder:
         self._ring = ring
 
     def exchange(self, over: Transaction, response: bytes | None, now: float, answered_by: int | None = None) -> None:
-        """A transaction that was sent is over: answered, or never to be.
+        """Record a transaction that was sent and is over: answered, or never to be.
 
         `answered_by` is the unit identifier of the response. Devices that move have two.
         """
@@ -155,7 +155,7 @@ class Recorder:
     def failed(
         self, over: Transaction, error: RequestError | None, now: float, heard: bytes = b"", late_until: float = 0.0
     ) -> None:
-        """A transaction that was sent has failed; without an error it is sent again. Its answer may come late."""
+        """Record a transaction that was sent and has failed. Without an error it is sent again; an answer may come late."""
         if not self._ring.is_on:
             return
         record = self._incident(over, None, now)
@@ -171,7 +171,7 @@ class Recorder:
     def refused(
         self, refused: Transaction, error: RequestError, now: float, *, waiting: int, late_until: float = 0.0
     ) -> None:
-        """A transaction was not sent: a late window forbids it until then, or this many others wait."""
+        """Record a transaction that was not sent: a late window forbids it until then, or so many others wait."""
         until, count = late_until, waiting
         if isinstance(error, UnitResting):
             breaker = refused.device.breaker
@@ -180,18 +180,18 @@ class Recorder:
             self._ring.refuse(request, error, now, line=self._line, name=refused.device.name, until=until, count=count)
 
     def expired(self, request: Request, name: str, error: RequestError, now: float) -> None:
-        """A request for the device called `name` has waited for too long and was not sent."""
+        """Record a request for the device called `name` that has waited for too long and was not sent."""
         self._ring.refuse(request, error, now, line=self._line, name=name)
 
     def heard(self, token: Token, owner: str) -> None:
-        """A frame was heard that is not the answer; whose it is."""
+        """Record a frame that is not the answer, and its owner."""
         if self._ring.is_on:
             frame = token.frame
             kind = "a damaged frame" if token.is_damaged else owner
             self._ring.add(Heard(token.at, self._line, kind, bytes((frame.unit,)) + frame.pdu, 1))
 
     def noise(self, data: bytes, count: int, now: float) -> None:
-        """This many bytes came that are not part of any frame; these are the first of them."""
+        """Record so many bytes that are not part of any frame; `data` are the first of them."""
         if self._ring.is_on:
             self._ring.add(Heard(now, self._line, "noise", data[:MOST_HEARD], count))
 
@@ -218,7 +218,7 @@ class Recorder:
 
 
 def _echo_hint(transaction: Transaction) -> str:
-    """The advice for a copy of the request, which may be its response."""
+    """Choose the advice for a copy of the request, which may be its response."""
     asked = transaction.asked
     return _ECHO_OR_ANSWER if asked.accepts(asked.data) else _ECHO
 

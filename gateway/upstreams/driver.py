@@ -42,12 +42,12 @@ class UpstreamDriver(ABC):
         return False
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
-        """The port was lost; requests that wait fail at once until it is open again."""
+        """Let go of the port, which was lost; requests that wait fail at once until it is open again."""
         self._boundary.lost()
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request has been sent and not been answered."""
+        """Tell whether a request has been sent and not been answered."""
         return self.upstream.under_way > 0
 
     def finish(self) -> None:
@@ -55,7 +55,7 @@ class UpstreamDriver(ABC):
         self._run(self.upstream.finish, self._time())
 
     def overdue(self, now: float) -> float:
-        """How many seconds it is behind its own deadline."""
+        """Return how many seconds it is behind its own deadline."""
         return self._boundary.overdue(now)
 
     def close(self) -> None:
@@ -74,7 +74,7 @@ class UpstreamDriver(ABC):
 
     @abstractmethod
     def _down(self) -> None:
-        """The port was lost: what becomes of requests."""
+        """Finish requests as a lost port demands."""
 
 
 class TcpDriver(UpstreamDriver):
@@ -90,7 +90,7 @@ class TcpDriver(UpstreamDriver):
         self._framer = MbapFramer(strict=True)
 
     def port_up(self, port: Port) -> None:
-        """The connection is open."""
+        """Use this connection: it is open."""
         self._boundary.port = port
         self._framer = MbapFramer(strict=True)
         write = port.write
@@ -108,7 +108,7 @@ class TcpDriver(UpstreamDriver):
         return self.upstream.is_closed
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:  # noqa: ARG002 - TCP delivers no damaged bytes
-        """These bytes were received."""
+        """Take received bytes."""
         self._run(self._take, data)
 
     def _take(self, data: bytes) -> None:
@@ -133,7 +133,7 @@ class TcpDriver(UpstreamDriver):
         self.upstream.port_down(self._time())
 
     def _is_stuck(self) -> bool:
-        """Whether a request times out, and what is unfinished is no response that may still be completed in time."""
+        """Tell whether a request times out, and the unfinished response is of none that has time left."""
         awaited = self.upstream.awaited(self._time())
         return len(awaited) < self.upstream.under_way and not any(map(self._framer.holds, awaited))
 

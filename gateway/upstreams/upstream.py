@@ -76,7 +76,7 @@ class Upstream:
         self._last_identifier = 0
 
     def port_up(self, send: Send) -> None:
-        """The connection is open: requests are sent with `send`, those that wait by the next `tick`."""
+        """Send requests with `send`, those that wait by the next `tick`: the connection is open."""
         self._send_request = send
         if not self.is_closed:
             for device in self._failed_at:
@@ -85,7 +85,7 @@ class Upstream:
         self._reopening.end()
 
     def port_down(self, now: float) -> None:
-        """The connection was lost: units may have acted on requests under way (0B); others were not sent (0A)."""
+        """End the lost connection: units may have acted on requests under way (0B); others were not sent (0A)."""
         lost = self._take_under_way()
         waiting = self._disconnect()
         self._fail_sent(lost, now)
@@ -96,17 +96,17 @@ class Upstream:
         self._fail_waiting(self._disconnect(), now)
 
     def renew(self, now: float) -> None:
-        """The connection is being closed, and a new one is needed for what waits; what is under way is lost (0B)."""
+        """Wait for a new connection, for what waits: this one is being closed, and what is under way is lost (0B)."""
         self._send_request = None
         self._reopening.begin(now)
         self.tick(now)
         self._fail_sent(self._take_under_way(), now)
 
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
-        """The connection has ended in order; `at_once` after it was opened. If nothing is under way, that is no loss.
+        """End a connection that its server has ended in order, `at_once` after it was opened or later.
 
-        It is opened again for what waits, or for the next request. But if requests wait for one that ends at once, they
-        would wait in vain: that is a loss.
+        If nothing is under way, that is no loss: it is opened again for what waits, or for the next request. But if
+        requests wait for one that ends at once, they would wait in vain: that is a loss.
         """
         is_empty = not len(self._queue)
         if self._send_request is not None and not self._under_way and (is_empty or not at_once):
@@ -116,7 +116,7 @@ class Upstream:
 
     @property
     def is_closed(self) -> bool:
-        """Whether there is no connection because none is needed."""
+        """Tell whether there is no connection because none is needed."""
         return self._reopening.is_on
 
     def submit(self, transaction: Transaction, now: float) -> None:
@@ -156,7 +156,7 @@ class Upstream:
                 transaction.respond(pdu, now)
 
     def unsent(self, identifier: int, now: float) -> None:
-        """The request with this identifier got nowhere (0A); nothing if it has none any more."""
+        """Fail the request with this identifier, which got nowhere (0A); nothing if it has none any more."""
         transaction = self._under_way.get(identifier)
         if transaction is not None:
             self._finish(identifier, transaction)
@@ -166,11 +166,11 @@ class Upstream:
                 self._refuse(transaction, errors.LineDown(), now)
 
     def forget_late(self) -> None:
-        """No late response to any request can come any more."""
+        """Forget all late responses: none can come any more."""
         self._outstanding.clear()
 
     def deadline(self) -> float | None:
-        """When to call `tick`, or None."""
+        """Return when to call `tick`, or None."""
         oldest = next(iter(self._under_way.values()), None)
         deadlines = (
             None if oldest is None else oldest.fails_at,
@@ -196,31 +196,31 @@ class Upstream:
 
     @property
     def waiting(self) -> int:
-        """How many requests wait for a place."""
+        """Return how many requests wait for a place."""
         return len(self._queue)
 
     @property
     def under_way(self) -> int:
-        """How many requests were sent and are within their limits."""
+        """Return how many requests were sent and are within their limits."""
         return len(self._under_way)
 
     def awaited(self, now: float) -> list[bytes]:
-        """The identifiers, as they are sent, of those whose limits have not ended."""
+        """Return the identifiers, as they are sent, of those whose limits have not ended."""
         waiting = (identifier for identifier, each in self._under_way.items() if now < each.fails_at)
         return [identifier.to_bytes(2, "big") for identifier in waiting]
 
     @property
     def overdue(self) -> int:
-        """How many late responses may come."""
+        """Return how many late responses may come."""
         return len(self._outstanding)
 
     @property
     def is_spent(self) -> bool:
-        """Whether a new connection is needed: too many late responses may come on this one."""
+        """Tell whether a new connection is needed: too many late responses may come on this one."""
         return len(self._outstanding) >= MAX_OUTSTANDING and not self._under_way
 
     def _answer_in(self, frame: TcpFrame, now: float) -> tuple[Transaction, bytes] | None:
-        """The transaction that `frame` answers in time, and its response; None if it is dropped."""
+        """Find the transaction that `frame` answers in time, with its response; None if the frame is dropped."""
         asked = self._under_way.get(frame.transaction)
         late = self._outstanding.get(frame.transaction)
         if asked is not None and _answers(frame, asked):
@@ -246,7 +246,7 @@ class Upstream:
         return None
 
     def _give_up(self, identifier: int, transaction: Transaction, now: float) -> RequestError:
-        """The time limit has ended. Failures of requests that were under way together count as one."""
+        """End a request at its limit. Failures of requests that were under way together count as one."""
         instead = self._finish(identifier, transaction)
         self._outstanding[identifier] = transaction
         self._report.given_up(transaction, now, received=instead, is_echo=False)
@@ -260,14 +260,14 @@ class Upstream:
         return error
 
     def _take_under_way(self) -> list[Transaction]:
-        """No response to any request can come any more. Returns those that were under way."""
+        """Forget all that was sent: no response can come any more. Returns the requests that were under way."""
         lost = list(self._under_way.values())
         for kept in (self._under_way, self._instead, self._outstanding, self._asking):
             kept.clear()
         return lost
 
     def _disconnect(self) -> list[Transaction]:
-        """There is no connection. Returns the requests that have waited for one."""
+        """Stop sending: there is no connection. Returns the requests that have waited for one."""
         self._send_request = None
         self._reopening.end()
         return self._queue.clear()
@@ -328,7 +328,7 @@ class Upstream:
             transaction.end()
 
     def _free_identifier(self) -> int:
-        """The next identifier with which no response may come."""
+        """Choose the next identifier with which no response may come."""
         identifier = self._last_identifier
         while True:
             identifier = (identifier + 1) % _IDENTIFIERS
@@ -355,5 +355,5 @@ class Upstream:
 
 
 def _answers(frame: TcpFrame, asked: Transaction) -> bool:
-    """Whether `frame`, which has the identifier of `asked`, is its response."""
+    """Tell whether `frame`, which has the identifier of `asked`, is its response."""
     return (frame.unit == asked.unit or frame.unit in NO_UNIT) and asked.asked.accepts(frame.pdu)
