@@ -155,7 +155,7 @@ class Recorder:
     def failed(
         self, over: Transaction, error: RequestError | None, now: float, heard: bytes = b"", late_until: float = 0.0
     ) -> None:
-        """Record a transaction that was sent and has failed. Without an error it is sent again; an answer may come late."""
+        """Record a transaction that was sent and failed. Without an error it is sent again; an answer may come late."""
         if not self._ring.is_on:
             return
         record = self._incident(over, None, now)
