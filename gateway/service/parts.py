@@ -140,6 +140,7 @@ class GatewayLine:
         """Go on from where the line before on this port has left its devices, which it may have done just now."""
         plan, memory = self.plan, self._memory
         memory.expect(remembered.rate_key(plan), plan.line.timing.baud)
+        remembered.follow_names(plan, memory)
         for each in plan.devices:
             memory.expect(remembered.address_key(plan, each), each.unit)
         self.place_devices()

@@ -29,6 +29,22 @@ def rate(line: LinePlan, memory: Memory) -> int:
     return now if now in BAUD_RATES else configured
 
 
+def follow_names(line: LinePlan, memory: Memory) -> None:
+    """Give a device that has a new name in the config what is remembered of it under a name that the line has no more.
+
+    It has the same unit in the config, and nothing is remembered of it under its own name. Else two devices that have
+    changed places would have each other's values after an edit of their names.
+    """
+    names = {address_key(line, each) for each in line.devices}
+    left = [key for key in memory.keys_from(f"{line.port.port} ") if key not in names]
+    for each in line.devices:
+        for key in left:
+            units = memory.recall_all(key, each.unit)
+            if units != (each.unit,) and recall(line, each, memory) == (each.unit,):
+                memory.remember(address_key(line, each), each.unit, *units)
+                memory.remember(key, each.unit, each.unit)
+
+
 def addresses(line: LinePlan, memory: Memory) -> Mapping[str, tuple[int, ...]]:
     """Return where each device of the line is asked, by name: where it moved to, or may have moved to.
 
@@ -49,6 +65,7 @@ def rivals(line: LinePlan, device: DeviceSettings, memory: Memory, *units: int) 
 def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRemembered]:
     """All remembered values that the gateway uses instead of the config."""
     for line in plan.lines:
+        follow_names(line, memory)
         name, configured, now = line.line.name, line.line.timing.baud, rate(line, memory)
         if now != configured:
             place = place_of(line.line.source, "baud")

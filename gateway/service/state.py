@@ -37,6 +37,10 @@ class Memory:
         self.file = file
         self._entries = entries or {}
 
+    def keys_from(self, start: str) -> list[str]:
+        """Return the keys that begin with `start`."""
+        return [key for key in self._entries if key.startswith(start)]
+
     def recall(self, key: str, configured: int) -> int:
         """The value of `key` now: the remembered one, unless the config has changed since."""
         return self.recall_all(key, configured)[0]

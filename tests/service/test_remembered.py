@@ -1,10 +1,12 @@
 """What an earlier run has left behind, and when it counts for nothing."""
 
+import pytest
+
 from gateway.config.load import parse
 from gateway.config.plan import Plan
 from gateway.config.resolve import resolve
 from gateway.events import AddressRemembered, BaudRemembered
-from gateway.service.remembered import address_key, addresses, in_force, rate, rate_key
+from gateway.service.remembered import address_key, addresses, follow_names, in_force, rate, rate_key
 from gateway.service.state import Memory
 
 HALL = """
@@ -67,6 +69,43 @@ def test_a_config_with_the_same_names_on_another_port_knows_nothing_of_it() -> N
 def test_two_devices_can_have_changed_places() -> None:
     memory = left_behind(("silo-1", 1, 2), ("silo-2", 2, 1))
     assert addresses(plan().lines[0], memory) == {"silo-1": (2,), "silo-2": (1,)}
+
+
+def test_devices_that_changed_places_and_get_new_names_are_asked_where_they_are() -> None:
+    """Else each would have the weight of the other."""
+    memory = left_behind(("silo-1", 1, 2), ("silo-2", 2, 1))
+    renamed = plan(HALL.replace("silo-1", "north").replace("silo-2", "south"))
+    assert [(told.device, told.unit) for told in in_force(renamed, memory)] == [("north", 2), ("south", 1)]
+    assert addresses(renamed.lines[0], memory) == {"north": (2,), "south": (1,)}
+    assert addresses(plan().lines[0], memory) == {"silo-1": (1,), "silo-2": (2,)}
+
+
+def test_so_is_one_of_them_that_may_have_moved() -> None:
+    memory = left_behind(("silo-1", 1, 1, 5), ("silo-2", 2, 7))
+    renamed = plan(HALL.replace("silo-1", "north")).lines[0]
+    follow_names(renamed, memory)
+    assert addresses(renamed, memory) == {"north": (1, 5), "silo-2": (7,)}
+
+
+@pytest.mark.parametrize(
+    ("edit", "units"),
+    [
+        pytest.param(('unit = 1, as = 41, name = "silo-1"', 'unit = 3, as = 41, name = "north"'), (3,), id="unit"),
+        pytest.param(("/dev/hall-a", "/dev/hall-b"), (1,), id="port"),
+    ],
+)
+def test_what_has_another_unit_or_port_too_is_another_device(edit: tuple[str, str], units: tuple[int, ...]) -> None:
+    memory = left_behind(("silo-1", 1, 5))
+    edited = plan(HALL.replace(*edit)).lines[0]
+    follow_names(edited, memory)
+    assert addresses(edited, memory)[edited.devices[0].name] == units
+
+
+def test_a_new_name_does_not_take_what_is_remembered_of_a_device_that_is_still_there() -> None:
+    """Both have the same unit in the config: one of them at a time."""
+    memory = left_behind(("silo-1", 1, 5))
+    follow_names(plan(HALL.replace("unit = 1,", "unit = 3,").replace("unit = 2,", "unit = 1,")).lines[0], memory)
+    assert addresses(plan().lines[0], memory) == {"silo-1": (5,), "silo-2": (2,)}
 
 
 def test_a_device_that_may_have_moved_is_at_either_address_and_that_is_told() -> None:

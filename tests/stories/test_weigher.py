@@ -2,6 +2,8 @@
 
 import asyncio
 
+import pytest
+
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.events import AddressMoved, AddressRemembered, BaudChanged, RequestRefused
@@ -129,6 +131,41 @@ async def test_a_move_that_is_answered_during_a_reload_is_known_to_the_next_line
         await reloading
         assert await moving.answer() == "10 01 00 00 01"
         assert bench.gateway.lines[0].devices[41].unit == 5
+
+
+async def test_scales_that_changed_places_and_get_new_names_by_a_reload_are_asked_where_they_are() -> None:
+    memory = Memory()
+    memory.remember("/dev/hall-a silo-1", 1, 2)
+    memory.remember("/dev/hall-a silo-2", 2, 1)
+    async with gateway_bench(TWO, memory) as bench:
+        await reload(bench, TWO.replace("silo-1", "north").replace("silo-2", "south"))
+        assert [device.unit for device in bench.gateway.lines[0].devices.values()] == [2, 1]
+
+
+@pytest.mark.parametrize("is_answered", [True, False])
+async def test_an_edit_of_the_unit_during_a_move_counts_whatever_becomes_of_the_move(is_answered: bool) -> None:
+    """A late response to it is not believed either."""
+    memory, edited = Memory(), TWO.replace("unit = 1,", "unit = 7,")
+    async with gateway_bench(TWO, memory) as bench:
+        client = bench.client()
+        client.ask(41, MOVE_TO_5[0][3:-6])
+        await asyncio.sleep(0.1)
+        reloading = asyncio.create_task(reload(bench, edited))
+        await asyncio.sleep(0.1)
+        if is_answered:
+            bench.lines["hall-a"].deliver(bytes.fromhex(MOVE_TO_5[1]))
+        await reloading
+        assert await client.answer() == ("10 01 00 00 01" if is_answered else "90 0B")
+        line, device = bench.lines["hall-a"], bench.gateway.lines[0].devices[41]
+        line.take_written()
+        client.ask(41, READ_WEIGHT)
+        await asyncio.sleep(0.1)
+        assert line.take_written()[0] == 7
+        line.deliver(bytes.fromhex(MOVE_TO_5[1]))
+        assert await client.answer() == "83 0B"
+        assert device.possible_units == (7,)
+    async with gateway_bench(edited, memory) as bench:
+        assert bench.gateway.lines[0].devices[41].possible_units == (7,)
 
 
 async def test_a_rate_that_changes_during_a_reload_is_known_to_the_next_line() -> None:
