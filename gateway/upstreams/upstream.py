@@ -86,21 +86,20 @@ class Upstream:
 
     def port_down(self, now: float) -> None:
         """End the lost connection: units may have acted on requests under way (0B); others were not sent (0A)."""
-        lost = self._take_under_way()
         waiting = self._disconnect()
-        self._fail_sent(lost, now)
-        self._fail_waiting(waiting, now)
+        self._lose_under_way(now)
+        self._refuse(waiting, errors.LineDown(), now)
 
     def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones are not sent (0A), those under way may be answered."""
-        self._fail_waiting(self._disconnect(), now)
+        self._refuse(self._disconnect(), errors.LineDown(), now)
 
     def renew(self, now: float) -> None:
         """Wait for a new connection, for what waits: this one is being closed, and what is under way is lost (0B)."""
         self._send_request = None
         self._reopening.begin(now)
         self.tick(now)
-        self._fail_sent(self._take_under_way(), now)
+        self._lose_under_way(now)
 
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
         """End a connection that its server has ended in order, `at_once` after it was opened or later.
@@ -122,14 +121,14 @@ class Upstream:
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent in its turn, or fails."""
         if self._send_request is None and not self.is_closed:
-            self._refuse(transaction, errors.LineDown(), now)
+            self._refuse([transaction], errors.LineDown(), now)
         elif transaction.device.breaker.is_resting(now):
-            self._refuse(transaction, errors.UnitResting(), now)
+            self._refuse([transaction], errors.UnitResting(), now)
         else:
             lost = self._queue.put(transaction, now)
             if lost is not None:
                 self._report.queue_full(lost)
-                self._refuse(lost, errors.QueueFull(), now)
+                self._refuse([lost], errors.QueueFull(), now)
             if lost is transaction:
                 return
             if self._send_request is None:
@@ -163,7 +162,7 @@ class Upstream:
             try:
                 self._go_on(now)
             finally:
-                self._refuse(transaction, errors.LineDown(), now)
+                self._refuse([transaction], errors.LineDown(), now)
 
     def forget_late(self) -> None:
         """Forget all late responses: none can come any more."""
@@ -188,7 +187,7 @@ class Upstream:
             failed.append((transaction, self._give_up(identifier, transaction, now)))
         unconnected = self._reopening.given_up(now)
         try:
-            self._fail_waiting(unconnected, now)
+            self._refuse(unconnected, errors.LineDown(), now)
             self._go_on(now)
         finally:
             for transaction, error in failed:
@@ -259,12 +258,14 @@ class Upstream:
         self._recorder.failed(transaction, error, now, instead)
         return error
 
-    def _take_under_way(self) -> list[Transaction]:
-        """Forget all that was sent: no response can come any more. Returns the requests that were under way."""
+    def _lose_under_way(self, now: float) -> None:
+        """Fail all requests under way: no response to any request can come any more."""
         lost = list(self._under_way.values())
         for kept in (self._under_way, self._instead, self._outstanding, self._asking):
             kept.clear()
-        return lost
+        for transaction in lost:
+            self._recorder.failed(transaction, errors.LineLost(), now)
+            transaction.fail_sent(errors.LineLost(), now)
 
     def _disconnect(self) -> list[Transaction]:
         """Stop sending: there is no connection. Returns the requests that have waited for one."""
@@ -272,19 +273,11 @@ class Upstream:
         self._reopening.end()
         return self._queue.clear()
 
-    def _fail_sent(self, transactions: list[Transaction], now: float) -> None:
-        for transaction in transactions:
-            self._recorder.failed(transaction, errors.LineLost(), now)
-            transaction.fail_sent(errors.LineLost(), now)
-
-    def _fail_waiting(self, transactions: list[Transaction], now: float) -> None:
-        for transaction in transactions:
-            self._refuse(transaction, errors.LineDown(), now)
-
-    def _refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
+    def _refuse(self, transactions: list[Transaction], error: RequestError, now: float) -> None:
         """Fail what was not sent, and keep why."""
-        self._recorder.refused(transaction, error, now, waiting=self.waiting)
-        transaction.fail(error)
+        for transaction in transactions:
+            self._recorder.refused(transaction, error, now, waiting=self.waiting)
+            transaction.fail(error)
 
     def _go_on(self, now: float) -> None:
         """Send requests while there is a place, and fail those that have waited too long."""
@@ -308,10 +301,10 @@ class Upstream:
 
     def _send(self, transaction: Transaction, send: Send, now: float) -> None:
         if not transaction.is_wanted:
-            self._refuse(transaction, errors.Unwanted(), now)
+            self._refuse([transaction], errors.Unwanted(), now)
             return
         if transaction.device.breaker.is_resting(now):
-            self._refuse(transaction, errors.UnitResting(), now)
+            self._refuse([transaction], errors.UnitResting(), now)
             return
         transaction.sent_at = transaction.ends_at = now
         transaction.limit = self.settings.timeout
