@@ -132,7 +132,7 @@ class Row(Member):
 
 
 class Round:
-    """Those who have a turn in one round, in order, and those of them who are urgent."""
+    """Those who have a turn in one round, in order, and the urgent ones: of these, and one who was let in."""
 
     __slots__ = ("members", "urgent")
 
@@ -159,7 +159,7 @@ class Turns(Member):
         #: The round that is under way, and the next one.
         self._now = Round()
         self._later = Round()
-        #: Whether somebody who came since the round began is in it.
+        #: Whether one that came since the round began may go with its urgent ones. Its place is in the next round.
         self._has_let_in = False
 
     @property
@@ -181,15 +181,17 @@ class Turns(Member):
         """Give a new member its first turn, and look anew who is urgent: another request may be the oldest of it."""
         member.has_passed = False
         is_urgent = member.is_urgent
-        its = self._now if member in self._now.members else self._later
-        if is_urgent and not self._has_let_in and self.waiting > member.waiting and member not in its.members:
-            its, self._has_let_in = self._now, True
-        its.members[member] = None
+        now, later = self._now, self._later
+        its = now if member in now.members or member in now.urgent else later
+        if its is later and member not in later.members:
+            later.members[member] = None
+            if is_urgent and not self._has_let_in and self.waiting > member.waiting:
+                its, self._has_let_in = now, True
         if is_urgent:
             its.urgent[member] = None
         elif its.urgent:
             its.urgent.pop(member, None)
-        if self.waiting and not self._now.members:
+        if self.waiting and not now.members and next(iter(later.members)) not in now.urgent:
             self._begin_round()
         if self.above is not None:
             self.above.sort(self)
@@ -237,13 +239,14 @@ class Turns(Member):
             return
         member.has_passed = not member.waiting
         self._now.remove(member)
+        self._later.members.pop(member, None)
         self._later.members[member] = None
 
     def _begin_round(self) -> None:
         """Begin the next round, in which those who are left of this one come first."""
         self._has_let_in = False
         now, later = self._now, self._later
-        if now.members:
+        if now.members or now.urgent:
             now.members.update(later.members)
             now.urgent.update(later.urgent)
             self._later = Round()
