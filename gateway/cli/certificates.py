@@ -20,7 +20,7 @@ from gateway.tls.making import (
     make_client,
     make_server,
 )
-from gateway.tls.revoking import Issued, issued_to, replaced, revoke, revoked
+from gateway.tls.revoking import Issued, find_issued, find_replaced, read_revoked, revoke
 from gateway.tls.workshop import AUTHORITY
 
 #: Where the files are put.
@@ -112,7 +112,7 @@ def _client(folder: Path, args: argparse.Namespace) -> None:
 
 def _tell_replaced(folder: Path, stem: str) -> None:
     """What was replaced can still be used by whoever has its key."""
-    last = max(replaced(folder, stem), key=lambda each: each.certificate.not_after, default=None)
+    last = max(find_replaced(folder, stem), key=lambda each: each.certificate.not_after, default=None)
     if last is not None:
         at_folder = "" if str(folder) == DEFAULT_FOLDER else f" --folder {folder}"
         print(
@@ -123,7 +123,7 @@ def _tell_replaced(folder: Path, stem: str) -> None:
 
 def _revoke(folder: Path, args: argparse.Namespace) -> None:
     found = _meant(folder, args)
-    gone = revoked(folder)
+    gone = read_revoked(folder)
     made = revoke(folder, [each.file for each in found])
     for each in found:
         serial = each.certificate.serial
@@ -138,7 +138,7 @@ def _meant(folder: Path, args: argparse.Namespace) -> list[Issued]:
         file = Path(args.name)
         return [Issued(file, read_certificates(file)[0])]
     stem = _stem(args.name)
-    found = replaced(folder, stem) if args.replaced else issued_to(folder, stem)
+    found = find_replaced(folder, stem) if args.replaced else find_issued(folder, stem)
     if not found:
         what = "nothing that was replaced is valid" if args.replaced else f"there is no {folder / stem}.crt"
         raise WrongUsageError(f"{stem}: {what}", "modbus-gateway certificates list names those in the folder")
@@ -146,7 +146,7 @@ def _meant(folder: Path, args: argparse.Namespace) -> list[Issued]:
 
 
 def _list(folder: Path, args: argparse.Namespace) -> None:
-    rows, gone = [], revoked(folder)
+    rows, gone = [], read_revoked(folder)
     for file in sorted(folder.glob("*.crt")):
         certificate = read_certificates(file)[0]
         try:

@@ -3,7 +3,7 @@
 import asyncio
 import os
 import socket
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Final
 
@@ -30,28 +30,29 @@ class Acceptor:
         self._connect = connect
         self._rejected = rejected
         self._pause = pause
+        #: The listening sockets.
+        self.sockets: list[socket.socket] = []
         self._tasks: list[asyncio.Task[None]] = []
         self._reserved: int | None = None
 
-    def reserve(self) -> None:
-        """Reserve a descriptor, if one is left."""
-        if self._reserved is None:
-            with suppress(OSError):
-                self._reserved = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+    def hold(self, sockets: list[socket.socket]) -> None:
+        """Keep these bound sockets until `stop`, and reserve a descriptor."""
+        self.sockets = sockets
+        self._reserve()
 
-    def start(self, listening: Iterable[socket.socket], name: str) -> None:
-        """Accept the clients of these sockets, in tasks of this name."""
-        self._tasks = [asyncio.create_task(self._accept(each), name=name) for each in listening]
+    def start(self, name: str) -> None:
+        """Accept clients, in tasks of this name: the sockets are listening."""
+        self._tasks = [asyncio.create_task(self._accept(each), name=name) for each in self.sockets]
 
-    def stop(self, listening: Iterable[socket.socket]) -> None:
+    def stop(self) -> None:
         """Accept no more clients, and close the sockets."""
         loop = asyncio.get_running_loop()
         for task in self._tasks:
             task.cancel()
-        self._tasks = []
-        for each in listening:
-            loop.remove_reader(each)  # now: when the task runs, the descriptor may be reused
-            each.close()
+        for listening in self.sockets:
+            loop.remove_reader(listening)  # now: when the task runs, the descriptor may be reused
+            listening.close()
+        self._tasks, self.sockets = [], []
         self._release()
 
     async def _accept(self, listening: socket.socket) -> None:
@@ -81,8 +82,14 @@ class Acceptor:
         except OSError:
             return None
         finally:
-            self.reserve()
+            self._reserve()
         return join_host_port(*address[:2])
+
+    def _reserve(self) -> None:
+        """Reserve a descriptor, if one is left."""
+        if self._reserved is None:
+            with suppress(OSError):
+                self._reserved = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
 
     def _release(self) -> None:
         if self._reserved is not None:

@@ -109,7 +109,7 @@ class Admission(Generic[AnyClient]):
         for client, place in self._places.items():
             place.look(client, now)
 
-    def refusal(
+    def make_room(
         self,
         host: str,
         rights: Rights,
@@ -118,7 +118,7 @@ class Admission(Generic[AnyClient]):
         dismiss: Callable[[AnyClient], None],
         role: str | None = None,
     ) -> str:
-        """Say why a client from `host` is rejected; empty if it is accepted, perhaps after `dismiss` closed another.
+        """Make room for a client from `host`, perhaps by `dismiss`; return why it is rejected, empty if it is not.
 
         `role` is that in its certificate, None if it has shown none.
         """

@@ -42,7 +42,7 @@ def request_local_address(sock: socket.socket) -> None:
 
 
 def receive(sock: socket.socket) -> tuple[bytes, PeerAddress]:
-    """The next datagram, as far as an ADU can reach and one byte more, and its peer.
+    """Receive the next datagram, as far as an ADU can reach and one byte more, and its peer.
 
     Raises:
         OSError: none has arrived, or its checksum was wrong.
@@ -57,7 +57,7 @@ def receive(sock: socket.socket) -> tuple[bytes, PeerAddress]:
 
 
 def send_arguments(sock: socket.socket, peer: PeerAddress) -> tuple[list[tuple[int, int, bytes]], tuple[Any, ...]]:
-    """What `sock.sendmsg` needs for responses to `peer`: the ancillary data with the source, and the address."""
+    """Make what `sock.sendmsg` needs for responses to `peer`: the ancillary data with the source, and the address."""
     if sock.family == socket.AF_INET:
         source = _NO_INTERFACE + peer.asked + _NO_HEADER_ADDRESS
         return [(socket.IPPROTO_IP, _IP_PKTINFO, source)], (peer.host, peer.port)

@@ -42,19 +42,17 @@ class ConnectingClient:
 
 @dataclass(slots=True)
 class _Handshake:
-    """A handshake that is not done.
-
-    Its client is awaited since `awaited_at`; None while a step is due or under way. Before that it was awaited for
-    `awaited` seconds, counted since it was last sent something.
-    """
+    """A handshake that is not done."""
 
     connecting: ConnectingClient
     began_at: float
+    #: Since when its client is awaited; None while a step is due or under way.
     awaited_at: float | None
+    #: For how many seconds it was awaited before that, counted since it was last sent something.
     awaited: float = 0.0
 
     def delay(self, now: float) -> float:
-        """For how many seconds its client was awaited since it was last sent something."""
+        """Add up for how many seconds its client was awaited since it was last sent something."""
         return self.awaited + (0.0 if self.awaited_at is None else now - self.awaited_at)
 
 
@@ -76,8 +74,8 @@ class Handshakes:
     def __len__(self) -> int:
         return len(self._pending)
 
-    def trouble(self, share_key: str, now: float) -> str:
-        """Why no handshake can begin with a client from there; empty if it can, perhaps after another was ended."""
+    def make_room(self, share_key: str, now: float) -> str:
+        """Make room for a client from there, perhaps by ending a handshake; return why there is none, or empty."""
         if len(self._pending) < MOST:
             return ""
         share = Counter(handshake.connecting.caller.share_key for handshake in self._pending.values())
@@ -94,7 +92,7 @@ class Handshakes:
         return ""
 
     def begin(self, stream: TlsStream, connecting: ConnectingClient, now: float) -> None:
-        """A client has connected."""
+        """Begin the handshake of a client that has connected."""
         self._pending[stream] = _Handshake(connecting, now, now)
         stream.start()
 
@@ -158,7 +156,7 @@ class Handshakes:
         if self._worker is None:
             self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="tls handshakes")
         self._is_working = True
-        step = asyncio.get_running_loop().run_in_executor(self._worker, _timed, stream)
+        step = asyncio.get_running_loop().run_in_executor(self._worker, _take_step, stream)
         step.add_done_callback(partial(self._stepped, stream))
 
     def _stepped(self, stream: TlsStream, step: asyncio.Future[tuple[str | None, float]]) -> None:
@@ -179,7 +177,7 @@ class Handshakes:
             self._go_on()
 
 
-def _timed(stream: TlsStream) -> tuple[str | None, float]:
-    """The outcome of a step, and the processor time that it took: a pause of the machine must not count."""
+def _take_step(stream: TlsStream) -> tuple[str | None, float]:
+    """Take a step; return its outcome and processor time: a pause of the machine must not count."""
     began = thread_time()
     return stream.step(), thread_time() - began

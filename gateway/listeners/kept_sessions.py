@@ -24,7 +24,7 @@ Replace = Callable[[Loaded, Loaded], None]
 
 
 def is_full(context: ssl.SSLContext) -> bool:
-    """Whether a context must not keep the session of a connection that ends now: its files could not be used again."""
+    """Return True if a context must keep no more sessions: its files could not be used again."""
     return context.session_stats()["number"] > MOST_AFTER_CLOSING
 
 
@@ -38,12 +38,12 @@ class KeptSessions:
         self._files = files
         self._in_use = in_use
         self._replace = replace
-        #: The files are read in a thread.
+        #: Reads the files in a thread.
         self.renewing: asyncio.Future[Loaded] | None = None
-        #: When they may be read again.
+        #: When they may be read again, in seconds of the loop's clock.
         self._next_at = -inf
 
-    def bound(self) -> None:
+    def limit(self) -> None:
         """Begin to make a new context if the one in use keeps too many sessions."""
         before = self._in_use()
         if self.renewing is not None or before.context.session_stats()["number"] <= MOST_SESSIONS:
@@ -56,12 +56,12 @@ class KeptSessions:
         def renewed(renewing: asyncio.Future[Loaded]) -> None:
             self.renewing = None
             if not renewing.cancelled() and renewing.exception() is None:
-                self._compare(before, renewing.result())
+                self._adopt(before, renewing.result())
 
         self.renewing = loop.run_in_executor(ThreadPerCall("read certificates"), load, self._files)
         self.renewing.add_done_callback(renewed)
 
-    def _compare(self, before: Loaded, fresh: Loaded) -> None:
+    def _adopt(self, before: Loaded, fresh: Loaded) -> None:
         """Use the new context, unless the files are others by now, which only a reload may take."""
         if fresh.trust == before.trust and fresh.expiries == before.expiries:
             self._replace(before, fresh)

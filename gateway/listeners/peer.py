@@ -53,7 +53,7 @@ class Peer:
 
     @property
     def is_idle(self) -> bool:
-        """Whether no request of the client is in progress."""
+        """True if no request of the client is in progress."""
         return not self._under_way
 
     @property
@@ -62,7 +62,7 @@ class Peer:
         return len(self._under_way)
 
     def notice(self, adu: mbap.TcpFrame) -> bool:
-        """A request has arrived: whether it repeats one in progress. Else it replaces one with its identifier."""
+        """Return True if an arrived request repeats one in progress. Else it replaces one with its identifier."""
         earlier = self._under_way.get(adu.transaction)
         if earlier is None:
             return False
@@ -90,7 +90,7 @@ class Peer:
         self._is_finishing = True
 
     def wants(self, request: Request) -> bool:
-        """Whether a request that still waits should be sent."""
+        """Return True if a request that still waits should be sent."""
         return not self.gone and self._under_way.get(request.transaction) is request
 
     def answer(self, request: Request, pdu: bytes | None) -> None:

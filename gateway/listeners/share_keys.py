@@ -26,7 +26,7 @@ _LOOPBACK: Final = "lo"
 
 
 def read_routes() -> str:
-    """The beginning of ROUTES; empty without IPv6."""
+    """Read the beginning of ROUTES; empty without IPv6."""
     with suppress(OSError), Path(ROUTES).open(encoding="ascii") as file:
         return file.read(MOST_READ)
     return ""
@@ -41,19 +41,19 @@ class ShareKeys:
         self._read_at = -inf
 
     def of(self, host: str, now: float) -> str:
-        """What counts as the address of a client from `host`, `now` in seconds: `10.0.0.7`, `2001:db8:1:2::/64`."""
+        """Find what counts as the address of a client from `host`, at `now`: `10.0.0.7`, `2001:db8:1:2::/64`."""
         if ":" not in host:
             return host
         if now - self._read_at >= KEPT:
-            self._links, self._read_at = tuple(_links(self._read())), now
+            self._links, self._read_at = tuple(_parse_links(self._read())), now
         address = IPv6Address(host)
         if address.is_loopback or any(address in link for link in self._links):
             return host
         return str(IPv6Network((int(address), _CUSTOMER), strict=False))
 
 
-def _links(routes: str) -> Iterator[IPv6Network]:
-    """The networks that are reached without a router."""
+def _parse_links(routes: str) -> Iterator[IPv6Network]:
+    """Parse the networks that are reached without a router."""
     for line in routes.splitlines():
         fields = line.split()
         if len(fields) == 10 and fields[9] != _LOOPBACK and not int(fields[8], 16) & _ROUTER:

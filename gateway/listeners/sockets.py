@@ -57,7 +57,7 @@ class OpenSockets:
         self._gave_way: list[socket.socket] = []
 
     def take(self, kind: int, address: tuple[Any, ...], *, ipv6_only: bool) -> socket.socket | None:
-        """A copy of the socket at this address, if there is one; the original stays open.
+        """Copy the socket at this address, if there is one; the original stays open.
 
         BindIPv6Only= decides whether one of systemd's takes IPv4 too.
         """
@@ -68,7 +68,7 @@ class OpenSockets:
         return None
 
     def take_wider(self, kind: int, address: tuple[Any, ...]) -> socket.socket | None:
-        """A copy of one of systemd's that takes clients of this address among others: see `is_meant`."""
+        """Copy one of systemd's that takes clients of this address among others: see `is_meant`."""
         if kind == socket.SOCK_DGRAM and "%" in address[0]:  # a datagram does not tell the interface of its address
             return None
         for sock in self.all:
@@ -100,13 +100,13 @@ class OpenSockets:
                 _set_sharing(sock, is_shared=False)
 
     def at(self, kind: int, port: int) -> list[str]:
-        """The addresses of systemd's sockets with this port."""
-        return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()[1]) == (kind, port)]
+        """List the addresses of systemd's sockets with this port."""
+        return [_show_address(sock) for sock in self.all if (sock.type, sock.getsockname()[1]) == (kind, port)]
 
     def without(self, used: Iterable[socket.socket]) -> list[str]:
-        """The addresses of systemd's sockets that none of the `used` ones belongs to: `tcp://0.0.0.0:502`."""
+        """List the addresses of systemd's sockets that none of the `used` ones belongs to: `tcp://0.0.0.0:502`."""
         names = {(sock.type, sock.getsockname()) for sock in used}
-        return [_address(sock) for sock in self.all if (sock.type, sock.getsockname()) not in names]
+        return [_show_address(sock) for sock in self.all if (sock.type, sock.getsockname()) not in names]
 
     def _free_port(self, kind: int, port: int) -> None:
         """Free the port: its sockets stop listening but stay bound. Those of systemd are left alone."""
@@ -121,7 +121,7 @@ class OpenSockets:
                     _set_sharing(sock, is_shared=True)
 
 
-async def addresses(settings: ListenSettings, kind: socket.SocketKind) -> list[AddressInfo]:
+async def find_addresses(settings: ListenSettings, kind: socket.SocketKind) -> list[AddressInfo]:
     """Look up the addresses of a listener.
 
     Raises:
@@ -146,13 +146,13 @@ def bind_sockets(
     """
     ready = ready or OpenSockets()
     try:
-        return _bound(addresses, ready, settings)
+        return _bind_all(addresses, ready, settings)
     except OSError as error:
         raise make_listen_error(settings, error, ready) from error
 
 
 def is_meant(asked: str, bound: socket.socket, addresses: Iterable[AddressInfo]) -> bool:
-    """Whether a client that `asked` this host is for one of these addresses. A wider `bound` socket hears others."""
+    """Return True if a client that `asked` this host is for one of these. A wider `bound` socket hears others."""
     ours = {address[0] for *_, address in addresses}
     if bound.getsockname()[0] in ours:
         return True
@@ -161,13 +161,13 @@ def is_meant(asked: str, bound: socket.socket, addresses: Iterable[AddressInfo])
 
 
 def overlap(one: socket.socket, other: socket.socket) -> bool:
-    """Whether two bound sockets have a port and an address in common, so that only one of them can listen."""
+    """Return True if two bound sockets have a port and an address in common: only one of them can listen."""
     mine, others = one.getsockname(), other.getsockname()
     return one.type == other.type and (mine[:2] == others[:2] or _covers(one, others) or _covers(other, mine))
 
 
 def show_bound_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
-    """What clients connect to, `tcp://127.0.0.1:5020`: the bound address, or the configured one if none is bound."""
+    """Show what clients connect to, `tcp://127.0.0.1:5020`: the bound address, else the configured one."""
     host, port = bound[0].getsockname()[:2] if bound else (settings.host, settings.port)
     if host in {_EVERY_ADDRESS, _EVERY_IPV4_ADDRESS}:  # perhaps of a wider socket
         host = settings.host
@@ -177,36 +177,36 @@ def show_bound_address(settings: ListenSettings, bound: Sequence[socket.socket])
 def make_listen_error(
     settings: ListenSettings, error: OSError | UnicodeError, ready: OpenSockets | None = None
 ) -> ListenError:
-    """The error that says why a listener cannot listen, with its place in the config. `ready` as in `bind_sockets`."""
+    """Make the error that says why a listener cannot listen. `ready` as in `bind_sockets`."""
     place = f"{settings.source}: " if settings.source else ""
     reason = _advise_on_systemd(settings, error, ready or OpenSockets()) or explain(error)
     return ListenError(f"{place}cannot listen on {url(settings.scheme, settings.host, settings.port)}: {reason}")
 
 
 def url(scheme: str, host: str, port: int) -> str:
-    """A listener's address: `tcp://127.0.0.1:5020`."""
+    """Make a listener's address: `tcp://127.0.0.1:5020`."""
     return f"{scheme}://{join_host_port(host, port)}"
 
 
 def show_host(host: str) -> str:
-    """A peer's address; that of an IPv4 client on an IPv6 socket as IPv4: `10.0.0.7`."""
+    """Show a peer's address; that of an IPv4 client on an IPv6 socket as IPv4: `10.0.0.7`."""
     return host.removeprefix(IPV4_MAPPED) if "." in host else host
 
 
 def join_host_port(host: str, port: int) -> str:
-    """Host and port as text: `10.0.0.7:502`, `[fe80::1]:502`."""
+    """Join host and port: `10.0.0.7:502`, `[fe80::1]:502`."""
     host = show_host(host)
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def host_of(client: str) -> str:
-    """The host in what `join_host_port` makes; a text without a port is one."""
+def split_host(client: str) -> str:
+    """Return the host in what `join_host_port` makes; a text without a port is one."""
     host, _, port = client.rpartition(":")
     return host.strip("[]") if port.isdecimal() else client
 
 
 def explain(error: OSError | UnicodeError) -> str:
-    """What `error` means for an operator."""
+    """Say what `error` means for an operator."""
     if isinstance(error, UnicodeError):
         return "this is not a valid host name"
     if error.errno in _ADVICE:
@@ -217,7 +217,7 @@ def explain(error: OSError | UnicodeError) -> str:
 
 
 def _advise_on_systemd(settings: ListenSettings, error: OSError | UnicodeError, ready: OpenSockets) -> str:
-    """What to change in modbus-gateway.socket; empty if that does not help.
+    """Say what to change in modbus-gateway.socket; empty if that does not help.
 
     Without rights, a port that is in use also gives EACCES.
     """
@@ -232,11 +232,11 @@ def _advise_on_systemd(settings: ListenSettings, error: OSError | UnicodeError, 
     return _NO_RIGHT.format(wanted) if error.errno == errno.EACCES else ""
 
 
-def _address(sock: socket.socket) -> str:
+def _show_address(sock: socket.socket) -> str:
     return url("udp" if sock.type == socket.SOCK_DGRAM else "tcp", *sock.getsockname()[:2])
 
 
-def _bound(addresses: Iterable[AddressInfo], ready: OpenSockets, settings: ListenSettings) -> list[socket.socket]:
+def _bind_all(addresses: Iterable[AddressInfo], ready: OpenSockets, settings: ListenSettings) -> list[socket.socket]:
     with ExitStack() as on_error:
         sockets = []
         for family, kind, protocol, _, address in addresses:
@@ -266,7 +266,7 @@ def _is_ipv6_only(sock: socket.socket) -> bool:
 
 
 def _covers(sock: socket.socket, address: tuple[Any, ...]) -> bool:
-    """Whether `sock` is bound to the wildcard address that includes `address`."""
+    """Return True if `sock` is bound to the wildcard address that includes `address`."""
     host, port = sock.getsockname()[:2]
     is_ipv6 = ":" in address[0]
     every = host == _EVERY_ADDRESS if is_ipv6 or sock.family == socket.AF_INET6 else host == _EVERY_IPV4_ADDRESS
@@ -275,7 +275,7 @@ def _covers(sock: socket.socket, address: tuple[Any, ...]) -> bool:
 
 @contextmanager
 def _allow_sharing(sock: socket.socket) -> Iterator[None]:
-    """In this context `sock` can be bound to a port that others share. Afterwards it does not share its own."""
+    """Let `sock` be bound to a port that others share, in this context. Afterwards it does not share its own."""
     is_shared = sock.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
     _set_sharing(sock, is_shared=True)
     yield

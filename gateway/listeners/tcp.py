@@ -17,14 +17,14 @@ from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (
     BACKLOG,
     OpenSockets,
-    addresses,
     bind_sockets,
-    host_of,
+    find_addresses,
     is_meant,
     join_host_port,
     make_listen_error,
     show_bound_address,
     show_host,
+    split_host,
 )
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.ports.network import AddressInfo
@@ -42,9 +42,7 @@ _WITHOUT_NUMBERS: Final = ("rtu+tcp", "ascii+tcp")
 class TcpListener:
     """One `[[listen]]` table: binds, accepts clients, closes those that cannot be kept.
 
-    `connections` are those that count for `clients`. One that is being closed no longer counts; it has
-    CLOSING_DEADLINE to send its remaining data. `departures` counts clients that left before their responses,
-    `rejections` those that were rejected.
+    One that is being closed no longer counts for `clients`; it has CLOSING_DEADLINE to send its remaining data.
     """
 
     #: How long the next client waits at least after one was accepted, in seconds.
@@ -55,13 +53,15 @@ class TcpListener:
         self.router = router
         self.emit = emit
         self.counts = Counts()
+        #: Clients that left before their responses, and those that were rejected.
         self.departures = Departures()
         self.rejections = Rejections()
         self._share_keys = ShareKeys()
+        #: Those that count for `clients`.
         self.connections: Admission[TcpConnection] = Admission(self._share_keys.of)
+        #: Those that are being closed, with the time when they are aborted.
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
-        self._sockets: list[socket.socket] = []
         self._acceptor = Acceptor(self._connect, self.rejected, self.pause_between_clients)
         self._sweeping: asyncio.TimerHandle | None = None
         #: Looks for unread bytes, as long as there are clients whose requests count from when they arrive.
@@ -71,12 +71,12 @@ class TcpListener:
     @property
     def address(self) -> str:
         """The bound address, `tcp://127.0.0.1:5020`; the configured one while it is not bound."""
-        return show_bound_address(self.settings, self._sockets)
+        return show_bound_address(self.settings, self._acceptor.sockets)
 
     @property
     def sockets(self) -> tuple[socket.socket, ...]:
         """The bound sockets: another listener at the same address can take them over."""
-        return tuple(self._sockets)
+        return tuple(self._acceptor.sockets)
 
     @property
     def clients(self) -> int:
@@ -90,7 +90,7 @@ class TcpListener:
 
     @property
     def has_clients(self) -> bool:
-        """Whether any connection is open, or being closed."""
+        """True if any connection is open, or being closed."""
         return bool(len(self.connections) or self._closing)
 
     async def find(self) -> None:
@@ -99,7 +99,7 @@ class TcpListener:
         Raises:
             ListenError: the host name cannot be resolved.
         """
-        self._addresses = await addresses(self.settings, socket.SOCK_STREAM)
+        self._addresses = await find_addresses(self.settings, socket.SOCK_STREAM)
 
     def bind(self, ready: OpenSockets | None = None) -> None:
         """Bind the addresses without listening yet; sockets that are `ready` for them are used.
@@ -107,8 +107,7 @@ class TcpListener:
         Raises:
             ListenError: one is in use, needs more rights, or is no address of this machine.
         """
-        self._sockets = bind_sockets(self.settings, self._addresses, ready)
-        self._acceptor.reserve()
+        self._acceptor.hold(bind_sockets(self.settings, self._addresses, ready))
 
     def listen(self) -> None:
         """Let clients connect and wait; `start` accepts them.
@@ -117,26 +116,26 @@ class TcpListener:
             ListenError: another socket on this port was quicker.
         """
         try:
-            for listening in self._sockets:
+            for listening in self._acceptor.sockets:
                 listening.listen(BACKLOG)
         except OSError as error:
             raise make_listen_error(self.settings, error) from error
 
     def start(self) -> None:
         """Accept clients."""
-        self._acceptor.start(self._sockets, f"accept:{self.settings.name}")
+        self._acceptor.start(f"accept:{self.settings.name}")
         self._sweep_later()
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
         """Accept no more clients or requests; each client is closed once it has its responses."""
-        self._stop_accepting()
+        self._acceptor.stop()
         for connection in self.connections:
             connection.finish()
 
     def close(self) -> None:
         """Accept no more clients and drop every connection."""
-        self._stop_accepting()
+        self._acceptor.stop()
         if self._sweeping is not None:
             self._sweeping.cancel()
         if self._looking is not None:
@@ -145,7 +144,7 @@ class TcpListener:
             connection.abort("the gateway is stopping")
 
     def connected(self, connection: TcpConnection) -> None:
-        """A client has connected."""
+        """Count a client that has connected."""
         self.counts.accepted += 1
         self.connections.enter(connection, _now())
         if self.settings.scheme in _WITHOUT_NUMBERS:
@@ -154,28 +153,28 @@ class TcpListener:
         self.emit(events.ClientConnected(self.settings.name, caller.client, subject=caller.subject, role=caller.role))
 
     def closing(self, connection: TcpConnection) -> None:
-        """A connection is being closed and no longer counts for `clients`."""
+        """Count a connection no longer for `clients`: it is being closed."""
         self.connections.leave(connection)
         self._closing.setdefault(connection, _now() + CLOSING_DEADLINE)
 
     def closed(self, connection: TcpConnection, reason: str) -> None:
-        """A connection has ended."""
+        """Forget a connection that has ended."""
         self.connections.leave(connection)
         self._closing.pop(connection, None)
         self.emit(events.ClientClosed(self.settings.name, connection.caller.client, reason))
 
     def rejected(self, client: str, reason: str) -> None:
-        """A client is rejected."""
+        """Count a client that is rejected."""
         self.counts.rejected += 1
-        self.rejections.add(host_of(client), reason, _now())
+        self.rejections.add(split_host(client), reason, _now())
         self.emit(events.ClientRejected(self.settings.name, client, reason))
 
     def left_early(self, host: str, waited: float) -> None:
-        """A client has left before its response."""
+        """Count a client that has left before its response."""
         self.departures.add(host, waited, _now())
 
     def failed(self, part: str, error: Exception) -> None:
-        """An unexpected error was caught at one of this module's error boundaries."""
+        """Tell of an unexpected error that was caught at an error boundary."""
         self.emit(events.PartFailed.of(part, error))
 
     async def _connect(self, sock: socket.socket, listening: socket.socket, host: str, port: int) -> None:
@@ -183,7 +182,7 @@ class TcpListener:
         loop = asyncio.get_running_loop()
         try:
             is_ours = is_meant(sock.getsockname()[0], listening, self._addresses)
-            why_not = self._refusal(host, loop.time()) if is_ours else NOT_MEANT
+            why_not = self._make_room(host, loop.time()) if is_ours else NOT_MEANT
             if not why_not:
                 await self._serve(sock, host, client)
             else:
@@ -193,9 +192,9 @@ class TcpListener:
             sock.close()
             self.failed(f"client {client}", error)
 
-    def _refusal(self, host: str, now: float) -> str:
-        """Why a client is rejected; empty if it is accepted, perhaps after another one was closed."""
-        return self.connections.refusal(host, self.router.rights, self.settings, now, self._dismiss)
+    def _make_room(self, host: str, now: float) -> str:
+        """Make room for a client, perhaps by closing another one; return why it is rejected, empty if it is not."""
+        return self.connections.make_room(host, self.router.rights, self.settings, now, self._dismiss)
 
     async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
         loop = asyncio.get_running_loop()
@@ -238,10 +237,6 @@ class TcpListener:
             connection.look()
         if len(self.connections):
             self._look_later()
-
-    def _stop_accepting(self) -> None:
-        self._acceptor.stop(self._sockets)
-        self._sockets = []
 
 
 def _now() -> float:

@@ -21,22 +21,22 @@ class StreamUser(Protocol):
     """The protocol of a connection, as asyncio.BufferedProtocol. Nothing in it raises."""
 
     def get_buffer(self) -> memoryview:
-        """Where to receive into; empty if there is no room at the moment."""
+        """Return the buffer to receive into; empty if there is no room at the moment."""
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Bytes have arrived."""
+        """Take the bytes that have arrived in it."""
 
     def eof_received(self) -> bool:
-        """The client has closed its side."""
+        """Take no more: the client has closed its side."""
 
     def pause_writing(self) -> None:
-        """The client does not read."""
+        """Write no more: the client does not read."""
 
     def resume_writing(self) -> None:
-        """The client reads again."""
+        """Go on: the client reads again."""
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The connection has ended."""
+        """Forget the connection: it has ended."""
 
 
 class TcpStream:
@@ -57,7 +57,7 @@ class TcpStream:
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def is_closing(self) -> bool:
-        """Whether it is closed, or being closed."""
+        """Return True if it is closed, or being closed."""
         return self._is_closing
 
     def set_write_buffer_limits(self, high: int) -> None:
@@ -77,7 +77,7 @@ class TcpStream:
             self._loop.add_reader(self._socket, self._receive)
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`; the number of bytes. The end of the client's side is left to the loop."""
+        """Copy what has arrived into `room`; return the number of bytes. The client's end is left to the loop."""
         if self._is_closing:
             return 0
         _ask_system(self._descriptor, _UNREAD, _unread)

@@ -43,7 +43,7 @@ class TlsListener(TcpListener):
         self._kept = KeptSessions(self._files, lambda: self._loaded, partial(store.renew, self._files))
 
     def start(self) -> None:
-        """Accept clients."""
+        """See TcpListener."""
         self._trust = self._loaded.trust
         super().start()
 
@@ -58,7 +58,7 @@ class TlsListener(TcpListener):
         super().close()
 
     def renew(self) -> None:
-        """After a reload: if others are trusted now, every client must show its certificate again."""
+        """Have every client show its certificate again if others are trusted since a reload."""
         trust, self._trust = self._trust, self._loaded.trust
         if trust != self._trust:
             self._handshakes.close()
@@ -74,11 +74,11 @@ class TlsListener(TcpListener):
     def _loaded(self) -> Loaded:
         return self._store[self._files]
 
-    def _refusal(self, host: str, now: float) -> str:
-        """Why no handshake is begun with a client."""
+    def _make_room(self, host: str, now: float) -> str:
+        """Make room for a handshake; return why none is begun with a client, empty if one is."""
         if not self.router.rights.admits(host):
             return NO_RIGHTS
-        return self._handshakes.trouble(self._share_keys.of(host, now), now)
+        return self._handshakes.make_room(self._share_keys.of(host, now), now)
 
     async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
         loop, loaded = asyncio.get_running_loop(), self._loaded
@@ -95,7 +95,7 @@ class TlsListener(TcpListener):
         self._handshakes.begin(stream, connecting, loop.time())
 
     def _secured(self, stream: TlsStream, connecting: ConnectingClient) -> None:
-        """A client has shown a certificate of the authority."""
+        """Serve a client that has shown a certificate of the authority, if it can be kept."""
         now = asyncio.get_running_loop().time()
         if stream.is_resumed and time.time() > connecting.resumable_until:
             self._turn_away(stream, connecting, OUTLIVED)
@@ -107,7 +107,7 @@ class TlsListener(TcpListener):
             self._turn_away(stream, connecting, f"its certificate cannot be used: {wrong}")
             return
         rights, role = self.router.rights, caller.role
-        why_not = self.connections.refusal(caller.host, rights, self.settings, now, self._dismiss, role)
+        why_not = self.connections.make_room(caller.host, rights, self.settings, now, self._dismiss, role)
         if why_not:
             self._turn_away(stream, connecting, why_not)
             return
@@ -124,7 +124,7 @@ class TlsListener(TcpListener):
 
     def _sweep(self) -> None:
         self._handshakes.sweep(asyncio.get_running_loop().time())
-        self._kept.bound()
+        self._kept.limit()
         super()._sweep()
 
 

@@ -34,10 +34,10 @@ class Application(Protocol):
     """A buffered protocol, as of TcpConnection."""
 
     def connection_made(self, stream: Stream) -> None:
-        """The connection is secured."""
+        """Begin: the connection is secured."""
 
     def get_buffer(self) -> memoryview:
-        """Where to deliver to; empty if there is no room at the moment."""
+        """Return the buffer to deliver to; empty if there is no room at the moment."""
 
     def buffer_updated(self, nbytes: int) -> None:
         """See asyncio.BufferedProtocol."""
@@ -62,13 +62,13 @@ class HandshakeOwner(Protocol):
     """Who sees to the handshakes of connections."""
 
     def step_due(self, stream: TlsStream) -> None:
-        """Bytes have arrived: call `step` in any thread, then `stepped`. Until then nothing more is received."""
+        """Call `step` in any thread, then `stepped`: bytes have arrived. Until then nothing more is received."""
 
     def secured(self, stream: TlsStream) -> None:
-        """The handshake is done: call `begin`, or `refuse`."""
+        """Call `begin`, or `refuse`: the handshake is done."""
 
     def not_secured(self, stream: TlsStream, reason: str) -> None:
-        """The handshake has failed, and the connection is closed."""
+        """Forget the stream: the handshake has failed, and the connection is closed."""
 
 
 class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
@@ -79,6 +79,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._owner = owner
         self._incoming, self._outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
         self._tls = context.wrap_bio(self._incoming, self._outgoing, server_side=True)
+        #: The network, from `connection_made` on.
         self._transport: asyncio.Transport
         self._application: Application | None = None
         self._handshake_bytes = 0
@@ -117,7 +118,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
 
     @property
     def has_response(self) -> bool:
-        """Whether the last step has something for the client."""
+        """True if the last step has something for the client."""
         return self._outgoing.pending > 0
 
     def _order_step(self) -> None:
@@ -126,7 +127,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._owner.step_due(self)
 
     def stepped(self, outcome: str | None) -> None:
-        """A step is over."""
+        """Act on the outcome of a step: send what it has for the client, and go on, begin or refuse."""
         self._is_stepping = False
         if self.is_closing():
             return
@@ -146,7 +147,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
 
     @property
     def is_resumed(self) -> bool:
-        """Whether the client goes on with an earlier session: its certificate was looked at then."""
+        """True if the client goes on with an earlier session: its certificate was looked at then."""
         return bool(self._tls.session_reused)
 
     @property
@@ -176,7 +177,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         return _BUFFER
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Encrypted bytes have arrived."""
+        """Take encrypted bytes that have arrived."""
         if self._application is not None:
             self._count(nbytes)
             self._deliver()
@@ -190,7 +191,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             self._order_step()
 
     def eof_received(self) -> bool:
-        """The client has closed its side, perhaps without saying so in TLS; requests are whole by their lengths."""
+        """Note that the client has closed its side, perhaps not in TLS; requests are whole by their lengths."""
         if self._application is None:
             self.refuse("it has closed the connection in the middle of the handshake")
             return False
@@ -199,14 +200,14 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         return True
 
     def pause_writing(self) -> None:
-        """The client does not read. It is not read either: TLS itself answers some records, such as KeyUpdate."""
+        """Stop reading from a client that does not read: TLS itself answers some records, such as KeyUpdate."""
         if self._application is not None:
             self._is_blocked = True
             self._transport.pause_reading()
             self._application.pause_writing()
 
     def resume_writing(self) -> None:
-        """The client reads again."""
+        """Go on: the client reads again."""
         if self._application is not None:
             self._is_blocked = False
             self._application.resume_writing()
@@ -250,7 +251,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         return self._transport.get_write_buffer_size()
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`; the number of bytes. The rest is delivered soon."""
+        """Copy what has arrived into `room`; return the number of bytes. The rest is delivered soon."""
         network = self._transport.get_extra_info("socket")
         if network is None or self._is_blocked or self._has_peer_ended or self._spare < 0 or self.is_closing():
             return 0
@@ -298,7 +299,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
 
     @property
     def _is_held(self) -> bool:
-        """Whether what arrives is not delivered at the moment."""
+        """True if what arrives is not delivered at the moment."""
         return self._is_paused or self._is_blocked or self._has_peer_ended
 
     def _go_on(self) -> None:
@@ -313,7 +314,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._spare -= nbytes
 
     def _take_waiting(self, room: memoryview) -> int:
-        """Decrypt what waits here, as far as there is room; the number of bytes. `_deliver` deals with an error."""
+        """Decrypt what waits here, as far as there is room; return how many bytes. `_deliver` deals with an error."""
         taken = 0
         try:
             while taken < len(room) and (self._incoming.pending or self._tls.pending()):
@@ -328,7 +329,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         return taken
 
     def _decrypt(self, room: memoryview) -> int:
-        """Decrypt into `room`; the number of bytes, 0 at their end in TLS. Raises ssl.SSLError."""
+        """Decrypt into `room`; return the number of bytes, 0 at their end in TLS. Raises ssl.SSLError."""
         count = cast("int", self._tls.read(len(room), cast("bytearray", room)))
         self._spare = min(self._spare + count * (1 + BESIDE_EACH_BYTE), MOST_BESIDE_DATA)
         return count
@@ -362,7 +363,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._send()
 
     def _end(self) -> None:
-        """The client sends no more; it still gets its responses."""
+        """Tell the application, once, that the client sends no more; it still gets its responses."""
         if not self._has_peer_ended and self._application is not None:
             self._has_peer_ended = True
             self._transport.pause_reading()  # what comes behind the end in TLS would be kept, and never be looked at

@@ -15,8 +15,8 @@ from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (
     OpenSockets,
-    addresses,
     bind_sockets,
+    find_addresses,
     is_meant,
     join_host_port,
     show_bound_address,
@@ -107,7 +107,7 @@ class UdpListener:
 
     @property
     def has_clients(self) -> bool:
-        """Whether any peer has a request in progress."""
+        """True if any peer has a request in progress."""
         return not all(peer.is_idle for peer in self._peers.values())
 
     async def find(self) -> None:
@@ -116,7 +116,7 @@ class UdpListener:
         Raises:
             ListenError: the host name cannot be resolved.
         """
-        self._addresses = await addresses(self.settings, socket.SOCK_DGRAM)
+        self._addresses = await find_addresses(self.settings, socket.SOCK_DGRAM)
 
     def bind(self, ready: OpenSockets | None = None) -> None:
         """Bind the addresses without reading yet; sockets that are `ready` for them are used.
@@ -129,7 +129,7 @@ class UdpListener:
             request_local_address(sock)
 
     def listen(self) -> None:
-        """Does nothing: datagrams arrive and wait from `bind` on."""
+        """Do nothing: datagrams arrive and wait from `bind` on."""
 
     def start(self) -> None:
         """Take requests."""
@@ -155,7 +155,7 @@ class UdpListener:
         if self._sweeping is not None:
             self._sweeping.cancel()
         for key in list(self._peers):
-            self._forget(key, _STOPPING)
+            self._remove(key, _STOPPING)
         self._arrived.clear()
         self._waiting.clear()
         for sock in self._sockets:
@@ -199,14 +199,14 @@ class UdpListener:
                 if peer is not None:
                     peer.received(request.adu, now, is_repeated=request.is_repeated)
                 elif not self._is_finishing:
-                    self._let_wait(arrived, request, now)
+                    self._await_admission(arrived, request, now)
             except Exception as error:  # noqa: BLE001 - the error boundary of a datagram
                 self._failed(key, error)
 
-    def _let_wait(self, arrived: tuple[PeerAddress, int], request: Arrived, now: float) -> None:
+    def _await_admission(self, arrived: tuple[PeerAddress, int], request: Arrived, now: float) -> None:
         """Keep a request until its sender is admitted."""
         key, _ = arrived
-        why_not = self._why_never(request.sock, key)
+        why_not = self._permanent_refusal(request.sock, key)
         if not why_not and len(self._waiting) >= MOST_AT_ONCE and arrived not in self._waiting:
             why_not = _TOO_MANY_NEW
         if why_not:
@@ -216,8 +216,8 @@ class UdpListener:
             asyncio.get_running_loop().call_soon(self._admit_next)
         self._waiting[arrived] = request
 
-    def _why_never(self, sock: socket.socket, key: PeerAddress) -> str:
-        """Why a sender is rejected even if there is room. Checked on arrival, so that it takes no place of others."""
+    def _permanent_refusal(self, sock: socket.socket, key: PeerAddress) -> str:
+        """Say why a sender is rejected even if there is room. Checked on arrival: it takes no place of others."""
         if not is_meant(key.asked_host, sock, self._addresses):
             return NOT_MEANT
         return "" if self.router.rights.admits(key.host) else NO_RIGHTS
@@ -246,9 +246,9 @@ class UdpListener:
             self._failed(key, error)
 
     def _admit(self, sock: socket.socket, key: PeerAddress, now: float) -> str:
-        """Why a peer is rejected: the listener is full, or it has lost its rights. Empty if it is known from now on."""
+        """Admit a peer, or return why it is rejected: the listener is full, or it has lost its rights."""
         client = join_host_port(key.host, key.port)
-        if why_not := self._refusal(key.host, now):
+        if why_not := self._make_room(key.host, now):
             return why_not
         caller = Caller(client, key.host, self._share_keys.of(key.host, now))
         peer = Peer(caller, router=self.router, settings=self.settings, path=self._path(sock, key))
@@ -266,9 +266,9 @@ class UdpListener:
     def _failed(self, key: PeerAddress, error: Exception) -> None:
         self.emit(events.PartFailed.of(f"client {join_host_port(key.host, key.port)}", error))
 
-    def _refusal(self, host: str, now: float) -> str:
+    def _make_room(self, host: str, now: float) -> str:
         """Why a sender is rejected; empty if it is accepted, perhaps after another one was forgotten."""
-        return self._admission.refusal(host, self.router.rights, self.settings, now, self._dismiss)
+        return self._admission.make_room(host, self.router.rights, self.settings, now, self._dismiss)
 
     def _path(self, sock: socket.socket, key: PeerAddress) -> Path:
         control, address = send_arguments(sock, key)
@@ -282,9 +282,9 @@ class UdpListener:
         return Path(partial(self._look, sock), send)
 
     def _dismiss(self, peer: Peer) -> None:
-        self._forget(next(key for key, each in self._peers.items() if each is peer), MADE_ROOM)
+        self._remove(next(key for key, each in self._peers.items() if each is peer), MADE_ROOM)
 
-    def _forget(self, key: PeerAddress, reason: str) -> None:
+    def _remove(self, key: PeerAddress, reason: str) -> None:
         peer = self._peers.pop(key)
         self._admission.leave(peer)
         self.emit(events.ClientClosed(self.settings.name, peer.caller.client, reason))
@@ -301,5 +301,5 @@ class UdpListener:
         if self.settings.idle:
             for key, peer in list(self._peers.items()):
                 if peer.is_idle and peer.last_asked <= since:
-                    self._forget(key, "idle")
+                    self._remove(key, "idle")
         self._sweep_later()

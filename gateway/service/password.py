@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.errors import BrokerError, GatewayError
-from gateway.tls.files import path_of, read_whole, refuse_if_exposed, refuse_if_no_file
+from gateway.tls.files import find_path, read_whole, refuse_if_exposed, refuse_if_no_file
 from gateway.tls.settings import SecretFile
 
 #: In bytes.
@@ -21,7 +21,7 @@ def read_password(file: SecretFile, kind: type[GatewayError] = BrokerError) -> s
     """
     line = _read(file, kind, _LONGEST_PASSWORD + 1).partition(b"\n")[0].rstrip(b"\r")
     if len(line) > _LONGEST_PASSWORD:
-        raise kind(f"{path_of(file)}: the password has more than {_LONGEST_PASSWORD} bytes")
+        raise kind(f"{find_path(file)}: the password has more than {_LONGEST_PASSWORD} bytes")
     return _decode(line, file, kind, "the password")
 
 
@@ -50,7 +50,7 @@ def read_secret(file: SecretFile, kind: type[GatewayError]) -> str:
 
 def _read(file: SecretFile, kind: type[GatewayError], size: int) -> bytes:
     try:
-        path = path_of(file)
+        path = find_path(file)
         if not file.is_credential:
             refuse_if_exposed(path)
         refuse_if_no_file(path)
@@ -64,4 +64,4 @@ def _decode(text: bytes, file: SecretFile, kind: type[GatewayError], what: str) 
     try:
         return text.decode()
     except UnicodeDecodeError:
-        raise kind(f"{path_of(file)}: {what} is not UTF-8 text") from None
+        raise kind(f"{find_path(file)}: {what} is not UTF-8 text") from None

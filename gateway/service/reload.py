@@ -19,7 +19,7 @@ from gateway.service.systemd import Notifier
 from gateway.service.watchdog import summary
 from gateway.tls.contexts import Loaded as LoadedTls
 from gateway.tls.settings import Secured
-from gateway.tls.store import TlsStore, complaints, load_all
+from gateway.tls.store import TlsStore, find_warnings, load_all
 
 #: How long reading what images keep, or certificates, may take, in seconds. The client waits for 50 s.
 LOADING_TIME: Final = 10.0
@@ -212,7 +212,7 @@ def warn(problems: Iterable[Problem], emit: events.Emit) -> None:
 
 def warn_of_certificates(loaded: Mapping[Secured, LoadedTls], emit: events.Emit) -> None:
     """Log who cannot connect with these certificates."""
-    for said in complaints(loaded):
+    for said in find_warnings(loaded):
         emit(events.ConfigWarning(said, ""))
 
 

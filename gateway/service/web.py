@@ -124,7 +124,7 @@ def _context_now(plan: WebPlan, contexts: TlsStore) -> Callable[[], ssl.SSLConte
     kept = KeptSessions(tls, in_use, replace)
 
     def context() -> ssl.SSLContext:
-        kept.bound()
+        kept.limit()
         return in_use().context
 
     return context

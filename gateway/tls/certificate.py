@@ -58,7 +58,7 @@ class Certificate:
     _extensions: tuple[tuple[str, bytes], ...]
 
     def is_for(self, purpose: str) -> bool:
-        """Whether it is for a `purpose`, one of PURPOSES; those that name none are for all."""
+        """Return True if it is for a `purpose`, one of PURPOSES; those that name none are for all."""
         named = [value for extension, value in self._extensions if extension == _PURPOSES_NAMED]
         return not named or any(PURPOSES[purpose] in value for value in named)
 
@@ -122,43 +122,45 @@ def parse_list(data: bytes) -> RevocationList:
 
 
 def is_same_name(one: str, other: str) -> bool:
-    """Whether two subjects or issuers are the same (RFC 5280, 7.1)."""
+    """Return True if two subjects or issuers are the same (RFC 5280, 7.1)."""
     return one.casefold().split() == other.casefold().split()
 
 
 def shorten(name: str) -> str:
-    """A subject or an issuer as it is shown: an authority may have signed one of any length."""
+    """Cut a subject or an issuer that is shown: an authority may have signed one of any length."""
     return name if len(name) <= LONGEST_SUBJECT else f"{name[: LONGEST_SUBJECT - 3]}..."
 
 
 @dataclass(frozen=True, slots=True)
 class Untrusted:
-    """`said` explains for each unusable authority why its peers are not trusted; `is_everybody` if all are unusable."""
+    """Authorities whose peers are not trusted."""
 
-    said: tuple[str, ...]
-    is_everybody: bool
+    #: Why, for each of them.
+    reasons: tuple[str, ...]
+    #: True if no other authority is left.
+    are_all: bool
 
 
 def find_untrusted(authorities: Sequence[Certificate]) -> Untrusted:
-    """Authorities whose own issuer is missing: a chain of certificates must end at one that has signed itself."""
-    said = tuple(
+    """Find authorities whose own issuer is missing: a chain of certificates must end at one that has signed itself."""
+    reasons = tuple(
         f"{shorten(each.subject)} is an authority that {shorten(each.issuer)} has signed, "
         "whose certificate is missing: add it"
         for each in authorities
         if not any(is_same_name(each.issuer, other.subject) for other in authorities)
     )
-    return Untrusted(said, not any(is_same_name(each.issuer, each.subject) for each in authorities))
+    return Untrusted(reasons, not any(is_same_name(each.issuer, each.subject) for each in authorities))
 
 
 def find_without_list(authorities: Sequence[Certificate], lists: Sequence[RevocationList]) -> Untrusted:
-    """Authorities that have no revocation list. If there is any, each of a chain needs one."""
+    """Find authorities that have no revocation list. If there is any, each of a chain needs one."""
     missing = [each for each in authorities if not any(is_same_name(each.subject, listed.issuer) for listed in lists)]
-    said = tuple(
+    reasons = tuple(
         f"has no revocation list of {shorten(each.subject)}, "
         f"only of {' and '.join(shorten(listed.issuer) for listed in lists)}"
         for each in missing
     )
-    return Untrusted(said, len(missing) == len(authorities))
+    return Untrusted(reasons, len(missing) == len(authorities))
 
 
 def _sequence(content: bytes) -> list[der.Element]:
@@ -191,7 +193,7 @@ def _extensions(content: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 def _name(name: bytes) -> str:
-    """As in RFC 4514, but in the order of the certificate, and with nothing that cannot be seen."""
+    """Show a name as in RFC 4514, but in the order of the certificate, and with nothing that cannot be seen."""
     parts = [_attribute(attribute) for _, group in der.elements(name) for _, attribute in der.elements(group)]
     return ",".join(parts) or "(empty)"
 

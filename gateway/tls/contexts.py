@@ -23,7 +23,7 @@ from gateway.tls.certificate import (
     parse_list,
     shorten,
 )
-from gateway.tls.files import path_of, read_whole, refuse_if_exposed, refuse_if_no_file
+from gateway.tls.files import find_path, read_whole, refuse_if_exposed, refuse_if_no_file
 from gateway.tls.settings import ClientTls, SecretFile, ServerTls, TlsSettings
 
 #: Suites of TLS 1.2 with authenticated encryption and forward secrecy; those of TLS 1.3 all have both. Keys and
@@ -84,16 +84,16 @@ def load(settings: TlsSettings) -> Loaded:
 
 
 def find_too_early(expiries: Iterable[Expiry], now: float) -> tuple[str, ...]:
-    """What is not valid yet, as a sentence for each; usually a clock is wrong. `now` in seconds since 1970."""
-    clock = _moment(now)
+    """Say what is not valid yet, in a sentence for each; usually a clock is wrong. `now` in seconds since 1970."""
+    clock = _show_time(now)
     return tuple(
-        f"{each.file} is not valid before {_moment(each.since)}, and the clock here says {clock}"
+        f"{each.file} is not valid before {_show_time(each.since)}, and the clock here says {clock}"
         for each in expiries
         if each.since > now
     )
 
 
-def _moment(at: float) -> str:
+def _show_time(at: float) -> str:
     return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
@@ -104,13 +104,13 @@ def stop_resuming(context: ssl.SSLContext) -> None:
 
 
 def read_certificates(path: Path) -> list[Certificate]:
-    """The certificates in a PEM file; at least one.
+    """Read the certificates in a PEM file; at least one.
 
     Raises:
         TlsError: it cannot be read, or has none.
     """
     try:
-        return [parse_certificate(block) for block in _blocks(SecretFile(str(path)), _CERTIFICATE)]
+        return [parse_certificate(block) for block in _read_blocks(SecretFile(str(path)), _CERTIFICATE)]
     except ValueError as wrong:
         raise TlsError(f"{path}: the certificate in it {wrong}") from wrong
 
@@ -124,15 +124,15 @@ def _load_server(settings: ServerTls) -> Loaded:
     if settings.clients_ca is not None:
         context.verify_mode = ssl.CERT_REQUIRED
         trusted += _use_authority(context, settings.clients_ca, "clients_ca")
-        warnings += _about_authorities(context, settings.clients_ca)
+        warnings += _check_authorities(context, settings.clients_ca)
         trust.update(_read(settings.clients_ca))
     if settings.crl is not None:
         lists = _use_lists(context, settings.crl)
-        file = str(_path(settings.crl))
+        file = str(_find_path(settings.crl))
         trusted += [Expiry("crl", file, "", at, each.this_update) for each in lists if (at := each.next_update)]
-        warnings += _about_lists(context, settings, lists)
+        warnings += _check_lists(context, settings, lists)
         trust.update(_read(settings.crl))
-    until = _first_to_expire(trusted)
+    until = _find_first_expiry(trusted)
     return Loaded(context, (own, *trusted), trust.digest(), warnings, until)
 
 
@@ -145,18 +145,18 @@ def _load_client(settings: ClientTls) -> Loaded:
         context.load_default_certs()
         return Loaded(context, tuple(expiries), b"")
     expiries += _use_authority(context, settings.ca, "ca")
-    warnings = _about_authorities(context, settings.ca)
+    warnings = _check_authorities(context, settings.ca)
     return Loaded(context, tuple(expiries), hashlib.sha256(_read(settings.ca)).digest(), warnings)
 
 
-def _first_to_expire(trusted: Iterable[Expiry]) -> float:
-    """When the first of those that are valid expires."""
+def _find_first_expiry(trusted: Iterable[Expiry]) -> float:
+    """Find when the first of those that are valid expires."""
     now = time.time()
     return min((each.at for each in trusted if each.at > now), default=inf)
 
 
 def _new_context(protocol: ssl._SSLMethod) -> ssl.SSLContext:
-    """A context without files: TLS 1.2 and 1.3, no compression, no renegotiation (SEC 10.1, 10.4, 10.5)."""
+    """Make a context without files: TLS 1.2 and 1.3, no compression, no renegotiation (SEC 10.1, 10.4, 10.5)."""
     context = ssl.SSLContext(protocol)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.set_ciphers(CIPHERS)
@@ -167,85 +167,85 @@ def _new_context(protocol: ssl._SSLMethod) -> ssl.SSLContext:
 
 def _use_own(context: ssl.SSLContext, certificate: SecretFile, key_file: SecretFile) -> Expiry:
     """Show this certificate, with its chain."""
-    [first, *_] = _expiries(certificate, "certificate")
-    key, wanted = _path(key_file), list[bool]()
+    [first, *_] = _read_expiries(certificate, "certificate")
+    key, wanted = _find_path(key_file), list[bool]()
 
     def password() -> str:
-        """OpenSSL would ask for it on the terminal."""
+        """Note that there is one: OpenSSL would ask for it on the terminal."""
         wanted.append(True)
         return ""
 
     try:
         refuse_if_no_file(key)
         refuse_if_exposed(key)
-        context.load_cert_chain(_path(certificate), key, password=password)
+        context.load_cert_chain(_find_path(certificate), key, password=password)
     except ssl.SSLError as error:
         known = _ENCRYPTED if wanted else _TROUBLES.get(error.reason or "")
         raise TlsError(f"{key}: {known or 'this is no private key in PEM form'}") from error
     except OSError as error:
-        raise _unreadable(key, error) from error
+        raise _make_error(key, error) from error
     return first
 
 
 def _use_authority(context: ssl.SSLContext, file: SecretFile, what: str) -> list[Expiry]:
     """Trust the certificates in `file`."""
-    expiries = _expiries(file, what)
+    expiries = _read_expiries(file, what)
     _add(context, file, "crl", "has revocation lists: name their file by crl")
     if not context.get_ca_certs():
-        raise TlsError(f"{_path(file)}: has no certificate of an authority: those here may sign no others")
+        raise TlsError(f"{_find_path(file)}: has no certificate of an authority: those here may sign no others")
     return expiries
 
 
-def _about_authorities(context: ssl.SSLContext, file: SecretFile) -> tuple[str, ...]:
-    return _tell(file, find_untrusted(_authorities(context, file)))
+def _check_authorities(context: ssl.SSLContext, file: SecretFile) -> tuple[str, ...]:
+    return _warn(file, find_untrusted(_read_authorities(context, file)))
 
 
 def _use_lists(context: ssl.SSLContext, file: SecretFile) -> list[RevocationList]:
     """Refuse what the revocation lists in `file` name."""
-    lists = [_parse_list(file, block) for block in _blocks(file, _LIST)]
+    lists = [_parse_list(file, block) for block in _read_blocks(file, _LIST)]
     _add(context, file, "x509", "has certificates too: those of authorities belong into clients_ca")
     context.verify_flags |= ssl.VERIFY_CRL_CHECK_CHAIN
     return lists
 
 
-def _about_lists(context: ssl.SSLContext, settings: ServerTls, lists: list[RevocationList]) -> tuple[str, ...]:
+def _check_lists(context: ssl.SSLContext, settings: ServerTls, lists: list[RevocationList]) -> tuple[str, ...]:
     assert settings.clients_ca is not None and settings.crl is not None  # noqa: S101, PT018 - the config sees to it
-    return _tell(settings.crl, find_without_list(_authorities(context, settings.clients_ca), lists))
+    return _warn(settings.crl, find_without_list(_read_authorities(context, settings.clients_ca), lists))
 
 
-def _tell(file: SecretFile, untrusted: Untrusted) -> tuple[str, ...]:
-    """Warnings about some authorities.
+def _warn(file: SecretFile, untrusted: Untrusted) -> tuple[str, ...]:
+    """Warn of some authorities.
 
     Raises:
-        TlsError: it is so with all of them.
+        TlsError: none could be trusted.
     """
-    said = tuple(f"{_path(file)}: {each}" for each in untrusted.said)
-    if said and untrusted.is_everybody:
+    said = tuple(f"{_find_path(file)}: {each}" for each in untrusted.reasons)
+    if said and untrusted.are_all:
         raise TlsError(f"{said[0]}. Until then nobody would be trusted")
     return said
 
 
-def _authorities(context: ssl.SSLContext, file: SecretFile) -> list[Certificate]:
+def _read_authorities(context: ssl.SSLContext, file: SecretFile) -> list[Certificate]:
     try:
         return [parse_certificate(each) for each in context.get_ca_certs(binary_form=True)]
     except ValueError as wrong:
-        raise TlsError(f"{_path(file)}: a certificate in it {wrong}") from wrong
+        raise TlsError(f"{_find_path(file)}: a certificate in it {wrong}") from wrong
 
 
 def _add(context: ssl.SSLContext, file: SecretFile, foreign: str, complaint: str) -> None:
     """Add what is in `file`; nothing of the kind `foreign` may be there (OpenSSL would trust it too)."""
     before = context.cert_store_stats()[foreign]
     try:
-        context.load_verify_locations(cafile=_path(file))
+        context.load_verify_locations(cafile=_find_path(file))
     except (ssl.SSLError, OSError) as error:
-        raise TlsError(f"{_path(file)}: OpenSSL cannot use it: {error.strerror or error}") from error
+        raise TlsError(f"{_find_path(file)}: OpenSSL cannot use it: {error.strerror or error}") from error
     if context.cert_store_stats()[foreign] > before:
-        raise TlsError(f"{_path(file)}: {complaint}")
+        raise TlsError(f"{_find_path(file)}: {complaint}")
 
 
-def _expiries(file: SecretFile, what: str) -> list[Expiry]:
-    """Until when each certificate in `file` is valid, in its order."""
-    path = _path(file)
+def _read_expiries(file: SecretFile, what: str) -> list[Expiry]:
+    """Read until when each certificate in `file` is valid, in its order."""
+    path = _find_path(file)
     return [
         Expiry(what, str(path), shorten(each.subject), each.not_after, each.not_before)
         for each in read_certificates(path)
@@ -256,15 +256,15 @@ def _parse_list(file: SecretFile, block: bytes) -> RevocationList:
     try:
         return parse_list(block)
     except ValueError as wrong:
-        raise TlsError(f"{_path(file)}: the revocation list in it {wrong}") from wrong
+        raise TlsError(f"{_find_path(file)}: the revocation list in it {wrong}") from wrong
 
 
-def _blocks(file: SecretFile, kind: str) -> list[bytes]:
-    """The DER of each block of this kind in a PEM file; at least one."""
+def _read_blocks(file: SecretFile, kind: str) -> list[bytes]:
+    """Read the DER of each block of this kind in a PEM file; at least one."""
     text = _read(file).decode("ascii", errors="replace")
     parts = text.split(f"-----BEGIN {kind}-----")[1:]
     if not parts:
-        raise TlsError(f"{_path(file)}: has no {kind} in PEM form; {_HOW_TO_MAKE}")
+        raise TlsError(f"{_find_path(file)}: has no {kind} in PEM form; {_HOW_TO_MAKE}")
     return [_decode(file, part.partition(f"-----END {kind}-----")[0]) for part in parts]
 
 
@@ -272,25 +272,25 @@ def _decode(file: SecretFile, body: str) -> bytes:
     try:
         return ssl.PEM_cert_to_DER_cert(f"-----BEGIN CERTIFICATE-----{body}-----END CERTIFICATE-----")
     except ValueError as wrong:
-        raise TlsError(f"{_path(file)}: is damaged: {wrong}") from wrong
+        raise TlsError(f"{_find_path(file)}: is damaged: {wrong}") from wrong
 
 
 def _read(file: SecretFile) -> bytes:
-    path = _path(file)
+    path = _find_path(file)
     try:
         return read_whole(path, LARGEST_FILE)
     except OSError as error:
-        raise _unreadable(path, error) from error
+        raise _make_error(path, error) from error
 
 
-def _unreadable(path: Path, error: OSError) -> TlsError:
+def _make_error(path: Path, error: OSError) -> TlsError:
     remedy = f"; {_HOW_TO_MAKE}" if isinstance(error, FileNotFoundError) else ""
     reason = error.strerror or str(error)
     return TlsError(f"{path}: {reason[:1].lower()}{reason[1:]}{remedy}")
 
 
-def _path(file: SecretFile) -> Path:
+def _find_path(file: SecretFile) -> Path:
     try:
-        return path_of(file)
+        return find_path(file)
     except OSError as error:
         raise TlsError(f"{file.name}: {error.strerror}") from error

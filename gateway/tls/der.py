@@ -25,7 +25,7 @@ Element = tuple[int, bytes]
 
 
 def elements(data: bytes) -> Iterator[Element]:
-    """The elements in `data`, each as its tag and its content.
+    """Parse the elements in `data`, each as its tag and its content.
 
     Raises:
         WrongDer: the bytes are not whole elements of definite length with one-byte tags.
@@ -38,7 +38,7 @@ def elements(data: bytes) -> Iterator[Element]:
 
 
 def only(data: bytes, tag: int) -> bytes:
-    """The content of the one element that `data` is.
+    """Parse the one element that `data` is; return its content.
 
     Raises:
         WrongDer: it is something else.
@@ -50,7 +50,7 @@ def only(data: bytes, tag: int) -> bytes:
 
 
 def identifier(content: bytes) -> str:
-    """An object identifier as text: `2.5.4.3`.
+    """Decode an object identifier: `2.5.4.3`.
 
     Raises:
         WrongDer: it is none.
@@ -68,12 +68,12 @@ def identifier(content: bytes) -> str:
 
 
 def text(tag: int, content: bytes) -> str:
-    """The text in a string of any kind; bytes that do not belong there are replaced."""
+    """Decode a string of any kind; bytes that do not belong there are replaced."""
     return content.decode(_ENCODINGS.get(tag, "latin-1"), errors="replace")
 
 
 def time(tag: int, content: bytes) -> float:
-    """A time, in seconds since 1970.
+    """Decode a time, in seconds since 1970.
 
     Raises:
         WrongDer: it is none (RFC 5280, 4.1.2.5).
@@ -88,7 +88,7 @@ def time(tag: int, content: bytes) -> float:
 
 
 def _content(data: bytes, at: int) -> tuple[int, int]:
-    """First and last of the content of the element at `at`."""
+    """Find where the content of the element at `at` starts and ends."""
     if at + 2 > len(data) or data[at] & 0x1F == 0x1F:
         raise WrongDer("is cut off, or has a tag of several bytes")
     length, start = data[at + 1], at + 2

@@ -9,8 +9,8 @@ from pathlib import Path
 from gateway.tls.settings import SecretFile
 
 
-def path_of(file: SecretFile, environment: Mapping[str, str] = os.environ) -> Path:
-    """Where a file is; a credential is in the folder that systemd has made for the service.
+def find_path(file: SecretFile, environment: Mapping[str, str] = os.environ) -> Path:
+    """Find where a file is; a credential is in the folder that systemd has made for the service.
 
     Raises:
         OSError: systemd has handed no credentials to this process.
@@ -24,7 +24,7 @@ def path_of(file: SecretFile, environment: Mapping[str, str] = os.environ) -> Pa
 
 
 def read_whole(path: Path, most: int) -> bytes:
-    """The content of a regular file. Anything else, such as a pipe, could keep its reader waiting for ever.
+    """Read a regular file. Anything else, such as a pipe, could keep its reader waiting for ever.
 
     Raises:
         OSError: it is none, has more than `most` bytes, or cannot be read.

@@ -10,8 +10,8 @@ from typing import Final
 from gateway.errors import TlsError
 from gateway.tls.certificate import ROLE
 from gateway.tls.contexts import read_certificates
-from gateway.tls.revoking import index_of, keep, list_of
-from gateway.tls.workshop import AUTHORITY, Workshop, alone_in, authority_of
+from gateway.tls.revoking import index_path, keep, list_path
+from gateway.tls.workshop import AUTHORITY, Workshop, find_authority, lock_folder
 
 #: How long what is made is valid, in days: an authority as long as a plant's equipment, others until a next visit.
 AUTHORITY_DAYS: Final = 3650
@@ -36,7 +36,7 @@ _OF_OTHERS: Final = {
 
 
 def is_plain(text: str) -> bool:
-    """Whether a name or a role can be put into a certificate here; others can be made with openssl itself."""
+    """Return True if a name or a role can be put into a certificate here; others can be made with openssl itself."""
     return _PLAIN.fullmatch(text) is not None
 
 
@@ -46,9 +46,9 @@ def make_authority(folder: Path, name: str, days: int = AUTHORITY_DAYS) -> Path:
     Raises:
         TlsError: there is one already, or it cannot be made.
     """
-    with alone_in(folder), Workshop(folder) as shop:
-        certificate, key = _places(folder, AUTHORITY, replace=False)
-        for file in (list_of(folder), index_of(folder)):
+    with lock_folder(folder), Workshop(folder) as shop:
+        certificate, key = _choose_files(folder, AUTHORITY, replace=False)
+        for file in (list_path(folder), index_path(folder)):
             if file.exists():
                 raise TlsError(f"{file} exists already, from another authority; use another folder")
         settings = shop.settings(name, _OF_AUTHORITY)
@@ -89,9 +89,9 @@ def make_client(
 def _make_signed(
     folder: Path, stem: str, name: str, extensions: Mapping[str, str], days: int, *, replace: bool
 ) -> Path:
-    ca, ca_key = authority_of(folder)
-    with alone_in(folder), Workshop(folder) as shop:
-        certificate, key = _places(folder, stem, replace=replace)
+    ca, ca_key = find_authority(folder)
+    with lock_folder(folder), Workshop(folder) as shop:
+        certificate, key = _choose_files(folder, stem, replace=replace)
         _refuse_other_purpose(certificate, extensions["extendedKeyUsage"])
         settings, request, made = shop.settings(name, {**_OF_OTHERS, **extensions}), *map(shop.place, _STEPS)
         shop.openssl("req", *_KEY, "-config", settings, "-keyout", shop.place("key"), "-out", request)
@@ -118,8 +118,8 @@ def _alternative_name(name: str) -> str:
         return f"DNS:{name}"
 
 
-def _places(folder: Path, stem: str, *, replace: bool) -> tuple[Path, Path]:
-    """Where a certificate and its key go."""
+def _choose_files(folder: Path, stem: str, *, replace: bool) -> tuple[Path, Path]:
+    """Find where a certificate and its key go."""
     places = folder / f"{stem}.crt", folder / f"{stem}.key"
     for file in places:
         if file.exists() and not replace:

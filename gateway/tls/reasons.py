@@ -28,7 +28,7 @@ _REASONS: Final = {
 
 
 def explain(error: ssl.SSLError) -> str:
-    """Why a connection could not be secured, about the other end: `its certificate is refused: ...`."""
+    """Say why a connection could not be secured, about the other end: `its certificate is refused: ...`."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"its certificate is refused: {error.verify_message}"
     reason = error.reason or ""

@@ -11,7 +11,7 @@ from typing import Final
 from gateway.errors import TlsError
 from gateway.tls.certificate import Certificate
 from gateway.tls.contexts import read_certificates
-from gateway.tls.workshop import AUTHORITY, Workshop, alone_in, authority_of
+from gateway.tls.workshop import AUTHORITY, Workshop, find_authority, lock_folder
 
 #: For how long a revocation list is valid, in days: nobody has to renew it.
 LIST_DAYS: Final = 3650
@@ -44,8 +44,8 @@ def keep(folder: Path, stem: str, file: Path) -> None:
         raise TlsError(f"{place}: {(error.strerror or str(error)).lower()}") from error
 
 
-def issued_to(folder: Path, stem: str) -> list[Issued]:
-    """What the authority in `folder` has issued to `stem`, the certificate in use first.
+def find_issued(folder: Path, stem: str) -> list[Issued]:
+    """Find what the authority in `folder` has issued to `stem`, the certificate in use first.
 
     Raises:
         TlsError: one of them cannot be read.
@@ -61,24 +61,24 @@ def issued_to(folder: Path, stem: str) -> list[Issued]:
     return list(found.values())
 
 
-def replaced(folder: Path, stem: str) -> list[Issued]:
-    """What was issued to `stem` before the certificate in use, and is still valid.
+def find_replaced(folder: Path, stem: str) -> list[Issued]:
+    """Find what was issued to `stem` before the certificate in use, and is still valid.
 
     Raises:
-        TlsError: as `issued_to`.
+        TlsError: as `find_issued`.
     """
-    gone, now = revoked(folder), time.time()
+    gone, now = read_revoked(folder), time.time()
     in_use = folder / f"{stem}.crt"
     return [
         each
-        for each in issued_to(folder, stem)
+        for each in find_issued(folder, stem)
         if each.file != in_use and each.certificate.serial not in gone and each.certificate.not_after > now
     ]
 
 
-def revoked(folder: Path) -> set[str]:
-    """The serial numbers that the authority in `folder` has revoked."""
-    index = index_of(folder)
+def read_revoked(folder: Path) -> set[str]:
+    """Read the serial numbers that the authority in `folder` has revoked."""
+    index = index_path(folder)
     rows = (line.split("\t") for line in index.read_text().splitlines()) if index.exists() else ()
     return {row[3] for row in rows if row[0] == "R" and len(row) > 3}
 
@@ -90,9 +90,9 @@ def revoke(folder: Path, files: list[Path]) -> Path:
         TlsError: there is no authority in `folder`, it has not issued all of them, another command is at work there for
             long, or the list cannot be made.
     """
-    ca, key = authority_of(folder)
-    with alone_in(folder), Workshop(folder) as shop:
-        index, gone = index_of(folder), revoked(folder)
+    ca, key = find_authority(folder)
+    with lock_folder(folder), Workshop(folder) as shop:
+        index, gone = index_path(folder), read_revoked(folder)
         Path(shop.place("index")).write_bytes(index.read_bytes() if index.exists() else b"")
         settings = shop.place("settings")
         Path(settings).write_text(  # no path of a folder: some of its characters would mean something here
@@ -102,25 +102,25 @@ def revoke(folder: Path, files: list[Path]) -> Path:
         ca_words = ("ca", "-config", settings, "-cert", str(ca), "-keyfile", str(key))
         for file in files:
             if read_certificates(file)[0].serial not in gone:
-                _see_that_it_is_of(ca, file, shop)
+                _refuse_if_not_of(ca, file, shop)
                 shop.openssl(*ca_words, "-revoke", str(file.absolute()))
         shop.openssl(*ca_words, "-gencrl", "-out", shop.place("crl"))
-        shop.deliver({"index": index, "crl": list_of(folder)})
-    return list_of(folder)
+        shop.deliver({"index": index, "crl": list_path(folder)})
+    return list_path(folder)
 
 
-def list_of(folder: Path) -> Path:
-    """Where the revocation list of an authority is."""
+def list_path(folder: Path) -> Path:
+    """Name the revocation list of an authority."""
     return folder / f"{AUTHORITY}.crl"
 
 
-def index_of(folder: Path) -> Path:
-    """Where it is written down what an authority has revoked, as openssl does."""
+def index_path(folder: Path) -> Path:
+    """Name the file of what an authority has revoked, in the form of openssl."""
     return folder / f"{AUTHORITY}.index"
 
 
-def _see_that_it_is_of(ca: Path, file: Path, shop: Workshop) -> None:
-    """Nothing else than the authority is trusted here, and an expired certificate may be revoked."""
+def _refuse_if_not_of(ca: Path, file: Path, shop: Workshop) -> None:
+    """Refuse a certificate that the authority has not signed; an expired one may be revoked."""
     if read_certificates(file) == read_certificates(ca):
         raise TlsError(f"{file}: an authority cannot revoke itself; name another one in clients_ca")
     only = ("-no-CAfile", "-no-CApath", "-no-CAstore", "-partial_chain", "-no_check_time")

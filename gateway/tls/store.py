@@ -11,15 +11,16 @@ class TlsStore:
     """What was loaded for each address. Connections look their context up when they begin."""
 
     def __init__(self) -> None:
+        #: By address of the config, and by what secures it.
         self._all: Mapping[Secured, Loaded] = {}
         self._contexts: Mapping[TlsSettings, Loaded] = {}
 
     def __getitem__(self, settings: TlsSettings) -> Loaded:
-        """What was loaded for `settings`."""
+        """Look up what was loaded for `settings`."""
         return self._contexts[settings]
 
     def get(self, settings: TlsSettings, default: Loaded) -> Loaded:
-        """What was loaded for `settings`; `default` if no address of the config has them any more."""
+        """Look up what was loaded for `settings`; `default` if no address of the config has them any more."""
         return self._contexts.get(settings, default)
 
     def adopt(self, loaded: Mapping[Secured, Loaded]) -> Mapping[Secured, Loaded]:
@@ -33,19 +34,19 @@ class TlsStore:
         return self.adopt({**self._all, **loaded})
 
     def renew(self, settings: TlsSettings, before: Loaded, fresh: Loaded) -> None:
-        """Use `fresh`, which says the same, if `before` is still used for `settings`."""
+        """Replace `before`, if it is still used for `settings`, with the equal context `fresh`."""
         if self._contexts.get(settings) is before:
             self.adopt({one: fresh if one.settings == settings else each for one, each in self._all.items()})
 
     def expiries(self) -> Iterator[tuple[Secured, Expiry]]:
-        """Until when each file is valid, with the address that uses it."""
+        """List until when each file is valid, with the address that uses it."""
         for secured, loaded in self._all.items():
             for expiry in loaded.expiries:
                 yield secured, expiry
 
 
-def complaints(loaded: Mapping[Secured, Loaded]) -> Iterator[str]:
-    """Who cannot connect with what was loaded, with the place in the config."""
+def find_warnings(loaded: Mapping[Secured, Loaded]) -> Iterator[str]:
+    """Say who cannot connect with what was loaded, with the place in the config."""
     for secured, each in loaded.items():
         for said in each.warnings:
             yield f"{secured.source}: {secured.name}: {said}"

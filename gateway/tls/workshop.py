@@ -25,8 +25,8 @@ TURN_WITHIN: Final = 30.0
 _LOOK_EVERY: Final = 0.05
 
 
-def authority_of(folder: Path) -> tuple[Path, Path]:
-    """The certificate and the key of the authority in `folder`.
+def find_authority(folder: Path) -> tuple[Path, Path]:
+    """Find the certificate and the key of the authority in `folder`.
 
     Raises:
         TlsError: there is none.
@@ -39,8 +39,8 @@ def authority_of(folder: Path) -> tuple[Path, Path]:
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """In this context no other command changes what is in `folder`, which is made if necessary.
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Keep other commands from changing what is in `folder`, in this context. It is made if necessary.
 
     Raises:
         TlsError: another one still does after TURN_WITHIN, or the folder cannot be opened.
@@ -49,7 +49,7 @@ def alone_in(folder: Path) -> Iterator[None]:
         folder.mkdir(mode=0o755, parents=True, exist_ok=True)
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
-        raise _trouble(folder, error) from error
+        raise _make_error(folder, error) from error
     try:
         _wait_for_turn(folder, descriptor)
         yield
@@ -66,11 +66,11 @@ def _wait_for_turn(folder: Path, descriptor: int) -> None:
             if time.monotonic() >= deadline:
                 raise TlsError(f"{folder}: another command is still at work there; try again later") from error
         except OSError as error:
-            raise _trouble(folder, error) from error
+            raise _make_error(folder, error) from error
         time.sleep(_LOOK_EVERY)
 
 
-def _trouble(folder: Path, error: OSError) -> TlsError:
+def _make_error(folder: Path, error: OSError) -> TlsError:
     return TlsError(f"{folder}: {(error.strerror or str(error)).lower()}")
 
 
@@ -86,18 +86,18 @@ class Workshop:
         try:
             self._temporary = tempfile.TemporaryDirectory(prefix=".new-", dir=self._folder)
         except OSError as error:
-            raise _trouble(self._folder, error) from error
+            raise _make_error(self._folder, error) from error
         return self
 
     def __exit__(self, *_: object) -> None:
         self._temporary.cleanup()
 
     def place(self, name: str) -> str:
-        """Where a file is made."""
+        """Name the place where a file is made."""
         return str(Path(self._temporary.name, name).absolute())
 
     def settings(self, name: str, extensions: Mapping[str, str]) -> str:
-        """A file of settings for openssl."""
+        """Write a file of settings for openssl; return its name."""
         lines = [
             "[req]\nprompt=no\nutf8=yes\ndistinguished_name=subject",
             f"[subject]\nCN={name}",

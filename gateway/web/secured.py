@@ -53,7 +53,7 @@ class SecuredConnections:
 
     def has_room(self, share_key: str, now: float) -> bool:
         """Whether a handshake can begin with a client from there, perhaps after another was ended."""
-        return not self._handshakes.trouble(share_key, now)
+        return not self._handshakes.make_room(share_key, now)
 
     def stream(self, context: ssl.SSLContext) -> SecuredStream:
         """What is the protocol of a new connection; `begin` its handshake at once."""

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.cli import main
 from gateway.tls.contexts import read_certificates
-from gateway.tls.revoking import revoked
+from gateway.tls.revoking import read_revoked
 from kit.pki import openssl
 
 
@@ -55,11 +55,11 @@ def test_what_was_replaced_is_revoked_and_the_certificate_in_use_is_not(folder: 
 def test_a_name_means_all_that_was_issued_to_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(folder, "revoke", "hmi") == 0
     both = {serial(folder / "first.crt"), serial(folder / "hmi.crt")}
-    assert revoked(folder) == both
+    assert read_revoked(folder) == both
     capsys.readouterr()
     assert run(folder, "revoke", "hmi") == 0  # again: nothing changes
     assert capsys.readouterr().out.count("was revoked before") == 2
-    assert revoked(folder) == both
+    assert read_revoked(folder) == both
     assert run(folder, "list", "--json") == 0
     states = {Path(row["file"]).stem: row["state"] for row in json.loads(capsys.readouterr().out)}
     assert states == {"ca": "", "first": "revoked", "hmi": "revoked", "hmi.2": ""}
@@ -71,7 +71,7 @@ def test_what_was_issued_before_copies_were_kept_is_kept_when_it_is_replaced(fol
     last = serial(folder / "hmi.crt")
     assert run(folder, "client", "hmi", "--replace") == 0
     assert run(folder, "revoke", "hmi", "--replaced") == 0
-    assert revoked(folder) == {last}
+    assert read_revoked(folder) == {last}
 
 
 def test_an_authority_revokes_only_what_it_has_issued(
@@ -101,7 +101,7 @@ def test_an_expired_certificate_can_be_revoked(folder: Path) -> None:
     files = ("-in", folder / "old.csr", "-out", folder / "old.crt", "-notext")
     openssl("ca", "-batch", "-config", folder / "settings", *files, *dates)
     assert run(folder, "revoke", "old") == 0
-    assert revoked(folder) == {serial(folder / "old.crt")}
+    assert read_revoked(folder) == {serial(folder / "old.crt")}
 
 
 def test_an_authority_does_not_begin_with_the_list_of_another_one(

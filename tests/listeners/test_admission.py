@@ -42,7 +42,7 @@ class Lobby:
         """A client connects, and asks at once or does not; or the reason why it is not let in."""
         host = f"192.0.2.{ord(host)}" if len(host) == 1 else host
         settings = ListenSettings("scada", "::", 502, clients=self.places, reserve=self.reserve)
-        refusal = self.room.refusal(host, self.rights, settings, self.now, self._dismiss, role)
+        refusal = self.room.make_room(host, self.rights, settings, self.now, self._dismiss, role)
         if refusal:
             return refusal
         client = Client(Caller(f"{host}:1", host, host), role=role)

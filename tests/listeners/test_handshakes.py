@@ -47,7 +47,7 @@ def begun(owner: Handshakes, *origins: str) -> list[Stream]:
     streams: list[Any] = []
     now = asyncio.get_running_loop().time()
     for origin in origins:
-        assert owner.trouble(origin, now) == ""
+        assert owner.make_room(origin, now) == ""
         streams.append(Stream(owner))
         owner.begin(streams[-1], ConnectingClient(Caller(f"{origin}:1", origin, origin)), now)
     return streams
@@ -61,8 +61,8 @@ async def test_clients_of_one_address_that_say_nothing_make_room_for_another_one
     owner = handshakes()
     begins = asyncio.get_running_loop().time()
     first, *others = begun(owner, *["10.0.0.1"] * MOST)
-    assert owner.trouble("10.0.0.1", begins + SLOW - 0.01) == TOO_MANY
-    assert owner.trouble("10.0.0.1", begins + SLOW) == ""
+    assert owner.make_room("10.0.0.1", begins + SLOW - 0.01) == TOO_MANY
+    assert owner.make_room("10.0.0.1", begins + SLOW) == ""
     assert first.refused == MADE_ROOM
     assert not any(each.refused for each in others)
 
@@ -72,7 +72,7 @@ async def test_the_address_with_most_of_them_makes_room() -> None:
     once, *_ = begun(owner, "10.0.1.1")
     twice, _ = begun(owner, "10.0.1.2", "10.0.1.2")
     begun(owner, *(f"10.0.0.{number}" for number in range(MOST - 3)))
-    assert owner.trouble("10.0.2.1", 0.0) == ""
+    assert owner.make_room("10.0.2.1", 0.0) == ""
     assert (once.refused, twice.refused) == ("", MADE_ROOM)
 
 
@@ -82,8 +82,8 @@ async def test_if_each_address_has_one_the_slowest_client_makes_room() -> None:
     active, silent, *others = begun(owner, *(f"10.0.0.{number}" for number in range(MOST)))
     owner._is_working = True  # a step of another one is under way
     owner.step_due(active)
-    assert owner.trouble("10.0.2.1", begins + SLOW - 0.01) == TOO_MANY
-    assert owner.trouble("10.0.2.1", begins + SLOW) == ""
+    assert owner.make_room("10.0.2.1", begins + SLOW - 0.01) == TOO_MANY
+    assert owner.make_room("10.0.2.1", begins + SLOW) == ""
     assert (active.refused, silent.refused) == ("", MADE_ROOM)
     assert not any(each.refused for each in others)
 
@@ -94,7 +94,7 @@ async def test_an_address_with_many_of_them_ends_its_own_only() -> None:
     slow = begun(owner, "10.0.0.1", "10.0.0.2")
     await asyncio.sleep(SLOW)
     many = begun(owner, *["10.0.1.1"] * (MOST - 2))
-    assert owner.trouble("10.0.1.1", asyncio.get_running_loop().time()) == TOO_MANY
+    assert owner.make_room("10.0.1.1", asyncio.get_running_loop().time()) == TOO_MANY
     await asyncio.sleep(SLOW)
     many += begun(owner, *["10.0.1.1"] * (MOST - 2))
     assert [each.refused for each in slow + many] == ["", "", *[MADE_ROOM] * (MOST - 2), *[""] * (MOST - 2)]
@@ -108,7 +108,7 @@ async def test_a_client_that_sends_a_byte_now_and_then_is_slow() -> None:
         owner.step_due(trickling)
         await asyncio.sleep(0.001)
     begun(owner, *(f"10.0.1.{number}" for number in range(MOST - 1)))
-    assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == ""
+    assert owner.make_room("10.0.2.1", asyncio.get_running_loop().time()) == ""
     assert trickling.refused == MADE_ROOM
     owner.close()
 
@@ -123,9 +123,9 @@ async def test_a_client_that_goes_on_is_not_slow() -> None:
     await asyncio.sleep(0.001)
     begun(owner, *(f"10.0.1.{number}" for number in range(MOST - 1)))
     await asyncio.sleep(0.9 * SLOW)
-    assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == TOO_MANY
+    assert owner.make_room("10.0.2.1", asyncio.get_running_loop().time()) == TOO_MANY
     await asyncio.sleep(0.2 * SLOW)
-    assert owner.trouble("10.0.2.1", asyncio.get_running_loop().time()) == ""
+    assert owner.make_room("10.0.2.1", asyncio.get_running_loop().time()) == ""
     owner.close()
 
 

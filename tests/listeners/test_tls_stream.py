@@ -590,7 +590,7 @@ def test_sessions_are_forgotten_when_they_are_many(
         listener = TlsListener(replace(Listener.settings, tls=settings), reaches, lambda _: None, store)
         before = store[settings]
         for number in range(3):
-            listener._kept.bound()
+            listener._kept.limit()
             assert listener._kept.renewing is None
             handshake_without_tickets(before.context)
             assert before.context.session_stats()["number"] == number + 1
@@ -599,18 +599,18 @@ def test_sessions_are_forgotten_when_they_are_many(
                 shutil.copy(pki() / name.replace("server", OPERATOR), tmp_path / name)
         elif change == "a damaged one":
             (tmp_path / "server.crt").write_text("")
-        listener._kept.bound()
+        listener._kept.limit()
         assert listener._kept.renewing is not None
         await asyncio.wait([listener._kept.renewing])
         await asyncio.sleep(0)
         assert (store[settings] is before) == (change != "none")
         assert listener._kept.renewing is None
         monkeypatch.setattr(kept_sessions, "MOST_SESSIONS", -1)
-        listener._kept.bound()
+        listener._kept.limit()
         assert (listener._kept.renewing is None) == (change != "none")  # else there would be a thread for each sweep
         if change != "none":
             monkeypatch.setattr(listener._kept, "_next_at", asyncio.get_running_loop().time())
-            listener._kept.bound()
+            listener._kept.limit()
         assert listener._kept.renewing is not None
         await asyncio.wait([listener._kept.renewing])
 

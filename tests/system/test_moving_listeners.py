@@ -9,7 +9,7 @@ import pytest
 
 from gateway.errors import ListenError
 from gateway.listeners.session import ListenSettings
-from gateway.listeners.sockets import OpenSockets, addresses, bind_sockets
+from gateway.listeners.sockets import OpenSockets, bind_sockets, find_addresses
 from kit.free_port import free_port
 from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE, GatewayProcess, command
@@ -53,7 +53,7 @@ class Street:
 
     async def bound(self, host: str, ready: OpenSockets | None = None) -> socket.socket:
         settings = ListenSettings("scada", host, self._port, scheme="udp" if self.kind == UDP else "tcp")
-        (door,) = bind_sockets(settings, await addresses(settings, self.kind), ready)
+        (door,) = bind_sockets(settings, await find_addresses(settings, self.kind), ready)
         return self._stack.enter_context(door)
 
     async def open(self, host: str, ready: OpenSockets | None = None) -> socket.socket:

@@ -106,11 +106,11 @@ def test_names_are_compared_whole_and_shown_cut() -> None:
 
     unit = "OU=" + 210 * "x"
     long, other = f"{unit},CN=hall a", f"{unit},CN=hall b"
-    assert not find_untrusted([authority(long, long)]).said
-    (said,) = find_untrusted([authority(long, other)]).said
+    assert not find_untrusted([authority(long, long)]).reasons
+    (said,) = find_untrusted([authority(long, other)]).reasons
     assert len(said) < 2 * LONGEST_SUBJECT + 100
-    assert not find_without_list([authority(long, long)], [RevocationList(long, 0.0, None)]).said
-    assert find_without_list([authority(long, long)], [RevocationList(other, 0.0, None)]).said
+    assert not find_without_list([authority(long, long)], [RevocationList(long, 0.0, None)]).reasons
+    assert find_without_list([authority(long, long)], [RevocationList(other, 0.0, None)]).reasons
 
 
 def test_the_subject_of_a_certificate_is_whole(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from gateway.errors import TlsError
 from gateway.tls import revoking, workshop
 from gateway.tls.contexts import read_certificates
 from gateway.tls.making import make_authority, make_client
-from gateway.tls.revoking import revoke, revoked
+from gateway.tls.revoking import read_revoked, revoke
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_revocations_at_the_same_time_are_all_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files = [make_client(folder, name) for name in ("hmi", "spy")]
-    both, read = Barrier(2, timeout=1.0), revoking.revoked
+    both, read = Barrier(2, timeout=1.0), revoking.read_revoked
 
     def read_beside_the_other_one(where: Path) -> set[str]:
         found = read(where)
@@ -34,13 +34,13 @@ def test_revocations_at_the_same_time_are_all_kept(folder: Path, monkeypatch: py
                 both.abort()
         return found
 
-    monkeypatch.setattr(revoking, "revoked", read_beside_the_other_one)
+    monkeypatch.setattr(revoking, "read_revoked", read_beside_the_other_one)
     threads = [Thread(target=revoke, args=(folder, [file])) for file in files]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert revoked(folder) == {read_certificates(file)[0].serial for file in files}
+    assert read_revoked(folder) == {read_certificates(file)[0].serial for file in files}
 
 
 def test_a_command_that_does_not_end_is_not_waited_for_without_end(
@@ -67,4 +67,4 @@ def test_a_folder_may_have_any_name(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         make_authority(folder, "plant")
         file = make_client(folder, "hmi")
         revoke(folder, [file])
-        assert revoked(folder) == {read_certificates(file)[0].serial}
+        assert read_revoked(folder) == {read_certificates(file)[0].serial}

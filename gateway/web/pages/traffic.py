@@ -7,7 +7,7 @@ from urllib.parse import urlencode
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
-from gateway.listeners.sockets import host_of
+from gateway.listeners.sockets import split_host
 from gateway.trace.pdus import FUNCTIONS
 from gateway.trace.records import RESULTS
 from gateway.web.answers import Answers
@@ -55,7 +55,7 @@ class TrafficPage:
             modes={name: (each.mode, each.baud, each.format) for name, each in lines.items()},
             units=[(each.unit, each.name) for each in self._answers.units()],
             functions=FUNCTIONS,
-            clients=sorted({host_of(each.client) for each in status.clients}),
+            clients=sorted({split_host(each.client) for each in status.clients}),
             results=RESULTS,
             query=urlencode(chosen),
             capture=urlencode({**chosen, "seconds": _CAPTURED}),
