@@ -11,7 +11,7 @@ from gateway.cli.examples import examples_text
 from gateway.cli.main import FINE
 from gateway.cli.usage import WrongUsageError, tell_wrong_usage
 from gateway.tls.certificate import WrongRole, shorten
-from gateway.tls.contexts import read_certificates
+from gateway.tls.files import read_certificates
 from gateway.tls.making import (
     AUTHORITY_DAYS,
     OTHER_DAYS,

@@ -1,4 +1,4 @@
-"""The one place that makes TLS contexts, from files that were read and checked."""
+"""The one place that makes TLS contexts."""
 
 from __future__ import annotations  # `ssl` is loaded when it is used
 
@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import inf
-from pathlib import Path
 from typing import Final
 
 from gateway.errors import TlsError
@@ -20,21 +19,22 @@ from gateway.tls.certificate import (
     find_untrusted,
     find_without_list,
     parse_certificate,
-    parse_list,
     shorten,
 )
-from gateway.tls.files import find_path, read_whole, refuse_if_exposed, refuse_if_no_file
+from gateway.tls.files import (
+    explain_failure,
+    locate,
+    read,
+    read_certificates,
+    read_lists,
+    refuse_if_exposed,
+    refuse_if_no_file,
+)
 from gateway.tls.settings import ClientTls, SecretFile, ServerTls, TlsSettings
 
 #: Suites of TLS 1.2 with authenticated encryption and forward secrecy; those of TLS 1.3 all have both. Keys and
 #: signatures of less than 112 bits are refused.
 CIPHERS: Final = "ECDHE+AESGCM:ECDHE+CHACHA20:@SECLEVEL=2"
-#: The largest file that is read: an authority file may have a hundred certificates.
-LARGEST_FILE: Final = 1024 * 1024
-
-_CERTIFICATE: Final = "CERTIFICATE"
-_LIST: Final = "X509 CRL"
-_HOW_TO_MAKE: Final = "modbus-gateway certificates makes one"
 
 _ENCRYPTED: Final = "this key is encrypted; the gateway needs one without a password: openssl pkey -in KEY -out NEW"
 
@@ -103,18 +103,6 @@ def stop_resuming(context: ssl.SSLContext) -> None:
     context.num_tickets = 0
 
 
-def read_certificates(path: Path) -> list[Certificate]:
-    """Read the certificates in a PEM file; at least one.
-
-    Raises:
-        TlsError: it cannot be read, or has none.
-    """
-    try:
-        return [parse_certificate(block) for block in _read_blocks(SecretFile(str(path)), _CERTIFICATE)]
-    except ValueError as wrong:
-        raise TlsError(f"{path}: the certificate in it {wrong}") from wrong
-
-
 def _load_server(settings: ServerTls) -> Loaded:
     context = _new_context(ssl.PROTOCOL_TLS_SERVER)
     context.num_tickets = 1
@@ -125,13 +113,13 @@ def _load_server(settings: ServerTls) -> Loaded:
         context.verify_mode = ssl.CERT_REQUIRED
         trusted += _use_authority(context, settings.clients_ca, "clients_ca")
         warnings += _check_authorities(context, settings.clients_ca)
-        trust.update(_read(settings.clients_ca))
+        trust.update(read(settings.clients_ca))
     if settings.crl is not None:
         lists = _use_lists(context, settings.crl)
-        file = str(_find_path(settings.crl))
+        file = str(locate(settings.crl))
         trusted += [Expiry("crl", file, "", at, each.this_update) for each in lists if (at := each.next_update)]
         warnings += _check_lists(context, settings, lists)
-        trust.update(_read(settings.crl))
+        trust.update(read(settings.crl))
     until = _find_first_expiry(trusted)
     return Loaded(context, (own, *trusted), trust.digest(), warnings, until)
 
@@ -146,7 +134,7 @@ def _load_client(settings: ClientTls) -> Loaded:
         return Loaded(context, tuple(expiries), b"")
     expiries += _use_authority(context, settings.ca, "ca")
     warnings = _check_authorities(context, settings.ca)
-    return Loaded(context, tuple(expiries), hashlib.sha256(_read(settings.ca)).digest(), warnings)
+    return Loaded(context, tuple(expiries), hashlib.sha256(read(settings.ca)).digest(), warnings)
 
 
 def _find_first_expiry(trusted: Iterable[Expiry]) -> float:
@@ -168,7 +156,7 @@ def _new_context(protocol: ssl._SSLMethod) -> ssl.SSLContext:
 def _use_own(context: ssl.SSLContext, certificate: SecretFile, key_file: SecretFile) -> Expiry:
     """Show this certificate, with its chain."""
     [first, *_] = _read_expiries(certificate, "certificate")
-    key, wanted = _find_path(key_file), list[bool]()
+    key, wanted = locate(key_file), list[bool]()
 
     def password() -> str:
         """Note that there is one: OpenSSL would ask for it on the terminal."""
@@ -178,12 +166,12 @@ def _use_own(context: ssl.SSLContext, certificate: SecretFile, key_file: SecretF
     try:
         refuse_if_no_file(key)
         refuse_if_exposed(key)
-        context.load_cert_chain(_find_path(certificate), key, password=password)
+        context.load_cert_chain(locate(certificate), key, password=password)
     except ssl.SSLError as error:
         known = _ENCRYPTED if wanted else _TROUBLES.get(error.reason or "")
         raise TlsError(f"{key}: {known or 'this is no private key in PEM form'}") from error
     except OSError as error:
-        raise _make_error(key, error) from error
+        raise explain_failure(key, error) from error
     return first
 
 
@@ -192,7 +180,7 @@ def _use_authority(context: ssl.SSLContext, file: SecretFile, what: str) -> list
     expiries = _read_expiries(file, what)
     _add(context, file, "crl", "has revocation lists: name their file by crl")
     if not context.get_ca_certs():
-        raise TlsError(f"{_find_path(file)}: has no certificate of an authority: those here may sign no others")
+        raise TlsError(f"{locate(file)}: has no certificate of an authority: those here may sign no others")
     return expiries
 
 
@@ -202,7 +190,7 @@ def _check_authorities(context: ssl.SSLContext, file: SecretFile) -> tuple[str, 
 
 def _use_lists(context: ssl.SSLContext, file: SecretFile) -> list[RevocationList]:
     """Refuse what the revocation lists in `file` name."""
-    lists = [_parse_list(file, block) for block in _read_blocks(file, _LIST)]
+    lists = read_lists(file)
     _add(context, file, "x509", "has certificates too: those of authorities belong into clients_ca")
     context.verify_flags |= ssl.VERIFY_CRL_CHECK_CHAIN
     return lists
@@ -219,7 +207,7 @@ def _warn(file: SecretFile, untrusted: Untrusted) -> tuple[str, ...]:
     Raises:
         TlsError: none could be trusted.
     """
-    said = tuple(f"{_find_path(file)}: {each}" for each in untrusted.reasons)
+    said = tuple(f"{locate(file)}: {each}" for each in untrusted.reasons)
     if said and untrusted.are_all:
         raise TlsError(f"{said[0]}. Until then nobody would be trusted")
     return said
@@ -229,68 +217,24 @@ def _read_authorities(context: ssl.SSLContext, file: SecretFile) -> list[Certifi
     try:
         return [parse_certificate(each) for each in context.get_ca_certs(binary_form=True)]
     except ValueError as wrong:
-        raise TlsError(f"{_find_path(file)}: a certificate in it {wrong}") from wrong
+        raise TlsError(f"{locate(file)}: a certificate in it {wrong}") from wrong
 
 
 def _add(context: ssl.SSLContext, file: SecretFile, foreign: str, complaint: str) -> None:
     """Add what is in `file`; nothing of the kind `foreign` may be there (OpenSSL would trust it too)."""
     before = context.cert_store_stats()[foreign]
     try:
-        context.load_verify_locations(cafile=_find_path(file))
+        context.load_verify_locations(cafile=locate(file))
     except (ssl.SSLError, OSError) as error:
-        raise TlsError(f"{_find_path(file)}: OpenSSL cannot use it: {error.strerror or error}") from error
+        raise TlsError(f"{locate(file)}: OpenSSL cannot use it: {error.strerror or error}") from error
     if context.cert_store_stats()[foreign] > before:
-        raise TlsError(f"{_find_path(file)}: {complaint}")
+        raise TlsError(f"{locate(file)}: {complaint}")
 
 
 def _read_expiries(file: SecretFile, what: str) -> list[Expiry]:
     """Read until when each certificate in `file` is valid, in its order."""
-    path = _find_path(file)
+    path = locate(file)
     return [
         Expiry(what, str(path), shorten(each.subject), each.not_after, each.not_before)
         for each in read_certificates(path)
     ]
-
-
-def _parse_list(file: SecretFile, block: bytes) -> RevocationList:
-    try:
-        return parse_list(block)
-    except ValueError as wrong:
-        raise TlsError(f"{_find_path(file)}: the revocation list in it {wrong}") from wrong
-
-
-def _read_blocks(file: SecretFile, kind: str) -> list[bytes]:
-    """Read the DER of each block of this kind in a PEM file; at least one."""
-    text = _read(file).decode("ascii", errors="replace")
-    parts = text.split(f"-----BEGIN {kind}-----")[1:]
-    if not parts:
-        raise TlsError(f"{_find_path(file)}: has no {kind} in PEM form; {_HOW_TO_MAKE}")
-    return [_decode(file, part.partition(f"-----END {kind}-----")[0]) for part in parts]
-
-
-def _decode(file: SecretFile, body: str) -> bytes:
-    try:
-        return ssl.PEM_cert_to_DER_cert(f"-----BEGIN CERTIFICATE-----{body}-----END CERTIFICATE-----")
-    except ValueError as wrong:
-        raise TlsError(f"{_find_path(file)}: is damaged: {wrong}") from wrong
-
-
-def _read(file: SecretFile) -> bytes:
-    path = _find_path(file)
-    try:
-        return read_whole(path, LARGEST_FILE)
-    except OSError as error:
-        raise _make_error(path, error) from error
-
-
-def _make_error(path: Path, error: OSError) -> TlsError:
-    remedy = f"; {_HOW_TO_MAKE}" if isinstance(error, FileNotFoundError) else ""
-    reason = error.strerror or str(error)
-    return TlsError(f"{path}: {reason[:1].lower()}{reason[1:]}{remedy}")
-
-
-def _find_path(file: SecretFile) -> Path:
-    try:
-        return find_path(file)
-    except OSError as error:
-        raise TlsError(f"{file.name}: {error.strerror}") from error

@@ -1,12 +1,23 @@
-"""Files with secrets: where they are, and a check that no other user can read them."""
+"""Files of keys, certificates and other secrets: where they are, what is in them, and whether others can read them."""
 
+import base64
 import os
 import stat
 from collections.abc import Mapping
 from errno import EACCES, EFBIG, EINVAL, ENOENT
 from pathlib import Path
+from typing import Final
 
+from gateway.errors import TlsError
+from gateway.tls.certificate import Certificate, RevocationList, parse_certificate, parse_list
 from gateway.tls.settings import SecretFile
+
+#: The largest file that is read: an authority file may have a hundred certificates.
+LARGEST_FILE: Final = 1024 * 1024
+
+_CERTIFICATE: Final = "CERTIFICATE"
+_LIST: Final = "X509 CRL"
+_HOW_TO_MAKE: Final = "modbus-gateway certificates makes one"
 
 
 def find_path(file: SecretFile, environment: Mapping[str, str] = os.environ) -> Path:
@@ -55,3 +66,74 @@ def refuse_if_exposed(path: Path) -> None:
     """
     if path.stat().st_mode & (stat.S_IRWXO | stat.S_IWGRP):
         raise OSError(EACCES, f"others may read or change it; chmod o=,g-w {path}", str(path))
+
+
+def read_certificates(path: Path) -> list[Certificate]:
+    """Read the certificates in a PEM file; at least one.
+
+    Raises:
+        TlsError: it cannot be read, or has none.
+    """
+    try:
+        return [parse_certificate(block) for block in _read_blocks(SecretFile(str(path)), _CERTIFICATE)]
+    except ValueError as wrong:
+        raise TlsError(f"{path}: the certificate in it {wrong}") from wrong
+
+
+def read_lists(file: SecretFile) -> list[RevocationList]:
+    """Read the revocation lists in a PEM file; at least one.
+
+    Raises:
+        TlsError: it cannot be read, or has none.
+    """
+    try:
+        return [parse_list(block) for block in _read_blocks(file, _LIST)]
+    except ValueError as wrong:
+        raise TlsError(f"{locate(file)}: the revocation list in it {wrong}") from wrong
+
+
+def read(file: SecretFile) -> bytes:
+    """Read a file.
+
+    Raises:
+        TlsError: it cannot be read, or has more than LARGEST_FILE bytes.
+    """
+    path = locate(file)
+    try:
+        return read_whole(path, LARGEST_FILE)
+    except OSError as error:
+        raise explain_failure(path, error) from error
+
+
+def locate(file: SecretFile) -> Path:
+    """Find where a file is.
+
+    Raises:
+        TlsError: as `find_path`.
+    """
+    try:
+        return find_path(file)
+    except OSError as error:
+        raise TlsError(f"{file.name}: {error.strerror}") from error
+
+
+def explain_failure(path: Path, error: OSError) -> TlsError:
+    """Say why a file cannot be read, and what to do."""
+    remedy = f"; {_HOW_TO_MAKE}" if isinstance(error, FileNotFoundError) else ""
+    reason = error.strerror or str(error)
+    return TlsError(f"{path}: {reason[:1].lower()}{reason[1:]}{remedy}")
+
+
+def _read_blocks(file: SecretFile, kind: str) -> list[bytes]:
+    """Read the DER of each block of this kind in a PEM file; at least one."""
+    parts = read(file).decode("ascii", errors="replace").split(f"-----BEGIN {kind}-----")[1:]
+    if not parts:
+        raise TlsError(f"{locate(file)}: has no {kind} in PEM form; {_HOW_TO_MAKE}")
+    return [_decode(file, part.partition(f"-----END {kind}-----")[0]) for part in parts]
+
+
+def _decode(file: SecretFile, body: str) -> bytes:
+    try:
+        return base64.decodebytes(body.encode("ascii"))
+    except ValueError as wrong:
+        raise TlsError(f"{locate(file)}: is damaged: {wrong}") from wrong

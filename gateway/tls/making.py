@@ -9,7 +9,7 @@ from typing import Final
 
 from gateway.errors import TlsError
 from gateway.tls.certificate import ROLE
-from gateway.tls.contexts import read_certificates
+from gateway.tls.files import read_certificates
 from gateway.tls.revoking import index_path, keep, list_path
 from gateway.tls.workshop import AUTHORITY, Workshop, find_authority, lock_folder
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from gateway.errors import TlsError
 from gateway.tls.certificate import Certificate
-from gateway.tls.contexts import read_certificates
+from gateway.tls.files import read_certificates
 from gateway.tls.workshop import AUTHORITY, Workshop, find_authority, lock_folder
 
 #: For how long a revocation list is valid, in days: nobody has to renew it.

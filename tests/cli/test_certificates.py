@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from gateway.cli import main
-from gateway.tls.contexts import read_certificates
+from gateway.tls.files import read_certificates
 from gateway.tls.revoking import read_revoked
 from kit.pki import openssl
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import TlsError
-from gateway.tls.contexts import LARGEST_FILE, Loaded, load, stop_resuming
+from gateway.tls.contexts import Loaded, load, stop_resuming
+from gateway.tls.files import LARGEST_FILE
 from gateway.tls.settings import ClientTls, SecretFile, ServerTls
 from kit.pki import OPERATOR, client_context, openssl, pki
 

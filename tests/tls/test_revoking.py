@@ -10,7 +10,7 @@ import pytest
 
 from gateway.errors import TlsError
 from gateway.tls import revoking, workshop
-from gateway.tls.contexts import read_certificates
+from gateway.tls.files import read_certificates
 from gateway.tls.making import make_authority, make_client
 from gateway.tls.revoking import read_revoked, revoke
 
