@@ -48,13 +48,12 @@ class Arrived(NamedTuple):
 
 @dataclass(slots=True)
 class DatagramCounts(Counts):
-    """Also counts datagrams: `unsent` are responses that the system refused.
+    """Also counts datagrams."""
 
-    `malformed` are those that are not exactly one request. An exception response is malformed too: answered like a
-    request with an unknown function, one forged datagram would bounce between two servers for ever.
-    """
-
+    #: Those that are not exactly one request. An exception response is malformed too: answered like a request with an
+    #: unknown function, one forged datagram would bounce between two servers for ever.
     malformed: int = 0
+    #: Responses that the system refused.
     unsent: int = 0
 
 
@@ -62,9 +61,9 @@ class UdpListener:
     """One `[[listen]]` table with udp://: answers datagrams, forgets idle peers.
 
     Datagrams from an address without any right are dropped, and those to another address than the listener's, through a
-    wider socket of systemd. At most `clients` peers are known at a time; `admission`
-    decides which one is forgotten for a new one, and whose datagrams are dropped. That takes a while if many are known,
-    so peers are admitted one by one, and everything else has its turn in between.
+    wider socket of systemd. At most `clients` peers are known at a time; `admission` decides which one is forgotten for
+    a new one, and whose datagrams are dropped. That takes a while if many are known, so peers are admitted one by one,
+    and everything else has its turn in between.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -167,7 +166,7 @@ class UdpListener:
         self._read(sock)
         self._process()
 
-    def _look(self, sock: socket.socket) -> None:
+    def _read_first(self, sock: socket.socket) -> None:
         """Read what has arrived before a response is sent."""
         self._read(sock)
         if self._arrived:
@@ -247,8 +246,8 @@ class UdpListener:
 
     def _admit(self, sock: socket.socket, key: PeerAddress, now: float) -> str:
         """Admit a peer, or return why it is rejected: the listener is full, or it has lost its rights."""
-        client = join_host_port(key.host, key.port)
-        if why_not := self._make_room(key.host, now):
+        rights, client = self.router.rights, join_host_port(key.host, key.port)
+        if why_not := self._admission.make_room(key.host, rights, self.settings, now, self._dismiss):
             return why_not
         caller = Caller(client, key.host, self._share_keys.of(key.host, now))
         peer = Peer(caller, router=self.router, settings=self.settings, path=self._path(sock, key))
@@ -266,10 +265,6 @@ class UdpListener:
     def _failed(self, key: PeerAddress, error: Exception) -> None:
         self.emit(events.PartFailed.of(f"client {join_host_port(key.host, key.port)}", error))
 
-    def _make_room(self, host: str, now: float) -> str:
-        """Why a sender is rejected; empty if it is accepted, perhaps after another one was forgotten."""
-        return self._admission.make_room(host, self.router.rights, self.settings, now, self._dismiss)
-
     def _path(self, sock: socket.socket, key: PeerAddress) -> Path:
         control, address = send_arguments(sock, key)
 
@@ -279,7 +274,7 @@ class UdpListener:
             except OSError:  # as if lost on the network: the client repeats its request
                 self.counts.unsent += 1
 
-        return Path(partial(self._look, sock), send)
+        return Path(partial(self._read_first, sock), send)
 
     def _dismiss(self, peer: Peer) -> None:
         self._remove(next(key for key, each in self._peers.items() if each is peer), MADE_ROOM)
