@@ -52,8 +52,10 @@ class OpenSockets:
     """
 
     def __init__(self, sockets: Iterable[socket.socket] = (), leaving: Iterable[socket.socket] = ()) -> None:
+        #: Those of systemd.
         self.all = tuple(sockets)
         self._leaving = tuple(leaving)
+        #: Those that are leaving and have given their ports up.
         self._gave_way: list[socket.socket] = []
 
     def take(self, kind: int, address: tuple[Any, ...], *, ipv6_only: bool) -> socket.socket | None:
@@ -99,18 +101,18 @@ class OpenSockets:
             else:
                 _set_sharing(sock, is_shared=False)
 
-    def at(self, kind: int, port: int) -> list[str]:
+    def list_at(self, kind: int, port: int) -> list[str]:
         """List the addresses of systemd's sockets with this port."""
         return [_show_address(sock) for sock in self.all if (sock.type, sock.getsockname()[1]) == (kind, port)]
 
-    def without(self, used: Iterable[socket.socket]) -> list[str]:
+    def list_unused(self, used: Iterable[socket.socket]) -> list[str]:
         """List the addresses of systemd's sockets that none of the `used` ones belongs to: `tcp://0.0.0.0:502`."""
         names = {(sock.type, sock.getsockname()) for sock in used}
         return [_show_address(sock) for sock in self.all if (sock.type, sock.getsockname()) not in names]
 
     def _free_port(self, kind: int, port: int) -> None:
         """Free the port: its sockets stop listening but stay bound. Those of systemd are left alone."""
-        if self.at(kind, port):
+        if self.list_at(kind, port):
             return
         for sock in self._leaving:
             if (sock.type, sock.getsockname()[1]) == (kind, port) and sock not in self._gave_way:
@@ -226,7 +228,7 @@ def _advise_on_systemd(settings: ListenSettings, error: OSError | UnicodeError, 
     is_udp = settings.scheme == "udp"
     key = "ListenDatagram" if is_udp else "ListenStream"
     wanted = f"{key}={join_host_port(settings.host, settings.port)}, then systemctl restart modbus-gateway.socket"
-    if ours := ready.at(socket.SOCK_DGRAM if is_udp else socket.SOCK_STREAM, settings.port):
+    if ours := ready.list_at(socket.SOCK_DGRAM if is_udp else socket.SOCK_STREAM, settings.port):
         taken = _SHARED_WITH_US if settings.shares_port else _TAKEN_BY_US
         return taken.format(", ".join(ours), wanted, key=key)
     return _NO_RIGHT.format(wanted) if error.errno == errno.EACCES else ""

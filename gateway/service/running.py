@@ -265,7 +265,7 @@ class Running:
 
     def _check_inherited_sockets(self, gateway: Gateway) -> None:
         """Check that each inherited socket belongs to a listener: otherwise its clients would wait for ever."""
-        left_over = self._sockets.without(sock for one in gateway.listeners for sock in one.sockets)
+        left_over = self._sockets.list_unused(sock for one in gateway.listeners for sock in one.sockets)
         if left_over:
             advice = "add one, or take it out of modbus-gateway.socket, then systemctl restart modbus-gateway.socket"
             raise ListenError(f"systemd has opened {', '.join(left_over)}, which no [[listen]] names; {advice}")
