@@ -572,7 +572,7 @@ async def test_the_system_keeps_little_for_a_connection() -> None:
 async def test_a_defect_in_welcoming_a_client_does_not_end_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:
     async with listening() as bench:
         with monkeypatch.context() as defective:
-            defective.setattr(bench.listener.connections, "refusal", None)
+            defective.setattr(bench.listener.connections, "make_room", None)
             assert await (await bench.connect()).is_closed()
         assert len(bench.told(PartFailed)) == 1
         assert await (await bench.client()).is_open()
