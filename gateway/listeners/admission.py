@@ -52,7 +52,7 @@ class Client(Protocol):
 
     @property
     def last_asked(self) -> float:
-        """When it last sent a request, in seconds of the loop's clock, or NEVER."""
+        """The time of its last request, in seconds of the loop's clock, or NEVER."""
 
 
 AnyClient = TypeVar("AnyClient", bound=Client)
@@ -60,8 +60,9 @@ AnyClient = TypeVar("AnyClient", bound=Client)
 
 @dataclass(slots=True)
 class _Place:
-    """What is kept of a present client. `origin` is what counts as its address."""
+    """The place of a present client."""
 
+    #: What counts as its address.
     origin: str
     #: When it connected, last asked, or was last seen with a request in progress.
     active_at: float

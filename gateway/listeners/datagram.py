@@ -20,11 +20,12 @@ _MAPPED: Final = bytes(10) + b"\xff\xff"
 
 
 class PeerAddress(NamedTuple):
-    """Where a datagram comes from and where it went, the same on sockets of either family. `asked` is packed."""
+    """The source of a datagram and its destination, the same on sockets of either family."""
 
     host: str
     port: int
     scope: int
+    #: The local address that it was sent to, packed.
     asked: bytes
 
     @property

@@ -34,9 +34,10 @@ TOO_SLOW: Final = f"its handshake was not done within {DEADLINE:g} s"
 
 @dataclass(frozen=True, slots=True)
 class ConnectingClient:
-    """Where a connection comes from; `resumable_until` as in gateway.tls.contexts.Loaded."""
+    """A client whose handshake is not done."""
 
     caller: Caller
+    #: As in gateway.tls.contexts.Loaded.
     resumable_until: float = inf
 
 

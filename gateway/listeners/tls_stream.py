@@ -59,7 +59,7 @@ class Application(Protocol):
 
 
 class HandshakeOwner(Protocol):
-    """Who sees to the handshakes of connections."""
+    """The owner of the handshakes of connections."""
 
     def step_due(self, stream: TlsStream) -> None:
         """Call `step` in any thread, then `stepped`: bytes have arrived. Until then nothing more is received."""

@@ -39,10 +39,11 @@ _STOPPING: Final = "the gateway is stopping"
 
 
 class Arrived(NamedTuple):
-    """A request, where it arrived, and whether it repeated one in progress then: that may have been answered since."""
+    """A request that has arrived, and where."""
 
     sock: socket.socket
     adu: mbap.TcpFrame
+    #: True if it repeated one in progress when it was read; that may have been answered since.
     is_repeated: bool
 
 

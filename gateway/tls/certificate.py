@@ -45,14 +45,14 @@ class WrongRole(ValueError):  # noqa: N818 - named after what it is, as in gatew
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """A certificate. `serial` in hexadecimal digits, `subject` such as `CN=hmi-3,O=Plant 2`, times since 1970.
+    """A certificate."""
 
-    Names are whole, so that they can be compared: `shorten` those that are shown.
-    """
-
+    #: In hexadecimal digits.
     serial: str
+    #: Names such as `CN=hmi-3,O=Plant 2`; whole, so that they can be compared: `shorten` those that are shown.
     issuer: str
     subject: str
+    #: In seconds since 1970.
     not_before: float
     not_after: float
     _extensions: tuple[tuple[str, bytes], ...]
@@ -79,9 +79,10 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True)
 class RevocationList:
-    """Whose list it is, since when and until when it is valid, in seconds since 1970; None if it does not say."""
+    """A revocation list."""
 
     issuer: str
+    #: Since when and until when it is valid, in seconds since 1970; None if it does not say.
     this_update: float
     next_update: float | None
 

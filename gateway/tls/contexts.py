@@ -48,27 +48,29 @@ _TROUBLES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Expiry:
-    """When a file is valid, in seconds since 1970. `what` is the key of the config that names it."""
+    """The time in which a certificate or a revocation list is valid."""
 
+    #: The key of the config that names its file.
     what: str
     file: str
     subject: str
+    #: Until when, and since when, in seconds since 1970.
     at: float
     since: float = -inf
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A context and what it was made of. Peers are trusted alike by two with the same `trust`.
-
-    `warnings` say who cannot connect, and why. Sessions must not be resumed after `resumable_until`, in seconds since
-    1970: the chain of a client's certificate and its revocation are looked at only in whole handshakes.
-    """
+    """A context and what it was made of."""
 
     context: ssl.SSLContext
     expiries: tuple[Expiry, ...]
+    #: Two contexts with the same one trust the same peers.
     trust: bytes
+    #: Who cannot connect, and why.
     warnings: tuple[str, ...] = ()
+    #: Sessions must not be resumed after this, in seconds since 1970: the chain of a client's certificate and its
+    #: revocation are looked at only in whole handshakes.
     resumable_until: float = inf
 
 

@@ -14,27 +14,25 @@ class SecretFile:
 
 @dataclass(frozen=True, slots=True)
 class ServerTls:
-    """Where clients come in. With `clients_ca` each must show a certificate of that authority.
-
-    `crl` names the certificates that the authority has revoked.
-    """
+    """An address where clients connect."""
 
     certificate: SecretFile
     key: SecretFile
+    #: The authority of which each client must show a certificate, and the list of those that it has revoked.
     clients_ca: SecretFile | None = None
     crl: SecretFile | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ClientTls:
-    """A server that the gateway connects to: its certificate must be of the authority `ca`, and for `server_name`.
+    """A server that the gateway connects to."""
 
-    Without `ca` it may be of any authority that the system trusts. The gateway shows its own `certificate`, if any.
-    """
-
+    #: What the gateway shows, if anything.
     certificate: SecretFile | None
     key: SecretFile | None
+    #: The authority of the server's certificate; None for any that the system trusts.
     ca: SecretFile | None
+    #: The name that the server's certificate must be for.
     server_name: str
 
 

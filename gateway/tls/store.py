@@ -8,7 +8,7 @@ from gateway.tls.settings import Secured, TlsSettings
 
 
 class TlsStore:
-    """What was loaded for each address. Connections look their context up when they begin."""
+    """The context loaded for each address. Connections look theirs up when they begin."""
 
     def __init__(self) -> None:
         #: By address of the config, and by what secures it.
