@@ -5,12 +5,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from gateway.routing.identity import ANONYMOUS
 
 from gateway.events import Event
 from gateway.listeners.arrivals import LOOK_STEP
 from gateway.listeners.session import NEVER, ListenSettings
 from gateway.listeners.tcp import SWEEP_STEP, TcpListener
+from gateway.request import Caller
 from kit.router import router
 
 
@@ -18,7 +18,7 @@ class Connection(SimpleNamespace):
     """One that counts what its listener does with it."""
 
     def __init__(self) -> None:
-        super().__init__(host="10.0.0.9", client="10.0.0.9:1", role=None, identity=ANONYMOUS)
+        super().__init__(caller=Caller("10.0.0.9:1", "10.0.0.9", "10.0.0.9"), role=None)
         self.is_idle, self.last_asked = True, NEVER
         self.looks = self.checks = self.aborts = 0
 
