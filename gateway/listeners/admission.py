@@ -62,8 +62,6 @@ AnyClient = TypeVar("AnyClient", bound=Client)
 class _Place:
     """The place of a present client."""
 
-    #: What counts as its address.
-    origin: str
     #: When it connected, last asked, or was last seen with a request in progress.
     active_at: float
     #: The rights that `is_named` was found with: looking up a thousand clients takes milliseconds.
@@ -82,13 +80,9 @@ class _Place:
 
 
 class Admission(Generic[AnyClient]):
-    """The present clients of one listener. Times are of the loop's clock.
+    """The present clients of one listener. Times are of the loop's clock."""
 
-    `origin_of` returns what counts as the address of a client from a host, at a time.
-    """
-
-    def __init__(self, origin_of: Callable[[str, float], str]) -> None:
-        self._origin_of = origin_of
+    def __init__(self) -> None:
         self._places: dict[AnyClient, _Place] = {}
 
     def __len__(self) -> int:
@@ -99,7 +93,7 @@ class Admission(Generic[AnyClient]):
 
     def enter(self, client: AnyClient, now: float) -> None:
         """Give a client a place: it has connected."""
-        self._places[client] = _Place(self._origin_of(client.caller.host, now), now)
+        self._places[client] = _Place(now)
 
     def leave(self, client: AnyClient) -> None:
         """Free the place of a client, if it still has one."""
@@ -112,24 +106,24 @@ class Admission(Generic[AnyClient]):
 
     def make_room(
         self,
-        host: str,
+        caller: Caller,
         rights: Rights,
         settings: ListenSettings,
         now: float,
         dismiss: Callable[[AnyClient], None],
         role: str | None = None,
     ) -> str:
-        """Make room for a client from `host`, perhaps by `dismiss`; return why it is rejected, empty if it is not.
+        """Make room for a client, perhaps by `dismiss`; return why it is rejected, empty if it is not.
 
         `role` is that in its certificate, None if it has shown none.
         """
-        if not rights.admits(host):
+        if not rights.admits(caller.host):
             return NO_RIGHTS
         self.look(now)
-        candidates = self._find_candidates(host, role, rights, settings)
+        candidates = self._find_candidates(caller.host, role, rights, settings)
         if candidates is None:
             return ""
-        first = self._choose_candidate(candidates, self._origin_of(host, now), now)
+        first = self._choose_candidate(candidates, caller.share_key, now)
         if first is None:
             return NONE_REPLACEABLE if any(client.is_idle for client in candidates) else ALL_BUSY
         dismiss(first)
@@ -145,16 +139,16 @@ class Admission(Generic[AnyClient]):
                 return unnamed
         return list(self) if len(self) >= settings.clients else None
 
-    def _choose_candidate(self, candidates: list[AnyClient], origin: str, now: float) -> AnyClient | None:
-        """Choose the client to close for one from `origin`; the new connection is not counted yet."""
-        share = Counter(place.origin for place in self._places.values())
-        own = share[origin]
+    def _choose_candidate(self, candidates: list[AnyClient], share_key: str, now: float) -> AnyClient | None:
+        """Choose the client to close for one with this share key; the new connection is not counted yet."""
+        share = Counter(client.caller.share_key for client in self._places)
+        own = share[share_key]
         fewest = min([*share.values(), own + 1])
         may_go: list[tuple[tuple[int, bool, float], AnyClient]] = []
         for client in candidates:
-            place = self._places[client]
-            has, idle, is_new = share[place.origin], now - place.active_at, client.last_asked == NEVER
-            is_protected = idle < PROTECTED and place.origin != origin and not is_new
+            has, idle = share[client.caller.share_key], now - self._places[client].active_at
+            is_new, is_other = client.last_asked == NEVER, client.caller.share_key != share_key
+            is_protected = idle < PROTECTED and is_other and not is_new
             if client.is_idle and has >= own and (has > fewest or not is_protected):
                 may_go.append(((has, is_new, idle), client))
         return max(may_go, key=itemgetter(0))[1] if may_go else None

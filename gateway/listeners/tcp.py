@@ -58,7 +58,7 @@ class TcpListener:
         self.rejections = Rejections()
         self._share_keys = ShareKeys()
         #: Those that count for `clients`.
-        self.connections: Admission[TcpConnection] = Admission(self._share_keys.of)
+        self.connections: Admission[TcpConnection] = Admission()
         #: Those that are being closed, with the time when they are aborted.
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
@@ -179,12 +179,12 @@ class TcpListener:
 
     async def _connect(self, sock: socket.socket, listening: socket.socket, host: str, port: int) -> None:
         host, client = show_host(host), join_host_port(host, port)
-        loop = asyncio.get_running_loop()
         try:
+            caller = Caller(client, host, self._share_keys.of(host, _now()))
             is_ours = is_meant(sock.getsockname()[0], listening, self._addresses)
-            why_not = self._make_room(host, loop.time()) if is_ours else NOT_MEANT
+            why_not = self._make_room(caller, _now()) if is_ours else NOT_MEANT
             if not why_not:
-                await self._serve(sock, host, client)
+                await self._serve(sock, caller)
             else:
                 sock.close()
                 self.rejected(client, why_not)
@@ -192,13 +192,12 @@ class TcpListener:
             sock.close()
             self.failed(f"client {client}", error)
 
-    def _make_room(self, host: str, now: float) -> str:
+    def _make_room(self, caller: Caller, now: float) -> str:
         """Make room for a client, perhaps by closing another one; return why it is rejected, empty if it is not."""
-        return self.connections.make_room(host, self.router.rights, self.settings, now, self._dismiss)
+        return self.connections.make_room(caller, self.router.rights, self.settings, now, self._dismiss)
 
-    async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
+    async def _serve(self, sock: socket.socket, caller: Caller) -> None:
         loop = asyncio.get_running_loop()
-        caller = Caller(client, host, self._share_keys.of(host, loop.time()))
         connection = TcpConnection(self, caller, loop.time, self.router)
         stream = TcpStream(loop, sock, connection)
         connection.connection_made(stream)

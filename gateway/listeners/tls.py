@@ -74,13 +74,13 @@ class TlsListener(TcpListener):
     def _loaded(self) -> Loaded:
         return self._store[self._files]
 
-    def _make_room(self, host: str, now: float) -> str:
+    def _make_room(self, caller: Caller, now: float) -> str:
         """Make room for a handshake; return why none is begun with a client, empty if one is."""
-        if not self.router.rights.admits(host):
+        if not self.router.rights.admits(caller.host):
             return NO_RIGHTS
-        return self._handshakes.make_room(self._share_keys.of(host, now), now)
+        return self._handshakes.make_room(caller.share_key, now)
 
-    async def _serve(self, sock: socket.socket, host: str, client: str) -> None:
+    async def _serve(self, sock: socket.socket, caller: Caller) -> None:
         loop, loaded = asyncio.get_running_loop(), self._loaded
         if time.time() > loaded.resumable_until:
             stop_resuming(loaded.context)
@@ -89,10 +89,7 @@ class TlsListener(TcpListener):
         if loaded is not self._loaded:  # a reload came between: others may be trusted now
             stream.abort()
             return
-        connecting = ConnectingClient(
-            Caller(client, host, self._share_keys.of(host, loop.time())), loaded.resumable_until
-        )
-        self._handshakes.begin(stream, connecting, loop.time())
+        self._handshakes.begin(stream, ConnectingClient(caller, loaded.resumable_until), loop.time())
 
     def _secured(self, stream: TlsStream, connecting: ConnectingClient) -> None:
         """Serve a client that has shown a certificate of the authority, if it can be kept."""
@@ -107,7 +104,7 @@ class TlsListener(TcpListener):
             self._turn_away(stream, connecting, f"its certificate cannot be used: {wrong}")
             return
         rights, role = self.router.rights, caller.role
-        why_not = self.connections.make_room(caller.host, rights, self.settings, now, self._dismiss, role)
+        why_not = self.connections.make_room(caller, rights, self.settings, now, self._dismiss, role)
         if why_not:
             self._turn_away(stream, connecting, why_not)
             return

@@ -80,7 +80,7 @@ class UdpListener:
         self._waiting: dict[tuple[PeerAddress, int], Arrived] = {}
         self._is_finishing = False
         self._share_keys = ShareKeys()
-        self._admission: Admission[Peer] = Admission(self._share_keys.of)
+        self._admission: Admission[Peer] = Admission()
         self._addresses: list[AddressInfo] = []
         self._sockets: list[socket.socket] = []
         self._sweeping: asyncio.TimerHandle | None = None
@@ -247,10 +247,10 @@ class UdpListener:
 
     def _admit(self, sock: socket.socket, key: PeerAddress, now: float) -> str:
         """Admit a peer, or return why it is rejected: the listener is full, or it has lost its rights."""
-        rights, client = self.router.rights, join_host_port(key.host, key.port)
-        if why_not := self._admission.make_room(key.host, rights, self.settings, now, self._dismiss):
-            return why_not
+        client = join_host_port(key.host, key.port)
         caller = Caller(client, key.host, self._share_keys.of(key.host, now))
+        if why_not := self._admission.make_room(caller, self.router.rights, self.settings, now, self._dismiss):
+            return why_not
         peer = Peer(caller, router=self.router, settings=self.settings, path=self._path(sock, key))
         self._peers[key] = peer
         self._admission.enter(peer, now)

@@ -36,16 +36,17 @@ class Lobby:
     closed: list[Client] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.room: Admission[Client] = Admission(lambda host, now: host)
+        self.room: Admission[Client] = Admission()
 
     def comes(self, host: str, *, asks: bool = False, role: str | None = None) -> Client | str:
         """A client connects, and asks at once or does not; or the reason why it is not let in."""
         host = f"192.0.2.{ord(host)}" if len(host) == 1 else host
         settings = ListenSettings("scada", "::", 502, clients=self.places, reserve=self.reserve)
-        refusal = self.room.make_room(host, self.rights, settings, self.now, self._dismiss, role)
+        caller = Caller(f"{host}:1", host, host)
+        refusal = self.room.make_room(caller, self.rights, settings, self.now, self._dismiss, role)
         if refusal:
             return refusal
-        client = Client(Caller(f"{host}:1", host, host), role=role)
+        client = Client(caller, role=role)
         self.room.enter(client, self.now)
         assert len(self.room) <= self.places
         if asks:
@@ -202,7 +203,7 @@ def test_who_waited_long_for_an_answer_was_served_when_it_came(lobby: Lobby) -> 
     assert lobby.comes("E") == NONE_REPLACEABLE
     lobby.passes(LOOK)
     assert lobby.makes_room("E") is client
-    assert lobby.makes_room("F").host == "192.0.2.69"
+    assert lobby.makes_room("F").caller.host == "192.0.2.69"
     assert all(other in lobby.room for other in others)
 
 
