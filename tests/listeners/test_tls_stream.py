@@ -528,7 +528,7 @@ def test_a_connection_that_has_just_been_accepted_is_ended_with_the_listener(cha
 
         asyncio.get_running_loop().connect_accepted_socket = accepted  # type: ignore[method-assign, assignment]
         with socket.socket() as sock:
-            await listener._serve(sock, "10.0.0.1", "10.0.0.1:1")
+            await listener._serve(sock, Caller("10.0.0.1:1", "10.0.0.1", "10.0.0.1"))
         if change == "reload":
             assert network.is_over
 
