@@ -8,7 +8,7 @@ from typing import Final
 from gateway.config.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
-from gateway.listeners.serial_session import UNNOTICED
+from gateway.listeners.sessions.server_line import UNNOTICED
 from gateway.modbus.codes import MAX_PDU, FunctionCode
 from gateway.modbus.functions import (
     FUNCTIONS,

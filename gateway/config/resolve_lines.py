@@ -18,7 +18,7 @@ from gateway.config.plan import (
 from gateway.config.schema import Config, Device, Line, Upstream
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
-from gateway.listeners.serial_session import ServerSettings
+from gateway.listeners.sessions.server_line import ServerSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, FunctionCode
 from gateway.ports.port import PortSettings, SerialSettings, SiteSettings, TcpSettings
 from gateway.profiles.profile import Profile

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Final, Generic, Protocol, TypeVar
 
-from gateway.listeners.session import NEVER, ListenSettings
+from gateway.listeners.sessions.session import NEVER, ListenSettings
 from gateway.request import Caller
 from gateway.routing.access import Rights
 

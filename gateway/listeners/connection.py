@@ -8,9 +8,9 @@ from time import time as wall_clock
 from typing import Final, Protocol
 
 from gateway.clock.lazy_timer import LazyTimer
-from gateway.listeners.mbap import MbapSession
-from gateway.listeners.over_tcp import OverTcpSession
-from gateway.listeners.session import ListenSettings, Session
+from gateway.listeners.sessions.mbap import MbapSession
+from gateway.listeners.sessions.over_tcp import OverTcpSession
+from gateway.listeners.sessions.session import ListenSettings, Session
 from gateway.listeners.sockets import explain
 from gateway.modbus.codes import MAX_TCP_ADU
 from gateway.modbus.mbap import MOST_AT_ONCE

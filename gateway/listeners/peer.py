@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from gateway.errors import Busy
 from gateway.listeners.failures import is_kept_back
-from gateway.listeners.session import NEVER, ListenSettings
+from gateway.listeners.sessions.session import NEVER, ListenSettings
 from gateway.modbus import mbap
 from gateway.request import Caller, Request, Target
 

@@ -5,7 +5,7 @@ from functools import partial
 
 from gateway.errors import PortError
 from gateway.events import Emit
-from gateway.listeners.serial_session import LOOK_STEP, UNNOTICED, SerialSession, ServerSettings
+from gateway.listeners.sessions.server_line import LOOK_STEP, UNNOTICED, SerialSession, ServerSettings
 from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import OpenAgain, Port, Wire, resolve_wire
 from gateway.request import Target

@@ -8,11 +8,11 @@ from gateway import events
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.listeners.accepting import Acceptor
 from gateway.listeners.admission import MADE_ROOM, Admission
-from gateway.listeners.arrivals import LOOK_STEP
 from gateway.listeners.connection import TcpConnection
 from gateway.listeners.departures import Departures
 from gateway.listeners.rejections import Rejections
-from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
+from gateway.listeners.sessions.arrivals import LOOK_STEP
+from gateway.listeners.sessions.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (
     BACKLOG,

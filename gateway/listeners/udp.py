@@ -11,7 +11,7 @@ from gateway.listeners.admission import MADE_ROOM, NO_RIGHTS, Admission
 from gateway.listeners.datagram import PeerAddress, receive, request_local_address, send_arguments
 from gateway.listeners.peer import Path, Peer
 from gateway.listeners.rejections import Rejections
-from gateway.listeners.session import NOT_MEANT, Counts, ListenSettings
+from gateway.listeners.sessions.session import NOT_MEANT, Counts, ListenSettings
 from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (
     OpenSockets,

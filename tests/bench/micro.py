@@ -15,7 +15,7 @@ from timeit import Timer
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.events import Emit, discard_event
-from gateway.listeners.mbap import MbapSession
+from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.ascii import lrc

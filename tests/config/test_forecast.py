@@ -14,7 +14,7 @@ from gateway.config.load import builtin_profiles, parse
 from gateway.config.resolve import resolve
 from gateway.config.resolve_profile import profile_of
 from gateway.config.schema_profile import ProfileTable
-from gateway.listeners.serial_session import UNNOTICED
+from gateway.listeners.sessions.server_line import UNNOTICED
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming
 

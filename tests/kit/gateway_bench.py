@@ -10,7 +10,7 @@ from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.events import Event
 from gateway.images.drivers.store import Store
-from gateway.listeners.mbap import MbapSession
+from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.request import Caller

@@ -3,8 +3,8 @@
 import asyncio
 
 from gateway.clock.lazy_timer import LazyTimer
-from gateway.listeners.arrivals import LOOK_STEP
-from gateway.listeners.over_tcp import OverTcpSession
+from gateway.listeners.sessions.arrivals import LOOK_STEP
+from gateway.listeners.sessions.over_tcp import OverTcpSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.request import Caller

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from gateway.events import Event
-from gateway.listeners.serial_session import SerialSession, ServerSettings
+from gateway.listeners.sessions.server_line import SerialSession, ServerSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.request import Request

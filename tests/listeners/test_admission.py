@@ -6,7 +6,7 @@ from ipaddress import ip_network
 import pytest
 
 from gateway.listeners.admission import ALL_BUSY, NO_RIGHTS, NONE_REPLACEABLE, PROTECTED, Admission
-from gateway.listeners.session import NEVER, ListenSettings
+from gateway.listeners.sessions.session import NEVER, ListenSettings
 from gateway.request import Caller
 from gateway.routing.access import DEFAULT_ROWS, READING, AccessRow, EntryPoint, Rights
 

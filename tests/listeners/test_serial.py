@@ -9,7 +9,7 @@ import pytest
 from gateway.errors import PortError
 from gateway.events import AnswerWithheld, Event, PartFailed
 from gateway.listeners.serial import SerialListener
-from gateway.listeners.serial_session import LOOK_STEP, UNNOTICED, ServerSettings
+from gateway.listeners.sessions.server_line import LOOK_STEP, UNNOTICED, ServerSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.rtu import encode
 from gateway.request import Request
@@ -186,8 +186,8 @@ async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_error_b
     def defect(*_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("gateway.listeners.serial_session.SerialSession.port_down", defect)
-    monkeypatch.setattr("gateway.listeners.serial_session.SerialSession.received", defect)
+    monkeypatch.setattr("gateway.listeners.sessions.server_line.SerialSession.port_down", defect)
+    monkeypatch.setattr("gateway.listeners.sessions.server_line.SerialSession.received", defect)
     driven = Driven()
     driven.listener.received(READ)
     assert [type(event) for event in driven.events] == [PartFailed, PartFailed]

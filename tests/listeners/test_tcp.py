@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from gateway.events import Event
-from gateway.listeners.arrivals import LOOK_STEP
-from gateway.listeners.session import NEVER, ListenSettings
+from gateway.listeners.sessions.arrivals import LOOK_STEP
+from gateway.listeners.sessions.session import NEVER, ListenSettings
 from gateway.listeners.tcp import SWEEP_STEP, TcpListener
 from gateway.request import Caller
 from kit.router import router

@@ -18,13 +18,13 @@ import pytest
 
 from gateway.errors import ListenError
 from gateway.events import ClientClosed, ClientConnected, ClientRejected, Event, PartFailed
-from gateway.listeners import arrivals
-from gateway.listeners import session as session_module
 from gateway.listeners import sockets as sockets_module
 from gateway.listeners import tcp as tcp_module
-from gateway.listeners.arrivals import TOGETHER
 from gateway.listeners.connection import TcpConnection
-from gateway.listeners.session import NOT_MEANT, ListenSettings
+from gateway.listeners.sessions import arrivals
+from gateway.listeners.sessions import session as session_module
+from gateway.listeners.sessions.arrivals import TOGETHER
+from gateway.listeners.sessions.session import NOT_MEANT, ListenSettings
 from gateway.listeners.sockets import KEEPALIVE_IDLE, KERNEL_BUFFER, USER_TIMEOUT
 from gateway.listeners.tcp import Counts, TcpListener
 from gateway.modbus import ascii as ascii_framing

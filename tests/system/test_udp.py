@@ -16,7 +16,7 @@ from gateway.events import AccessDenied, ClientClosed, ClientConnected, ClientRe
 from gateway.listeners import udp as udp_module
 from gateway.listeners.admission import NO_RIGHTS
 from gateway.listeners.peer import Peer
-from gateway.listeners.session import NOT_MEANT, ListenSettings
+from gateway.listeners.sessions.session import NOT_MEANT, ListenSettings
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener

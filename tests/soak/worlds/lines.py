@@ -13,7 +13,7 @@ from dataclasses import asdict
 from typing import Final
 
 from gateway.lines.transaction import Transaction
-from gateway.listeners.mbap import MbapSession
+from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.frame import Frame
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings

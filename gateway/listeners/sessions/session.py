@@ -10,8 +10,8 @@ from math import inf
 from typing import Final, Literal, Protocol
 
 from gateway.errors import NotModbus, QueueFull
-from gateway.listeners.back_pressure import BackPressure
 from gateway.listeners.failures import OnFailure
+from gateway.listeners.sessions.back_pressure import BackPressure
 from gateway.modbus.functions import only_reads
 from gateway.request import Caller, Request, Target
 from gateway.tls.settings import ServerTls
