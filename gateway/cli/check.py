@@ -37,7 +37,7 @@ from gateway.config.unitset import show_units
 from gateway.devices.device import DeviceSettings
 from gateway.errors import StateError
 from gateway.events import AddressRemembered, BaudRemembered
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.sockets import url
 from gateway.service.file_troubles import with_file_troubles
 from gateway.service.remembered import in_force

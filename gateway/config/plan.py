@@ -11,7 +11,7 @@ from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import ServerSettings
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
 from gateway.profiles.point import Point

@@ -25,7 +25,7 @@ from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.images.self_image import self_settings
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.profiles.profile import Profile
 from gateway.routing.access import DEFAULT_ROWS, NOTHING, READING, WRITING, AccessRow, Right, right_to

@@ -17,9 +17,10 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Final, Generic, Protocol, TypeVar
 
-from gateway.listeners.sessions.session import NEVER, ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.request import Caller
 from gateway.routing.access import Rights
+from gateway.timing.measured import NEVER
 
 #: How long a client stays after it was served, in seconds, however many addresses connect and disconnect.
 PROTECTED: Final = 30.0
@@ -27,6 +28,7 @@ PROTECTED: Final = 30.0
 #: Why a healthy client is closed.
 MADE_ROOM: Final = "made room for another client"
 #: Why a client is rejected before anything is read from it.
+NOT_MEANT: Final = "it connected to an address of the socket unit that this listener does not serve"
 NO_RIGHTS: Final = "no [[access]] allows anything to clients from this address"
 ALL_BUSY: Final = "too many clients, and all of them have requests in progress"
 NONE_REPLACEABLE: Final = (

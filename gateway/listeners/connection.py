@@ -10,7 +10,8 @@ from typing import Final, Protocol
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.listeners.sessions.over_tcp import OverTcpSession
-from gateway.listeners.sessions.session import ListenSettings, Session
+from gateway.listeners.sessions.session import Session
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.sockets import explain
 from gateway.modbus.codes import MAX_TCP_ADU
 from gateway.modbus.mbap import MOST_AT_ONCE

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from gateway.errors import Busy
-from gateway.listeners.failures import is_kept_back
-from gateway.listeners.sessions.session import NEVER, ListenSettings
+from gateway.listeners.settings import ListenSettings, is_kept_back
 from gateway.modbus import mbap
 from gateway.request import Caller, Request, Target
+from gateway.timing.measured import NEVER
 
 
 class Path(NamedTuple):

@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any, Final
 
 from gateway.errors import ListenError
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.ports.network import AddressInfo, look_up, notice_vanished_peers
 
 #: The kernel's buffer for each direction of a connection: enough for many requests, too small to exhaust memory.

@@ -7,12 +7,11 @@ from typing import Final
 from gateway import events
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.listeners.accepting import Acceptor
-from gateway.listeners.admission import MADE_ROOM, Admission
+from gateway.listeners.admission import MADE_ROOM, NOT_MEANT, Admission
+from gateway.listeners.client_counts import ClientCounts
 from gateway.listeners.connection import TcpConnection
-from gateway.listeners.departures import Departures
-from gateway.listeners.rejections import Rejections
 from gateway.listeners.sessions.arrivals import LOOK_STEP
-from gateway.listeners.sessions.session import NOT_MEANT, Counts, ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (
     BACKLOG,
@@ -52,10 +51,7 @@ class TcpListener:
         self.settings = settings
         self.router = router
         self.emit = emit
-        self.counts = Counts()
-        #: Clients that left before their responses, and those that were rejected.
-        self.departures = Departures()
-        self.rejections = Rejections()
+        self.counts = ClientCounts()
         self._share_keys = ShareKeys()
         #: Those that count for `clients`.
         self.connections: Admission[TcpConnection] = Admission()
@@ -165,13 +161,12 @@ class TcpListener:
 
     def rejected(self, client: str, reason: str) -> None:
         """Count a client that is rejected."""
-        self.counts.rejected += 1
-        self.rejections.add(split_host(client), reason, _now())
+        self.counts.add_rejection(host_of(client), reason, _now())
         self.emit(events.ClientRejected(self.settings.name, client, reason))
 
     def left_early(self, host: str, waited: float) -> None:
         """Count a client that has left before its response."""
-        self.departures.add(host, waited, _now())
+        self.counts.add_departure(host, waited, _now())
 
     def failed(self, part: str, error: Exception) -> None:
         """Tell of an unexpected error that was caught at an error boundary."""

@@ -12,7 +12,7 @@ from gateway.listeners.admission import NO_RIGHTS
 from gateway.listeners.connection import SecuredConnection
 from gateway.listeners.handshakes import ConnectingClient, Handshakes
 from gateway.listeners.kept_sessions import KeptSessions
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls_stream import TlsStream
 from gateway.request import Caller

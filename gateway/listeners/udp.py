@@ -7,11 +7,11 @@ from functools import partial
 from typing import Final, NamedTuple
 
 from gateway import events
-from gateway.listeners.admission import MADE_ROOM, NO_RIGHTS, Admission
+from gateway.listeners.admission import MADE_ROOM, NO_RIGHTS, NOT_MEANT, Admission
+from gateway.listeners.client_counts import ClientCounts
 from gateway.listeners.datagram import PeerAddress, receive, request_local_address, send_arguments
 from gateway.listeners.peer import Path, Peer
-from gateway.listeners.rejections import Rejections
-from gateway.listeners.sessions.session import NOT_MEANT, Counts, ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (
     OpenSockets,
@@ -48,7 +48,7 @@ class Arrived(NamedTuple):
 
 
 @dataclass(slots=True)
-class DatagramCounts(Counts):
+class DatagramCounts(ClientCounts):
     """Also counts datagrams."""
 
     #: Those that are not exactly one request. An exception response is malformed too: answered like a request with an
@@ -72,7 +72,6 @@ class UdpListener:
         self.router = router
         self.emit = emit
         self.counts = DatagramCounts()
-        self.rejections = Rejections()
         self._peers: dict[PeerAddress, Peer] = {}
         #: The requests that have arrived, the latest of each identifier, until they are processed.
         self._arrived: dict[tuple[PeerAddress, int], Arrived] = {}
@@ -259,8 +258,7 @@ class UdpListener:
         return ""
 
     def _reject(self, key: PeerAddress, why_not: str, now: float) -> None:
-        self.counts.rejected += 1
-        self.rejections.add(key.host, why_not, now)
+        self.counts.add_rejection(key.host, why_not, now)
         self.emit(events.ClientRejected(self.settings.name, join_host_port(key.host, key.port), why_not))
 
     def _failed(self, key: PeerAddress, error: Exception) -> None:

@@ -16,7 +16,7 @@ from gateway.images.polls import MirrorSettings
 from gateway.images.self_image import SelfImage
 from gateway.lines.driver import LineDriver
 from gateway.listeners.serial import SerialListener
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls import TlsListener
 from gateway.listeners.udp import UdpListener

@@ -134,5 +134,5 @@ def client_evidence(listener: Listener, gateway: Gateway, now: float) -> list[Cl
     longest = max(waits, default=0.0)
     return [
         ClientEvidence(host, listener.settings.name, each.count, each.waited, longest, Last(now - each.at))
-        for host, each in listener.departures.by_host.items()
+        for host, each in listener.counts.departures.items()
     ]

@@ -11,7 +11,7 @@ from gateway.config.plan import ServerPlan
 from gateway.devices.device import Device
 from gateway.images.drivers.mirror_driver import MirrorDriver
 from gateway.images.image import Image
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 from gateway.request import NamedTarget
 from gateway.routing.access import AS_NUMBERED, KnownAs

@@ -363,7 +363,7 @@ def _clients(listener: Listener, now: float) -> Iterator[ClientStatus]:
 
 
 def _rejections(listener: Listener, now: float) -> Iterator[RejectionStatus]:
-    for host, each in reversed(listener.rejections.by_host.items()):
+    for host, each in reversed(listener.counts.rejections.items()):
         yield RejectionStatus(host, listener.settings.name, each.count, milliseconds(now - each.at), each.reason)
 
 

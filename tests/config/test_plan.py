@@ -11,7 +11,7 @@ from gateway.config.resolve import resolve
 from gateway.images.image import ImageSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import ServerSettings
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import parse_request
 from gateway.ports.port import SerialSettings, TcpSettings

@@ -6,9 +6,10 @@ from ipaddress import ip_network
 import pytest
 
 from gateway.listeners.admission import ALL_BUSY, NO_RIGHTS, NONE_REPLACEABLE, PROTECTED, Admission
-from gateway.listeners.sessions.session import NEVER, ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.request import Caller
-from gateway.routing.access import DEFAULT_ROWS, READING, AccessRow, EntryPoint, Rights
+from gateway.routing.access import DEFAULT_ROWS, EntryPoint, READING, Rights, Row
+from gateway.timing.measured import NEVER
 
 EVERYBODY = Rights(DEFAULT_ROWS, EntryPoint("scada"))
 #: The control room is named.

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.errors import AccessDenied, IllegalDataValue, LineDown, QueueFull, RequestError, ResponseTimeout
 from gateway.listeners.peer import Path, Peer
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.modbus.mbap import TcpFrame, encode
 from gateway.request import Caller, Request
 from kit.waiting import Waiting

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from gateway.errors import ListenError
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.sockets import (
     OpenSockets,
     bind_sockets,

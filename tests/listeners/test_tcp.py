@@ -8,9 +8,10 @@ import pytest
 
 from gateway.events import Event
 from gateway.listeners.sessions.arrivals import LOOK_STEP
-from gateway.listeners.sessions.session import NEVER, ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tcp import SWEEP_STEP, TcpListener
 from gateway.request import Caller
+from gateway.timing.measured import NEVER
 from kit.router import router
 
 

@@ -16,7 +16,7 @@ import pytest
 from gateway.listeners import kept_sessions
 from gateway.listeners.connection import SecuredConnection
 from gateway.listeners.handshakes import ConnectingClient, Handshakes
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tls import TlsListener
 from gateway.listeners.tls_stream import TlsStream
 from gateway.modbus.mbap import encode

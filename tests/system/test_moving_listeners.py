@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import ListenError
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.sockets import OpenSockets, addresses, bind_sockets
 from gateway.listeners.sessions.session import ListenSettings
 from kit.free_port import free_port

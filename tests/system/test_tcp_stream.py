@@ -10,7 +10,7 @@ import pytest
 
 from gateway.errors import QueueFull
 from gateway.listeners.connection import UNSENT_BYTES, TcpConnection, most_unsent
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.modbus.mbap import encode
 from gateway.request import Caller, Request

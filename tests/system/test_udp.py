@@ -14,9 +14,9 @@ import pytest
 from gateway.errors import ListenError
 from gateway.events import AccessDenied, ClientClosed, ClientConnected, ClientRejected, Event, ListenerUp, PartFailed
 from gateway.listeners import udp as udp_module
-from gateway.listeners.admission import NO_RIGHTS
+from gateway.listeners.admission import NO_RIGHTS, NOT_MEANT
 from gateway.listeners.peer import Peer
-from gateway.listeners.sessions.session import NOT_MEANT, ListenSettings
+from gateway.listeners.settings import ListenSettings
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener

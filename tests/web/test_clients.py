@@ -4,7 +4,6 @@ import asyncio
 
 import pytest
 
-from gateway.listeners.rejections import MOST_HOSTS, Rejections
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.markup import Markup
@@ -81,16 +80,6 @@ async def test_who_was_rejected_is_shown_with_the_reason(bench):
     shown = await rows(bench)
     assert "192.168.1.9 | hmi | 2 | 7 s ago | no right" in shown
     assert "2001:db8::1 | hmi | 1 | 7 s ago | too many" in shown
-
-
-def test_a_bounded_number_of_addresses_is_remembered_those_that_came_last():
-    rejections = Rejections()
-    for number in range(MOST_HOSTS + 10):
-        rejections.add(f"10.0.0.{number}", "full", number)
-        rejections.add("10.9.9.9", "full", number)
-    assert len(rejections.by_host) == MOST_HOSTS
-    assert rejections.by_host["10.9.9.9"].count == MOST_HOSTS + 10
-    assert "10.0.0.0" not in rejections.by_host
 
 
 async def test_requests_without_a_right_are_shown(bench):

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from typing import Final
 
 from gateway.errors import IllegalFunction, NoRoute, NotModbus, RequestError
-from gateway.listeners.failures import is_kept_back
-from gateway.listeners.sessions.session import GONE, HALF_CLOSED, Connection, ListenSettings, Session
+from gateway.listeners.sessions.session import GONE, HALF_CLOSED, Connection, Session
+from gateway.listeners.settings import ListenSettings, is_kept_back
 from gateway.modbus import mbap
 from gateway.modbus.framings import likeness
 from gateway.request import Caller, Request, Target

@@ -13,9 +13,9 @@ from collections.abc import Iterable
 from typing import Final
 
 from gateway.errors import NotModbus
-from gateway.listeners.failures import is_kept_back
 from gateway.listeners.sessions.arrivals import Arrivals, Arrived, Relation
-from gateway.listeners.sessions.session import GONE, Connection, ListenSettings, Session
+from gateway.listeners.sessions.session import GONE, Connection, Session
+from gateway.listeners.settings import ListenSettings, is_kept_back
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_RTU_ADU
 from gateway.modbus.framings import Framing, likeness
 from gateway.modbus.functions import request_size

@@ -28,8 +28,8 @@ from typing import Final
 
 from gateway import events
 from gateway.errors import Busy
-from gateway.listeners.failures import OnFailure, is_kept_back
 from gateway.listeners.sessions.own_echo import OwnEcho
+from gateway.listeners.settings import OnFailure, is_kept_back
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame, RequestFramer

@@ -5,26 +5,24 @@ What all TCP clients have in common; their framings are in `mbap.py` and `over_t
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from math import inf
-from typing import Final, Literal, Protocol
+from typing import Final, Protocol
 
 from gateway.errors import NotModbus, QueueFull
-from gateway.listeners.failures import OnFailure
-from gateway.listeners.sessions.back_pressure import BackPressure
+from gateway.listeners.settings import ListenSettings
 from gateway.modbus.functions import only_reads
 from gateway.request import Caller, Request, Target
-from gateway.tls.settings import ServerTls
+from gateway.timing.measured import NEVER
 
 #: How long a client may take to send one ADU, in seconds.
 SENDING_DEADLINE: Final = 10.0
 #: How long a client may leave its responses unread, in seconds.
 TAKING_DEADLINE: Final = 30.0
 
-#: Why a client is rejected before anything is read from it; for other reasons see `admission`.
-NOT_MEANT: Final = "it connected to an address of the socket unit that this listener does not serve"
-#: The last request of a client that has sent none.
-NEVER: Final = -inf
+#: How long a client is not read after the queue of a line refused one of its requests, in seconds: at first, and at
+#: most. Each such refusal doubles it; any other response multiplies it by this.
+SHORTEST_HOLD: Final = 0.002
+LONGEST_HOLD: Final = 0.128
+HOLD_RECOVERS: Final = 0.8
 
 #: The states of a session: it goes down this list, and may skip some.
 OPEN: Final = 0
@@ -36,46 +34,39 @@ HALF_CLOSED: Final = 2
 GONE: Final = 3
 
 
-@dataclass(frozen=True, slots=True)
-class ListenSettings:
-    """One address where clients connect. Times in seconds; `idle` 0 keeps connections for ever.
+class BackPressure:
+    """Either the client does not read its responses, or the queue of a line has just refused one of its requests.
 
-    `reserve` of the `clients` are only for addresses that rows of the rights name.
-    `scheme` is the protocol: `tcp`, `tls`, `rtu+tcp`, `ascii+tcp` or `udp`; `tls` are the files of the second one.
-    `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
-    `on_failure` is what a client gets without a response from a unit. `line` or `upstream` is set on a listener for it.
-    `shares_port`: another listener uses this port at another address.
+    Clients that repeat at once after a refusal would leave the lines no time. `blocked_at` is since when it does not
+    read its responses, None while it does; `is_held` is whether it is held back after a refusal; `is_paused` is whether
+    its connection has been told to receive nothing, for one of these or because it has enough requests in progress.
     """
 
-    name: str
-    host: str
-    port: int
-    clients: int = 32
-    idle: float = 600.0
-    in_flight: int = 16
-    unit0: Literal["refuse", "broadcast"] | int = "refuse"
-    source: str = field(default="", compare=False)
-    scheme: str = "tcp"
-    ipv6_only: bool = False
-    on_failure: OnFailure = "exception"
-    line: str = ""
-    upstream: str = ""
-    shares_port: bool = field(default=False, compare=False)
-    reserve: int = 0
-    tls: ServerTls | None = None
+    __slots__ = ("_hold", "blocked_at", "is_held", "is_paused")
+
+    def __init__(self) -> None:
+        self.blocked_at: float | None = None
+        self.is_held = False
+        self.is_paused = False
+        self._hold = SHORTEST_HOLD
 
     @property
-    def only(self) -> str:
-        """The name of the one line or upstream that it leads to; empty for all units."""
-        return self.line or self.upstream
+    def is_on(self) -> bool:
+        """Whether the client is not to be read."""
+        return self.is_held or self.blocked_at is not None
 
+    def hold(self) -> float:
+        """Hold the client back after a refusal; for how many seconds, 0.0 if it is already held back."""
+        if self.is_held:
+            return 0.0
+        self.is_held = True
+        seconds = self._hold
+        self._hold = min(self._hold * 2, LONGEST_HOLD)
+        return seconds
 
-@dataclass(slots=True)
-class Counts:
-    """Clients that have connected, and clients that were rejected, at once or later."""
-
-    accepted: int = 0
-    rejected: int = 0
+    def recover(self) -> None:
+        """A request was accepted: the next hold is shorter."""
+        self._hold = max(self._hold * HOLD_RECOVERS, SHORTEST_HOLD)
 
 
 class Connection(Protocol):

@@ -13,9 +13,9 @@ from gateway.errors import (
     ResponseTimeout,
     WaitedTooLong,
 )
-from gateway.listeners.sessions.back_pressure import LONGEST_HOLD, SHORTEST_HOLD
 from gateway.listeners.sessions.mbap import MbapSession
-from gateway.listeners.sessions.session import SENDING_DEADLINE, TAKING_DEADLINE, ListenSettings
+from gateway.listeners.sessions.session import LONGEST_HOLD, SENDING_DEADLINE, SHORTEST_HOLD, TAKING_DEADLINE
+from gateway.listeners.settings import ListenSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.mbap import encode

@@ -8,9 +8,9 @@ import pytest
 
 from gateway.errors import IllegalDataValue, QueueFull, ResponseTimeout
 from gateway.listeners.sessions.arrivals import LOOK_STEP, SILENCE, TOGETHER, Arrivals
-from gateway.listeners.sessions.back_pressure import LONGEST_HOLD
 from gateway.listeners.sessions.over_tcp import MOST_BROADCASTS, MOST_NOISE, OverTcpSession
-from gateway.listeners.sessions.session import SENDING_DEADLINE, ListenSettings
+from gateway.listeners.sessions.session import LONGEST_HOLD, SENDING_DEADLINE
+from gateway.listeners.settings import ListenSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.request import Caller, Request
