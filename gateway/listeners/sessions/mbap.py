@@ -70,7 +70,7 @@ class MbapSession(Session):
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Take the response to one of the session's requests."""
-        self._in_flight -= 1
+        self.in_progress -= 1
         is_awaited = request.transaction != _GIVEN_UP
         if is_awaited and request.transaction in self._under_way:  # else it was ready at once
             del self._under_way[request.transaction]
@@ -96,7 +96,7 @@ class MbapSession(Session):
 
     @property
     def _takes_more(self) -> bool:
-        return (self._in_flight < self._limit or self._limit == 0) and not self._back_pressure.is_on
+        return (self.in_progress < self._limit or self._limit == 0) and not self._back_pressure.is_on
 
     def _drain(self, now: float) -> None:
         while self._takes_more:
@@ -116,7 +116,7 @@ class MbapSession(Session):
             self._latest = adu.transaction
             self.last_asked = now
             self.asked += 1
-            self._in_flight += 1
+            self.in_progress += 1
             request = Request(adu.unit, adu.pdu, self, now, adu.transaction)
             self._router.submit(request, now)
             if not request.is_over:

@@ -152,7 +152,7 @@ class OverTcpSession(Session):
                     return
                 self._deliver()
         else:
-            self._in_flight -= 1
+            self.in_progress -= 1
         self._go_on()
 
     def _awaited_requests(self) -> Iterable[Request]:
@@ -162,7 +162,7 @@ class OverTcpSession(Session):
     def _takes_more(self) -> bool:
         """Whether reading goes on. It does while the client is held back: otherwise its time-out would not be seen."""
         is_blocked = self._back_pressure.blocked_at is not None
-        has_room = self._in_flight < self._limit or self._unanswered < self._limit
+        has_room = self.in_progress < self._limit or self._unanswered < self._limit
         return not is_blocked and (has_room or self._limit == 0)
 
     @property
@@ -252,7 +252,7 @@ class OverTcpSession(Session):
             unit, pdu = each.frame
             request = Request(unit, pdu, self, now)
             if self._must_wait(request):
-                self._in_flight += 1
+                self.in_progress += 1
                 self._waiting.append(request)
         self.last_asked = now
         self.asked += len(arrived)
@@ -271,13 +271,13 @@ class OverTcpSession(Session):
             return False  # the gateway takes no more requests
         if self._gets_response(request):
             return self._state != UNANSWERED
-        return self._in_flight < self._limit + MOST_BROADCASTS
+        return self.in_progress < self._limit + MOST_BROADCASTS
 
     def _hand_out(self, now: float) -> None:
         """Hand out waiting requests, up to the next one that gets a response."""
         most = self._settings.in_flight
         while self._waiting and self._awaited is None and not self._back_pressure.is_on:
-            if self._in_flight - len(self._waiting) > most:
+            if self.in_progress - len(self._waiting) > most:
                 return
             request = self._waiting.popleft()
             self._flush()  # to hand one out takes a while, in which the client may give up
@@ -290,7 +290,7 @@ class OverTcpSession(Session):
         """Send the response that is in `_out`."""
         self._apply(READ_UP)
         self._awaited = None
-        self._in_flight -= 1
+        self.in_progress -= 1
 
     def _give_up(self) -> None:
         """The client's time-out has passed: it waits for no response any more."""
@@ -303,10 +303,10 @@ class OverTcpSession(Session):
         if self._awaited is not None:
             self._awaited.give_up()
             self._awaited = None
-            self._in_flight -= 1
+            self.in_progress -= 1
         if self._waiting:
             broadcasts = [request for request in self._waiting if not self._gets_response(request)]
-            self._in_flight -= len(self._waiting) - len(broadcasts)
+            self.in_progress -= len(self._waiting) - len(broadcasts)
             self._waiting = deque(broadcasts)
 
     def _apply(self, event: str) -> None:

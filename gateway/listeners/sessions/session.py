@@ -1,6 +1,6 @@
 """A client's connection as a state machine: bytes in, requests out, responses back, all of it bounded.
 
-What all TCP clients have in common; their framings are in `mbap.py` and `over_tcp.py`.
+`Session` is what all TCP clients have in common; `mbap.py` and `over_tcp.py` add their framings.
 """
 
 from abc import ABC, abstractmethod
@@ -19,7 +19,7 @@ SENDING_DEADLINE: Final = 10.0
 TAKING_DEADLINE: Final = 30.0
 
 #: How long a client is not read after the queue of a line refused one of its requests, in seconds: at first, and at
-#: most. Each such refusal doubles it; any other response multiplies it by this.
+#: most. Each such refusal doubles it; any other response multiplies it by HOLD_RECOVERS.
 SHORTEST_HOLD: Final = 0.002
 LONGEST_HOLD: Final = 0.128
 HOLD_RECOVERS: Final = 0.8
@@ -35,28 +35,30 @@ GONE: Final = 3
 
 
 class BackPressure:
-    """Either the client does not read its responses, or the queue of a line has just refused one of its requests.
+    """Why a client is not read: it does not read its responses, or the queue of a line has just refused its request.
 
-    Clients that repeat at once after a refusal would leave the lines no time. `blocked_at` is since when it does not
-    read its responses, None while it does; `is_held` is whether it is held back after a refusal; `is_paused` is whether
-    its connection has been told to receive nothing, for one of these or because it has enough requests in progress.
+    Clients that repeat at once after a refusal would leave the lines no time.
     """
 
     __slots__ = ("_hold", "blocked_at", "is_held", "is_paused")
 
     def __init__(self) -> None:
+        #: Since when the client does not read its responses; None while it does.
         self.blocked_at: float | None = None
+        #: Set while the client is held back after a refusal.
         self.is_held = False
+        #: Set while the connection receives nothing: for one of these, or because of enough requests in progress.
         self.is_paused = False
+        #: How long the next refusal holds it back.
         self._hold = SHORTEST_HOLD
 
     @property
     def is_on(self) -> bool:
-        """Whether the client is not to be read."""
+        """Tell whether the client is not to be read."""
         return self.is_held or self.blocked_at is not None
 
     def hold(self) -> float:
-        """Hold the client back after a refusal; for how many seconds, 0.0 if it is already held back."""
+        """Hold the client back after a refusal. Return for how many seconds, 0.0 if it is already held back."""
         if self.is_held:
             return 0.0
         self.is_held = True
@@ -65,7 +67,7 @@ class BackPressure:
         return seconds
 
     def recover(self) -> None:
-        """A request was accepted: the next hold is shorter."""
+        """Shorten the next hold: a request was accepted."""
         self._hold = max(self._hold * HOLD_RECOVERS, SHORTEST_HOLD)
 
 
@@ -73,10 +75,10 @@ class Connection(Protocol):
     """What a session can do to its connection. Nothing here calls back into the session's requests and responses."""
 
     def time(self) -> float:
-        """The time, for the last moment before a response leaves."""
+        """Return the time, for the last moment before a response leaves."""
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`; the number of bytes, 0 if there are none."""
+        """Copy what has arrived into `room`. Return the number of bytes, 0 if there are none."""
 
     def send(self, data: bytes) -> None:
         """Send `data`, or keep it until the client reads it."""
@@ -141,8 +143,8 @@ class Session(ABC):
     """
 
     __slots__ = (
-        "_back_pressure", "_connection", "_in_flight", "_is_draining", "_life", "_limit", "_out",
-        "_router", "_settings", "_whole_at", "asked", "caller", "last_asked",
+        "_back_pressure", "_connection", "_is_draining", "_life", "_limit", "_out",
+        "_router", "_settings", "_whole_at", "asked", "caller", "in_progress", "last_asked",
     )  # fmt: skip
 
     def __init__(
@@ -154,19 +156,23 @@ class Session(ABC):
         settings: ListenSettings,
         now: float,
     ) -> None:
-        """`router` takes the requests of `caller`."""
+        """Submit the requests of `caller` to `router`."""
         self.caller = caller
+        #: When it last sent a request.
         self.last_asked = NEVER
-        #: How many requests it has sent.
+        #: The number of requests that it has sent.
         self.asked = 0
         self._life = OPEN
         self._router = router
         self._connection = connection
         self._settings = settings
+        #: The most requests in progress; 0 while no more are taken.
         self._limit = settings.in_flight
-        self._in_flight = 0
+        #: The number of its requests that have no response yet.
+        self.in_progress = 0
         #: Responses that have not been sent yet.
         self._out: list[bytes] = []
+        #: Set while `proceed` submits requests: it sends the responses to all of them together.
         self._is_draining = False
         self._back_pressure = BackPressure()
         #: When the last look found no incomplete ADU.
@@ -174,11 +180,11 @@ class Session(ABC):
 
     @abstractmethod
     def room(self) -> memoryview:
-        """The buffer for the next bytes from the client."""
+        """Return the buffer for the next bytes from the client."""
 
     @abstractmethod
     def received(self, count: int, now: float) -> None:
-        """`count` bytes have arrived in `room()`."""
+        """Process `count` bytes that have arrived in `room()`."""
 
     @abstractmethod
     def answer(self, request: Request, pdu: bytes | None) -> None:
@@ -187,11 +193,11 @@ class Session(ABC):
     @property
     @abstractmethod
     def has_begun(self) -> bool:
-        """Whether a part of an ADU has arrived."""
+        """Tell whether a part of an ADU has arrived."""
 
     @abstractmethod
     def _awaited_requests(self) -> Iterable[Request]:
-        """The requests that were submitted and have no response yet."""
+        """Return the requests that were submitted and have no response yet."""
 
     @abstractmethod
     def _drain(self, now: float) -> None:
@@ -199,23 +205,18 @@ class Session(ABC):
 
     @property
     def gone(self) -> bool:
-        """Whether the connection has ended, or is being closed."""
+        """Tell whether the connection has ended, or is being closed."""
         return self._life == GONE
 
     @property
     def takes_responses(self) -> bool:
-        """Whether neither end of the connection has been closed yet."""
+        """Tell whether neither end of the connection has been closed yet."""
         return self._life < HALF_CLOSED
 
     @property
     def is_idle(self) -> bool:
-        """Whether no request of the client is in progress."""
-        return self._in_flight == 0
-
-    @property
-    def in_progress(self) -> int:
-        """The number of requests of the client that have no response yet."""
-        return self._in_flight
+        """Tell whether no request of the client is in progress."""
+        return self.in_progress == 0
 
     def proceed(self, now: float) -> None:
         """Submit the requests that have arrived, within the bounds; then send the responses that were ready at once."""
@@ -233,7 +234,7 @@ class Session(ABC):
         self._close_when_done()
 
     def wants(self, request: Request) -> bool:
-        """Whether a waiting request should still be sent.
+        """Tell whether a waiting request should still be sent.
 
         A client that has closed its side may be gone or may still read. It gets the responses to its reads; its waiting
         writes are not sent, and get 06.
@@ -241,11 +242,11 @@ class Session(ABC):
         return self._life != GONE and (self._life != HALF_CLOSED or only_reads(request.pdu))
 
     def block(self, now: float) -> None:
-        """The client does not read its responses: read no more requests until `unblock`."""
+        """Read no more requests until `unblock`: the client does not read its responses."""
         self._back_pressure.blocked_at = now
 
     def unblock(self) -> None:
-        """The client reads its responses again."""
+        """Read requests again: the client reads its responses."""
         self._back_pressure.blocked_at = None
         self._resume()
         self._close_when_done()
@@ -256,23 +257,23 @@ class Session(ABC):
         self._resume()
 
     def end_of_input(self) -> None:
-        """The client has closed its side; it still gets its responses, then the connection is closed."""
+        """Close once the client has its responses: it has closed its side."""
         if self._life != GONE:
             self._life = HALF_CLOSED
             self._give_up_all()
             self._close_when_done()
 
     def finish(self) -> None:
-        """Take no more requests; the connection is closed once those in progress have been answered."""
+        """Take no more requests, and close once those in progress have been answered."""
         if self._life == OPEN:
             self._life = FINISHING
         self._limit = 0
         self._close_when_done()
 
     def find_fault(self, now: float) -> str:
-        """Which rule the client breaks; empty if none.
+        """Return which rule the client breaks, in words; empty if none. To be called periodically.
 
-        Called periodically. The request path does not note times for it: an ADU counts as begun at the last call that
+        The request path does not note times for it: an ADU counts as begun at the last call that
         found none.
         """
         blocked_at = self._back_pressure.blocked_at
@@ -285,7 +286,7 @@ class Session(ABC):
         return ""
 
     def closed(self) -> None:
-        """The connection is closed; its responses are dropped. The session no longer refers to it.
+        """Drop the responses, and the reference to the connection, which is closed.
 
         The connection refers to the session: as a cycle, both would never be freed after a reload (`service.garbage`).
         """
@@ -300,13 +301,13 @@ class Session(ABC):
 
     @property
     def _hint(self) -> str:
-        """The words to add if what it has sent looks like another framing."""
+        """Return the words to add if what it has sent looks like another framing."""
         return ""
 
     @property
     def _takes_more(self) -> bool:
-        """Whether another request may be submitted."""
-        return self._in_flight < self._limit and not self._back_pressure.is_on
+        """Tell whether another request may be submitted."""
+        return self.in_progress < self._limit and not self._back_pressure.is_on
 
     def _hold_back(self, request: Request) -> None:
         """Stop reading from the client for a moment if the queue refused this request."""
@@ -332,7 +333,7 @@ class Session(ABC):
             self._connection.send(data)
 
     def _go_on(self) -> None:
-        """A request is finished: send its response, resume reading, and close if it was the last.
+        """Send the response to a request that is finished, resume reading, and close if it was the last.
 
         While requests are being submitted, `proceed` does that for all of them together.
         """
@@ -342,9 +343,9 @@ class Session(ABC):
             self._close_when_done()
 
     def _close_when_done(self) -> None:
-        if OPEN != self._life != GONE and self._in_flight == 0 and self._back_pressure.blocked_at is None:
+        if OPEN != self._life != GONE and self.in_progress == 0 and self._back_pressure.blocked_at is None:
             self._life = GONE
             self._connection.close()
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.caller.client} in_flight={self._in_flight}>"
+        return f"<{type(self).__name__} {self.caller.client} in_flight={self.in_progress}>"
