@@ -1,7 +1,6 @@
 """Cuts the bytes of a client of RTU or ASCII over TCP into requests, and tells which of them were sent together."""
 
-from collections import deque
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.codes import MAX_RTU_ADU
@@ -19,14 +18,6 @@ LOOK_STEP: Final = 0.02
 _BUFFER: Final = 2 * MAX_RTU_ADU
 
 
-class Arrived(NamedTuple):
-    """A request, and when its last byte arrived: not before `since`, and not after `at`."""
-
-    frame: Frame
-    since: float
-    at: float
-
-
 #: Whether a request was sent together with the one before, or later. It is unclear if the gateway stood still between.
 Relation = Literal["together", "later", "unclear"]
 
@@ -37,12 +28,13 @@ class Arrivals:
     Bytes are stored as they arrive (`filled`) and cut into frames when the session asks for them (`cut`). While nothing
     is read (`stop`), the framer's clock stands still: it is unknown how long the bytes read next have been waiting.
 
-    Bytes have arrived at any time between the last look that found no more of them (`looked`) and when they are cut.
+    Bytes have arrived at any time between the last look that found no more of them (`looked`) and when they are cut. A
+    frame behind noise is found long after it has arrived, at any time since the noise.
     """
 
     __slots__ = (
-        "_behind", "_buffer", "_framer", "_heard_at", "_heard_since", "_later_after", "_looked_at", "_pieces",
-        "_stopped_at", "_together_until", "_uncut", "latest", "noise",
+        "_begun_since", "_behind", "_buffer", "_found_since", "_framer", "_heard_at", "_heard_since", "_later_after",
+        "_looked_at", "_stopped_at", "_together_until", "_uncut", "latest", "noise",
     )  # fmt: skip
 
     def __init__(self, scheme: str, now: float) -> None:
@@ -50,15 +42,15 @@ class Arrivals:
         self._framer = AsciiFramer() if scheme == "ascii+tcp" else RtuFramer(SILENCE)
         self._buffer = memoryview(bytearray(_BUFFER))
         self._uncut = b""
-        #: The pieces with bytes that are not part of a complete frame, and when each arrived, as in `Arrived`.
-        self._pieces: deque[tuple[bytes, float, float]] = deque()
         #: Bytes since the last request, and those that were cut last.
         self.noise = 0
         self.latest = b""
         #: What had arrived then was cut.
         self._looked_at = now
-        #: When the last bytes arrived, as in `Arrived`.
+        #: The last bytes have arrived between these two times.
         self._heard_since = self._heard_at = now
+        #: The incomplete frame, and the frames that were found last, have not arrived before these times.
+        self._begun_since = self._found_since = now
         #: Until when a request was certainly sent together with the one before, and after when it certainly was not.
         self._together_until = self._later_after = now
         #: Since when nothing is read; how far the framer's clock is behind because of that.
@@ -87,35 +79,40 @@ class Arrivals:
         """All that had arrived at `now` has been read and cut."""
         self._looked_at = now
 
-    def ended(self, now: float) -> list[Arrived]:
+    def ended(self, now: float) -> list[Frame]:
         """Let time pass; the frames that were ended by a silence before the bytes that are not cut yet."""
         ends_at = self._framer.deadline()
         if ends_at is None or now < ends_at + self._behind:
             return []
-        return self._add_times(self._framer.tick(ends_at))  # `now - behind` may always be rounded to just before it
+        self._found_since = self._begun_since
+        return self._found(self._framer.tick(ends_at))  # `now - behind` may always be rounded to just before it
 
-    def cut(self, now: float) -> list[Arrived]:
+    def cut(self, now: float) -> list[Frame]:
         """The frames that are now complete."""
-        data = self._uncut
+        data, self._uncut = self._uncut, b""
         if not data:
             return []
-        self._uncut = b""
         self.latest = data
-        self._heard_at = now
-        self._heard_since = self._looked_at
+        self._heard_since, self._heard_at = self._looked_at, now
+        framer = self._framer
+        if not framer.unfinished:
+            self._begun_since = self._heard_since
         self.noise += len(data)
-        if isinstance(self._framer, RtuFramer):  # ASCII frames end with the piece in which they are found
-            self._pieces.append((data, self._heard_since, now))
-        return self._add_times(self._framer.received(data, now - self._behind))
+        framer.heard_noise = False
+        frames = framer.received(data, now - self._behind)
+        if frames and not framer.heard_noise:  # else they may have arrived before this piece, hidden by the noise
+            self._begun_since = self._heard_since
+        self._found_since = self._begun_since if framer.heard_noise else self._heard_since
+        return self._found(frames)
 
     @property
     def noise_relation(self) -> Relation:
         """When bytes arrived that are not a request, or not yet: as the last request and its companions, or later."""
         return self._relation(self._heard_since, self._heard_at) if self.noise else "together"
 
-    def relation(self, arrived: Arrived) -> Relation:
-        """When a request was sent, compared with the one before; called once for each."""
-        _, since, at = arrived
+    def next_relation(self) -> Relation:
+        """Compare when the next of the frames that were found last was sent with the one before; once for each."""
+        since, at = self._found_since, self._heard_at
         relation = self._relation(since, at)
         self._together_until = max(self._together_until, since + TOGETHER)
         self._later_after = max(self._later_after, at + TOGETHER)
@@ -148,39 +145,7 @@ class Arrivals:
             self._looked_at = now
             self._stopped_at = None
 
-    def _add_times(self, frames: list[Frame]) -> list[Arrived]:
-        """Add to each frame when it arrived. Behind noise, a frame is found long after that."""
+    def _found(self, frames: list[Frame]) -> list[Frame]:
         if frames:
             self.noise = self._framer.behind
-        if len(self._pieces) > 1 and frames:
-            arrived = self._locate(frames)
-        else:
-            arrived = [Arrived(frame, self._heard_since, self._heard_at) for frame in frames]
-        self._forget_finished()
-        return arrived
-
-    def _locate(self, frames: list[Frame]) -> list[Arrived]:
-        """The same for frames that arrived in several pieces."""
-        heard = b"".join(data for data, _, _ in self._pieces)
-        pieces = iter(self._pieces)
-        arrived = []
-        found_to = read_to = 0
-        since, at = self._heard_since, self._heard_at
-        for frame in frames:
-            adu = self._framer.encode(frame.unit, frame.pdu)
-            found_to = heard.find(adu, found_to) + len(adu)
-            while read_to < found_to:
-                data, since, at = next(pieces)
-                read_to += len(data)
-            arrived.append(Arrived(frame, since, at))
-        return arrived
-
-    def _forget_finished(self) -> None:
-        """Keep only what the framer keeps."""
-        pieces = self._pieces
-        finished = sum(len(data) for data, _, _ in pieces) - self._framer.unfinished
-        while finished > 0:
-            data, since, at = pieces.popleft()
-            if finished < len(data):
-                pieces.appendleft((data[finished:], since, at))
-            finished -= len(data)
+        return frames

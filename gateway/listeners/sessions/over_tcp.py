@@ -13,10 +13,11 @@ from collections.abc import Iterable
 from typing import Final
 
 from gateway.errors import NotModbus
-from gateway.listeners.sessions.arrivals import Arrivals, Arrived, Relation
+from gateway.listeners.sessions.arrivals import Arrivals, Relation
 from gateway.listeners.sessions.session import GONE, Connection, Session
 from gateway.listeners.settings import ListenSettings, is_kept_back
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_RTU_ADU
+from gateway.modbus.frame import Frame
 from gateway.modbus.framings import Framing, likeness
 from gateway.modbus.functions import request_size
 from gateway.modbus.rtu import OVERHEAD
@@ -219,13 +220,13 @@ class OverTcpSession(Session):
             self._arrivals.filled(count)
         return count
 
-    def _take(self, arrived: list[Arrived], now: float) -> None:
+    def _take(self, frames: list[Frame], now: float) -> None:
         """Take requests that were found at the same time. All are examined before one is handed out."""
         if self._arrivals.noise > MOST_NOISE:
             self._give_up()
             raise NotModbus(f"{self._arrivals.noise} bytes without a request")
-        if arrived:
-            self._queue(arrived, now)
+        if frames:
+            self._queue(frames, now)
         elif not self.asked and self._arrivals.noise:
             self._check_framing()
         if self._awaited is not None or self._waiting:
@@ -246,16 +247,15 @@ class OverTcpSession(Session):
         if words:
             raise NotModbus(f"what it sends is not {own}{words}")
 
-    def _queue(self, arrived: list[Arrived], now: float) -> None:
-        for each in arrived:
-            self._notice(self._arrivals.relation(each))
-            unit, pdu = each.frame
-            request = Request(unit, pdu, self, now)
+    def _queue(self, frames: list[Frame], now: float) -> None:
+        for frame in frames:
+            self._notice(self._arrivals.next_relation())
+            request = Request(frame.unit, frame.pdu, self, now)
             if self._must_wait(request):
                 self.in_progress += 1
                 self._waiting.append(request)
         self.last_asked = now
-        self.asked += len(arrived)
+        self.asked += len(frames)
 
     def _notice(self, relation: Relation) -> None:
         """Something has arrived, together with the requests before or later."""

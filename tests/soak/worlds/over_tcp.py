@@ -73,7 +73,7 @@ initial.holding = [{{ at = 0, values = {[IMAGE << 8 | address for address in ran
 LINES: Final = {"rtu": (1, 2), "ascii": (3, 4)}
 
 #: What meets a request, by its weight. Of an image no device is slow.
-FAULTS: Final = {"in pieces": 4, "slow device": 8, "silent device": 1, "busy": 1, "stand-still": 2}
+FAULTS: Final = {"in pieces": 4, "slow device": 8, "silent device": 1, "busy": 1, "stand-still": 2, "noise": 1}
 #: Where the gateway may stand still: between two of its steps, or within one.
 AT_ANY_TIME: Final = "at any time"
 POINTS: Final = (
@@ -226,7 +226,7 @@ class Client:
         self._awaited: deque[Question] = deque()
         self._given_up: list[Question] = []
         self._round = 0
-        self._asked_at = self._sent_at = self._answered_at = 0.0
+        self._asked_at = self._sent_at = self._answered_at = self._noise_until = 0.0
         caller = Caller(f"10.0.0.{number}:49152", "127.0.0.1", "127.0.0.1")
         connection = TcpConnection(listener, caller, loop.time, _Router(world, listener))
         self._socket = Socket(self._outside, self._dice, connection, self._heard)
@@ -236,8 +236,8 @@ class Client:
 
     @property
     def _is_served(self) -> bool:
-        """Whether it has had an answer since the gateway stood still: then there must be one."""
-        return self._answered_at > self._outside.goes_on_at
+        """Whether it has had an answer since the gateway stood still, or since noise: then there must be one."""
+        return self._answered_at > max(self._outside.goes_on_at, self._noise_until)
 
     def _ask(self, *, again: bool = False) -> None:
         """Ask something else, or the same `again`, writes left out."""
@@ -262,6 +262,9 @@ class Client:
         for question in self._asked:
             self._world.meet(question)
             adu = self._encode(question.unit, question.pdu)
+            if question.fault == "noise":
+                data += self._dice.randbytes(self._dice.randint(1, 20))
+                self._noise_until = self._outside.now + LONGEST
             if question.fault == "in pieces" or (self._sends_together and self._dice.random() < 0.3):
                 cuts.append(len(data) + self._dice.randrange(1, len(adu)))
             data += adu
