@@ -1,5 +1,6 @@
 """Cuts the bytes of a client of RTU or ASCII over TCP into requests, and tells which of them were sent together."""
 
+from math import inf
 from typing import Final, Literal
 
 from gateway.modbus.ascii import AsciiFramer
@@ -14,6 +15,8 @@ SILENCE: Final = 0.25
 TOGETHER: Final = 0.05
 #: How often a client that sends nothing is looked at, in seconds. What is read next has arrived since the last look.
 LOOK_STEP: Final = 0.02
+#: What a framer gets for the time.
+_ALWAYS: Final = 0.0
 #: The most that is received at once.
 _BUFFER: Final = 2 * MAX_RTU_ADU
 
@@ -25,16 +28,16 @@ Relation = Literal["together", "later", "unclear"]
 class Arrivals:
     """The bytes of one client, and the requests in them. Times in seconds, of one clock.
 
-    Bytes are stored as they arrive (`filled`) and cut into frames when the session asks for them (`cut`). While nothing
-    is read (`stop`), the framer's clock stands still: it is unknown how long the bytes read next have been waiting.
+    Bytes are stored as they arrive (`filled`) and cut into frames when the session asks for them (`cut`). They have
+    arrived at any time between the last look that found no more of them (`looked`) and when they are cut. A frame
+    behind noise is found long after it has arrived, at any time since the noise.
 
-    Bytes have arrived at any time between the last look that found no more of them (`looked`) and when they are cut. A
-    frame behind noise is found long after it has arrived, at any time since the noise.
+    The framer gets no time: it would take a stand-still of the gateway for a silence.
     """
 
     __slots__ = (
-        "_begun_since", "_behind", "_buffer", "_found_since", "_framer", "_heard_at", "_heard_since", "_later_after",
-        "_looked_at", "_stopped_at", "_together_until", "_uncut", "latest", "noise",
+        "_begun_since", "_buffer", "_found_since", "_framer", "_heard_at", "_heard_since", "_is_stopped",
+        "_later_after", "_looked_at", "_together_until", "_uncut", "ends_at", "latest", "noise",
     )  # fmt: skip
 
     def __init__(self, scheme: str, now: float) -> None:
@@ -53,9 +56,10 @@ class Arrivals:
         self._begun_since = self._found_since = now
         #: Until when a request was certainly sent together with the one before, and after when it certainly was not.
         self._together_until = self._later_after = now
-        #: Since when nothing is read; how far the framer's clock is behind because of that.
-        self._stopped_at: float | None = None
-        self._behind = 0.0
+        #: When a silence will end the incomplete frame.
+        self.ends_at: float | None = None
+        #: Set while nothing is read.
+        self._is_stopped = False
 
     @property
     def has_uncut(self) -> bool:
@@ -80,12 +84,16 @@ class Arrivals:
         self._looked_at = now
 
     def ended(self, now: float) -> list[Frame]:
-        """Let time pass; the frames that were ended by a silence before the bytes that are not cut yet."""
-        ends_at = self._framer.deadline()
-        if ends_at is None or now < ends_at + self._behind:
+        """Let time pass; the frames that a silence has ended. What has arrived until `now` has been read.
+
+        Bytes that are not cut yet may have arrived at any time since the last look: then the silence ended with that.
+        """
+        silent_until = self._looked_at if self._uncut else now
+        if self.ends_at is None or silent_until < self.ends_at:
             return []
+        self.ends_at = None
         self._found_since = self._begun_since
-        return self._found(self._framer.tick(ends_at))  # `now - behind` may always be rounded to just before it
+        return self._found(self._framer.tick(inf))
 
     def cut(self, now: float) -> list[Frame]:
         """The frames that are now complete."""
@@ -99,7 +107,8 @@ class Arrivals:
             self._begun_since = self._heard_since
         self.noise += len(data)
         framer.heard_noise = False
-        frames = framer.received(data, now - self._behind)
+        frames = framer.received(data, _ALWAYS)
+        self.ends_at = None if framer.deadline() is None else now + SILENCE
         if frames and not framer.heard_noise:  # else they may have arrived before this piece, hidden by the noise
             self._begun_since = self._heard_since
         self._found_since = self._begun_since if framer.heard_noise else self._heard_since
@@ -123,27 +132,22 @@ class Arrivals:
             return "together"
         return "later" if since > self._later_after else "unclear"
 
-    def deadline(self) -> float | None:
-        """When a silence will end something, or None."""
-        ends_at = self._framer.deadline()
-        return None if ends_at is None else ends_at + self._behind
-
     def encode(self, unit: int, pdu: bytes) -> bytes:
         """The ADU in this client's framing."""
         return self._framer.encode(unit, pdu)
 
-    def stop(self, now: float) -> None:
+    def stop(self) -> None:
         """Reading stops: from now on the client waits for the gateway."""
-        if self._stopped_at is None:
-            self._stopped_at = now
+        self._is_stopped = True
 
     def go_on(self, now: float) -> None:
-        """Reading continues. Bytes that waited for the gateway are not late."""
-        if self._stopped_at is not None:
-            self._behind += now - self._stopped_at
+        """Reading continues. Bytes that waited for the gateway are not late, and a silence begins anew."""
+        if self._is_stopped:
+            self._is_stopped = False
             self._together_until = self._later_after = now + TOGETHER
             self._looked_at = now
-            self._stopped_at = None
+            if self.ends_at is not None:
+                self.ends_at = now + SILENCE
 
     def _found(self, frames: list[Frame]) -> list[Frame]:
         if frames:

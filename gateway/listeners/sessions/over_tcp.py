@@ -186,7 +186,9 @@ class OverTcpSession(Session):
         arrivals = self._arrivals
         if not self._back_pressure.is_paused:  # while the client waits for the gateway it cannot be silent
             arrivals.go_on(now)
-            self._take(arrivals.ended(now), now)
+            if arrivals.ends_at is not None and now >= arrivals.ends_at:
+                self._read()
+                self._take(arrivals.ended(now), now)
             self._take(arrivals.cut(now), now)
         elif self._state == ANSWERED:  # what was read before the pause shows whether the response is still awaited
             self._take(arrivals.cut(now), now)
@@ -194,10 +196,10 @@ class OverTcpSession(Session):
             self._deliver()
         self._hand_out(now)
         if self._takes_more:
-            self._connection.wake(arrivals.deadline())
+            self._connection.wake(arrivals.ends_at)
             super()._resume()  # what was handed out may have been answered at once
         else:
-            arrivals.stop(now)
+            arrivals.stop()
             self._pause()
         if self._state == ANSWERED:
             self._connection.wake(_SOON)

@@ -7,7 +7,7 @@ from itertools import combinations
 import pytest
 
 from gateway.errors import IllegalDataValue, QueueFull, ResponseTimeout
-from gateway.listeners.sessions.arrivals import LOOK_STEP, SILENCE, TOGETHER, Arrivals
+from gateway.listeners.sessions.arrivals import LOOK_STEP, SILENCE, TOGETHER
 from gateway.listeners.sessions.over_tcp import MOST_BROADCASTS, MOST_NOISE, OverTcpSession
 from gateway.listeners.sessions.session import LONGEST_HOLD, SENDING_DEADLINE
 from gateway.listeners.settings import ListenSettings
@@ -706,6 +706,45 @@ def test_requests_that_were_sent_together_do_not_replace_each_other_because_the_
     asks_anew(client)
 
 
+@pytest.mark.parametrize("is_unread", [False, True])
+@pytest.mark.parametrize("seconds", [SILENCE + 0.01, 1.5])
+@pytest.mark.parametrize("cut", [1, 4, 7])
+def test_half_a_request_is_not_forgotten_when_the_gateway_stood_still(
+    client: Client, cut: int, seconds: float, *, is_unread: bool
+) -> None:
+    """Its rest has come in time. The response to the next one would be taken for that to this one."""
+    client.target.at_once = True
+    whole = client.encode(7, READ)
+    client.send(client.encode(7, READ) + whole[:cut])
+    assert client.heard(RESPONSE)
+    rest = whole[cut:] + client.encode(7, OTHER_READ)
+    client.stand_still(seconds)
+    if is_unread:
+        client.connection.unread = rest
+        client.wait(0.0)
+        client.session.look(client.now)
+    else:
+        client.send(rest)
+    client.wait(SILENCE)
+    assert client.heard()
+    client.target.at_once = False
+    asks_anew(client)
+
+
+def test_half_a_request_is_continued_after_a_pause_of_the_gateway(client: Client) -> None:
+    client.target.has_room = False
+    whole = client.encode(7, OTHER_READ)
+    client.session.block(client.now)
+    client.send(client.encode(7, READ) + whole[:5])
+    client.now += 10 * SILENCE
+    client.session.unblock()
+    client.wait(0.0)
+    client.target.has_room = True
+    client.send(whole[5:])
+    client.release()
+    assert client.target.asked == [READ, OTHER_READ]
+
+
 def test_a_response_leaves_before_the_next_request_is_handed_out(client: Client) -> None:
     """That takes a while, in which the client can give up."""
     client.target.at_once = True
@@ -954,19 +993,6 @@ def test_a_request_behind_one_of_unknown_size_is_found_though_nobody_looked_in_t
     rtu_client.respond(0)
     assert rtu_client.target.asked == [READ]
     assert rtu_client.heard(RESPONSE)
-
-
-def test_silence_ends_when_it_is_awaited_however_its_end_is_rounded() -> None:
-    """After a pause the framer's time is behind by a number that has no exact form."""
-    for number in range(1000):
-        arrivals = Arrivals("rtu+tcp", 0.0)
-        arrivals.stop(0.0)
-        arrivals.go_on(number / 300)
-        arrivals.room()[:3] = b"\xff\xff\xff"
-        arrivals.filled(3)
-        arrivals.cut(number / 300 + number / 7000)
-        arrivals.ended(arrivals.deadline())
-        assert arrivals.deadline() is None
 
 
 @pytest.mark.parametrize("cut", range(1, 8))
