@@ -25,12 +25,12 @@ _NO_ROOM: Final = memoryview(bytearray())
 
 
 def most_answered(in_flight: int) -> int:
-    """The most bytes of responses after reading has stopped: to requests in progress, and to those in the buffer."""
+    """Return the most bytes of responses after reading has stopped: to requests in progress and in the buffer."""
     return (in_flight + MOST_AT_ONCE) * MAX_TCP_ADU
 
 
 def most_unsent(in_flight: int) -> int:
-    """The most bytes that are kept for a client that does not read: UNSENT_BYTES, or all that it may have asked."""
+    """Return the most bytes that are kept for a client that does not read: UNSENT_BYTES, or all that it may ask for."""
     return max(UNSENT_BYTES, most_answered(in_flight))
 
 
@@ -38,7 +38,7 @@ class Stream(Protocol):
     """What a connection is sent and received through: `TcpStream`, or one that encrypts."""
 
     def is_closing(self) -> bool:
-        """Whether it is closed, or being closed."""
+        """Tell whether it is closed, or being closed."""
 
     def set_write_buffer_limits(self, high: int) -> None:
         """Call `pause_writing` when more than `high` bytes wait for the client."""
@@ -50,7 +50,7 @@ class Stream(Protocol):
         """Receive again."""
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`; the number of bytes, 0 if they come by themselves."""
+        """Copy what has arrived into `room`. Return the number of bytes, 0 if they come by themselves."""
 
     def write(self, data: bytes) -> None:
         """Send `data`, unless the connection is closed."""
@@ -68,22 +68,22 @@ class ConnectionOwner(Protocol):
     settings: ListenSettings
 
     def connected(self, connection: "TcpConnection") -> None:
-        """A client has connected."""
+        """Count a client that has connected."""
 
     def closing(self, connection: "TcpConnection") -> None:
-        """A connection is being closed and no longer counts for `clients`."""
+        """Count a connection for `clients` no longer: it is being closed."""
 
     def closed(self, connection: "TcpConnection", reason: str) -> None:
-        """A connection has ended."""
+        """Forget a connection that has ended."""
 
     def rejected(self, client: str, reason: str) -> None:
-        """A client is rejected."""
+        """Count a client that is rejected, and tell why."""
 
     def left_early(self, host: str, waited: float) -> None:
-        """A client has closed its side `waited` seconds after its last request, and a response is missing."""
+        """Count a client that has closed its side `waited` seconds after its last request, without a response."""
 
     def failed(self, part: str, error: Exception) -> None:
-        """An unexpected error was caught at the error boundary of a connection."""
+        """Tell of an unexpected error that was caught at the error boundary of a connection."""
 
 
 class TcpConnection:
@@ -101,12 +101,13 @@ class TcpConnection:
         time: Callable[[], float],
         router: Target,
     ) -> None:
-        """`router` takes the requests of `caller`."""
+        """Submit the requests of `caller` to `router`."""
         self.caller = caller
         self._listener = listener
         #: The time, as of the loop.
         self.time = time
         self._came_at = time()
+        #: Why it ends, for the event.
         self._reason = "the client closed it"
         self._timer: LazyTimer | None = None
         session = MbapSession if listener.settings.scheme in ("tcp", "tls") else OverTcpSession
@@ -120,33 +121,33 @@ class TcpConnection:
 
     @property
     def is_idle(self) -> bool:
-        """Whether no request of the client is in progress."""
+        """Tell whether no request of the client is in progress."""
         return self.session.is_idle
 
     @property
     def last_asked(self) -> float:
-        """When the client last sent a request, or NEVER."""
+        """Return when the client last sent a request, or NEVER."""
         return self.session.last_asked
 
     @property
     def asked(self) -> int:
-        """How many requests the client has sent."""
+        """Return how many requests the client has sent."""
         return self.session.asked
 
     @property
     def in_progress(self) -> int:
-        """The number of them that have no response yet."""
+        """Return how many of them have no response yet."""
         return self.session.in_progress
 
     def connection_made(self, stream: Stream) -> None:
-        """A client has connected."""
+        """Begin: a client has connected."""
         self.stream = stream
         in_flight = self._listener.settings.in_flight
         stream.set_write_buffer_limits(most_unsent(in_flight) - most_answered(in_flight))
         self._listener.connected(self)
 
     def get_buffer(self) -> memoryview:
-        """The buffer to receive into; empty if there is no room, or the connection has failed."""
+        """Return the buffer to receive into; empty if there is no room, or the connection has failed."""
         try:
             return self.session.room()
         except Exception as error:  # noqa: BLE001 - the error boundary of a connection
@@ -154,27 +155,27 @@ class TcpConnection:
             return _NO_ROOM
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Bytes have arrived."""
+        """Process bytes that have arrived."""
         try:
             self.session.received(nbytes, self.time())
         except Exception as error:  # noqa: BLE001 - the error boundary of a connection
             self._failed(error)
 
     def eof_received(self) -> bool:
-        """The client has closed its side; keep the connection until its responses have been sent."""
+        """Keep the connection until the responses have been sent: the client has closed its side."""
         self._run(self._end_input)
         return True
 
     def pause_writing(self) -> None:
-        """The client does not read its responses."""
+        """Stop processing requests: the client does not read its responses."""
         self._run(partial(self.session.block, self.time()))
 
     def resume_writing(self) -> None:
-        """The client reads its responses again."""
+        """Go on: the client reads its responses again."""
         self._run(self.session.unblock)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The connection has ended."""
+        """Finish: the connection has ended."""
         try:
             if exc is not None:
                 self._leaves()
@@ -187,7 +188,7 @@ class TcpConnection:
         self._listener.closed(self, f"lost: {explain(exc)}" if isinstance(exc, OSError) else self._reason)
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`; the number of bytes."""
+        """See Stream."""
         return self.stream.receive(room)
 
     def send(self, data: bytes) -> None:
@@ -214,15 +215,20 @@ class TcpConnection:
         """Stop holding the client back after this many seconds."""
         asyncio.get_running_loop().call_later(seconds, self._run, self.session.release)
 
-    def close(self) -> None:
-        """Close once everything has been sent, or the deadline for that has passed."""
-        self._listener.closing(self)
+    def close(self, reason: str = "") -> None:
+        """Close once what was sent has left, or the deadline for that has passed. Drop responses that are awaited."""
+        self._end(reason)
         self.stream.close()
+
+    def abort(self, reason: str = "") -> None:
+        """Close now, and drop what has not left."""
+        self._end(reason)
+        self.stream.abort()
 
     def reject(self, reason: str) -> None:
         """Close because of what the client did, or to accept another client."""
         self._listener.rejected(self.caller.client, reason)
-        self._part(reason)
+        self.close(reason)
 
     def look(self) -> None:
         """Read what has arrived, if it counts when that was."""
@@ -235,35 +241,27 @@ class TcpConnection:
         if complaint:
             self.reject(complaint)
         elif idle and self.is_idle and now - max(self.last_asked, self._came_at) >= idle:
-            self._part("idle")
+            self.close("idle")
 
     def finish(self, reason: str = "the gateway is stopping") -> None:
         """Take no more requests; close when those in progress have been answered."""
         self._reason = reason
         self.session.finish()
 
-    def abort(self, reason: str = "") -> None:
-        """Close now, and drop what has not been sent."""
-        self._reason = reason or self._reason
-        self.session.closed()
-        self._listener.closing(self)
-        self.stream.abort()
-
     def _end_input(self) -> None:
         self._leaves()
         self.session.end_of_input()
 
     def _leaves(self) -> None:
-        """The client closes its side; the listener is told if a response is missing."""
+        """Tell the listener if a response is missing: the client closes its side."""
         session = self.session
         if not session.is_idle and session.takes_responses:
             self._listener.left_early(self.caller.host, self.time() - session.last_asked)
 
-    def _part(self, reason: str) -> None:
-        """Close, and drop the responses that the client still waits for."""
-        self._reason = reason
+    def _end(self, reason: str) -> None:
+        self._reason = reason or self._reason
         self.session.closed()
-        self.close()
+        self._listener.closing(self)
 
     def _proceed(self) -> None:
         if not self.session.gone:
