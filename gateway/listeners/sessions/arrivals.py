@@ -21,7 +21,7 @@ _ALWAYS: Final = 0.0
 _BUFFER: Final = 2 * MAX_RTU_ADU
 
 
-#: Whether a request was sent together with the one before, or later. It is unclear if the gateway stood still between.
+#: When a request was sent: together with the one before, or later. Unclear: the gateway stood still in between.
 Relation = Literal["together", "later", "unclear"]
 
 
@@ -41,14 +41,16 @@ class Arrivals:
     )  # fmt: skip
 
     def __init__(self, scheme: str, now: float) -> None:
-        """`scheme` is `rtu+tcp` or `ascii+tcp`."""
+        """Expect the framing of `scheme`: `rtu+tcp` or `ascii+tcp`."""
         self._framer = AsciiFramer() if scheme == "ascii+tcp" else RtuFramer(SILENCE)
         self._buffer = memoryview(bytearray(_BUFFER))
+        #: Bytes that have arrived and are not cut yet.
         self._uncut = b""
-        #: Bytes since the last request, and those that were cut last.
+        #: The number of bytes since the last request.
         self.noise = 0
+        #: The bytes that were cut last.
         self.latest = b""
-        #: What had arrived then was cut.
+        #: All that had arrived at this time was cut.
         self._looked_at = now
         #: The last bytes have arrived between these two times.
         self._heard_since = self._heard_at = now
@@ -56,37 +58,37 @@ class Arrivals:
         self._begun_since = self._found_since = now
         #: Until when a request was certainly sent together with the one before, and after when it certainly was not.
         self._together_until = self._later_after = now
-        #: When a silence will end the incomplete frame.
+        #: When a silence will end the incomplete frame, or None.
         self.ends_at: float | None = None
         #: Set while nothing is read.
         self._is_stopped = False
 
     @property
     def has_uncut(self) -> bool:
-        """Whether bytes have been read that are not cut yet."""
+        """Tell whether bytes have been read that are not cut yet."""
         return bool(self._uncut)
 
     @property
     def has_begun(self) -> bool:
-        """Whether a part of a frame has arrived."""
+        """Tell whether a part of a frame has arrived."""
         return bool(self._uncut) or self._framer.unfinished > 0
 
     def room(self) -> memoryview:
-        """Where the next bytes go."""
+        """Return the buffer for the next bytes."""
         return self._buffer
 
     def filled(self, count: int) -> None:
-        """`count` bytes have arrived in `room()`."""
+        """Store `count` bytes that have arrived in `room()`."""
         self._uncut += bytes(self._buffer[:count])
 
     def looked(self, now: float) -> None:
-        """All that had arrived at `now` has been read and cut."""
+        """Note that all that had arrived at `now` has been read and cut."""
         self._looked_at = now
 
     def ended(self, now: float) -> list[Frame]:
-        """Let time pass; the frames that a silence has ended. What has arrived until `now` has been read.
+        """Return the frames that a silence has ended. Everything that has arrived until `now` must have been read.
 
-        Bytes that are not cut yet may have arrived at any time since the last look: then the silence ended with that.
+        Bytes that are not cut yet may have arrived right after the last look: only until then it was certainly silent.
         """
         silent_until = self._looked_at if self._uncut else now
         if self.ends_at is None or silent_until < self.ends_at:
@@ -96,7 +98,7 @@ class Arrivals:
         return self._found(self._framer.tick(inf))
 
     def cut(self, now: float) -> list[Frame]:
-        """The frames that are now complete."""
+        """Cut the bytes that have arrived. Return the frames that are complete with them."""
         data, self._uncut = self._uncut, b""
         if not data:
             return []
@@ -116,7 +118,7 @@ class Arrivals:
 
     @property
     def noise_relation(self) -> Relation:
-        """When bytes arrived that are not a request, or not yet: as the last request and its companions, or later."""
+        """Compare when bytes arrived that are no request, or not yet, with the last request."""
         return self._relation(self._heard_since, self._heard_at) if self.noise else "together"
 
     def next_relation(self) -> Relation:
@@ -133,15 +135,15 @@ class Arrivals:
         return "later" if since > self._later_after else "unclear"
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """The ADU in this client's framing."""
+        """Return the ADU in this client's framing."""
         return self._framer.encode(unit, pdu)
 
     def stop(self) -> None:
-        """Reading stops: from now on the client waits for the gateway."""
+        """Note that reading stops: from now on the client waits for the gateway."""
         self._is_stopped = True
 
     def go_on(self, now: float) -> None:
-        """Reading continues. Bytes that waited for the gateway are not late, and a silence begins anew."""
+        """Note that reading continues. Bytes that waited for that are not late, and a silence begins anew."""
         if self._is_stopped:
             self._is_stopped = False
             self._together_until = self._later_after = now + TOGETHER

@@ -50,21 +50,22 @@ class MbapSession(Session):
         self._framer = mbap.MbapFramer()
         #: The requests in progress by their transaction identifiers.
         self._under_way: dict[int, Request] = {}
-        #: The latest identifier, and how many in a row have risen up to it, or _READ_AHEAD.
+        #: The latest identifier.
         self._latest = 0
+        #: How many identifiers in a row have risen up to the latest one, or _READ_AHEAD.
         self._rises = 0
 
     @property
     def has_begun(self) -> bool:
-        """Whether a part of an ADU has arrived."""
+        """Tell whether a part of an ADU has arrived."""
         return self._framer.unfinished > 0
 
     def room(self) -> memoryview:
-        """The buffer for the next bytes from the client."""
+        """Return the buffer for the next bytes from the client."""
         return self._framer.room()
 
     def received(self, count: int, now: float) -> None:
-        """`count` bytes have arrived in `room()`."""
+        """Process `count` bytes that have arrived in `room()`."""
         self._framer.filled(count)
         self.proceed(now)
 
@@ -127,7 +128,7 @@ class MbapSession(Session):
         self._pause()
 
     def _check_framing(self, request: Request, error: RequestError) -> None:
-        """The address 0 in an RTU frame looks like the protocol identifier: then unit or function are wrong.
+        """Recognise RTU: an address 0 in it looks like the protocol identifier, and then unit or function are wrong.
 
         Raises:
             NotModbus: the client has sent RTU frames.

@@ -23,20 +23,20 @@ from gateway.modbus.functions import request_size
 from gateway.modbus.rtu import OVERHEAD
 from gateway.request import Caller, Request, Target
 
-# What the client waits for:
+# The states, by what the client waits for:
 IDLE: Final = "idle"  # no response; the next request can be handed out
 AWAITING: Final = "awaiting"  # the response to the request that was handed out
 ANSWERED: Final = "answered"  # the same; the response is there, but so are unread bytes
 UNANSWERED: Final = "unanswered"  # a response that never comes: of a failure that is not reported, or see UNCLEAR
 
-# What may happen:
+# The events:
 HANDED_OUT: Final = "handed out"  # a request that gets a response has gone to the router
 TOGETHER: Final = "together"  # a request arrived together with the one before
 LATER: Final = "later"  # a request arrived later than that, or has begun, or other bytes arrived
 UNCLEAR: Final = "unclear"  # the same, but the gateway stood still: it may as well have arrived together
 RESPONSE: Final = "response"  # the router has answered, perhaps without a response
 FAILURE: Final = "failure"  # the request has failed, which is not to be reported
-READ_UP: Final = "read up"  # nothing has arrived since, or only together with the request
+CAUGHT_UP: Final = "caught up"  # nothing has arrived since, or only together with the request
 
 _NEXT: Final[dict[str, dict[str, str]]] = {
     IDLE: {
@@ -56,7 +56,7 @@ _NEXT: Final[dict[str, dict[str, str]]] = {
         TOGETHER: ANSWERED,  # it waits
         LATER: IDLE,  # the response is dropped, and those that wait are given up; it waits
         UNCLEAR: UNANSWERED,  # the same, but it gets no response either
-        READ_UP: IDLE,  # the response is sent
+        CAUGHT_UP: IDLE,  # the response is sent
     },
     UNANSWERED: {
         TOGETHER: UNANSWERED,  # it is dropped, like those before it
@@ -98,26 +98,27 @@ class OverTcpSession(Session):
         self._limit += 1  # the awaited one: what arrives after it shows that it was given up
         self._arrivals = Arrivals(settings.scheme, now)
         self._state = IDLE
-        #: The request whose response the client waits for; the requests that arrived after it, in order.
+        #: The request whose response the client waits for.
         self._awaited: Request | None = None
+        #: The requests that arrived after it, in order.
         self._waiting: deque[Request] = deque()
 
     @property
     def has_begun(self) -> bool:
-        """Whether a part of an ADU has arrived."""
+        """Tell whether a part of an ADU has arrived."""
         return self._arrivals.has_begun
 
     def room(self) -> memoryview:
-        """The buffer for the next bytes from the client."""
+        """Return the buffer for the next bytes from the client."""
         return self._arrivals.room()
 
     def received(self, count: int, now: float) -> None:
-        """`count` bytes have arrived in `room()`."""
+        """Process `count` bytes that have arrived in `room()`."""
         self._arrivals.filled(count)
         self.proceed(now)
 
     def look(self, now: float) -> None:
-        """Called every LOOK_STEP: process what has arrived until `now`. What is read next has arrived since."""
+        """Process what has arrived until `now`; to be called every LOOK_STEP. What is read next has arrived since."""
         if self._back_pressure.is_paused:
             return
         is_all = self._read() < len(self._arrivals.room())
@@ -131,9 +132,9 @@ class OverTcpSession(Session):
         return super().wants(request) and (request is self._awaited or not self._gets_response(request))
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the response to one of the session's requests; dropped if the client has given it up.
+        """Take the response to one of the session's requests; drop it if the client has given the request up.
 
-        Its next request may have arrived and not been read yet. Then the response waits until `proceed` has read it.
+        The client's next request may have arrived unread. Then the response waits until `proceed` has processed that.
         """
         if self._life == GONE:
             return
@@ -161,14 +162,14 @@ class OverTcpSession(Session):
 
     @property
     def _takes_more(self) -> bool:
-        """Whether reading goes on. It does while the client is held back: otherwise its time-out would not be seen."""
+        """Tell whether reading goes on. It does while the client is held back, or its time-out would not be seen."""
         is_blocked = self._back_pressure.blocked_at is not None
         has_room = self.in_progress < self._limit or self._unanswered < self._limit
         return not is_blocked and (has_room or self._limit == 0)
 
     @property
     def _unanswered(self) -> int:
-        """The number of requests that still have to get a response."""
+        """Return the number of requests that still have to get a response."""
         return (self._awaited is not None) + sum(map(self._gets_response, self._waiting))
 
     def _resume(self) -> None:
@@ -210,7 +211,7 @@ class OverTcpSession(Session):
             super()._flush()
 
     def _read(self) -> int:
-        """Read the beginning of what has arrived; the number of bytes.
+        """Read the beginning of what has arrived. Return the number of bytes.
 
         They must be processed before a response is sent. The beginning is enough: it arrived together with the last
         request, or later.
@@ -260,7 +261,7 @@ class OverTcpSession(Session):
         self.asked += len(frames)
 
     def _notice(self, relation: Relation) -> None:
-        """Something has arrived, together with the requests before or later."""
+        """Take note of something that has arrived, together with the requests before or later."""
         event = relation
         if relation == UNCLEAR and self._state != UNANSWERED and not self._unanswered:
             event = LATER  # no response is left that could be taken for another
@@ -290,12 +291,12 @@ class OverTcpSession(Session):
 
     def _deliver(self) -> None:
         """Send the response that is in `_out`."""
-        self._apply(READ_UP)
+        self._apply(CAUGHT_UP)
         self._awaited = None
         self.in_progress -= 1
 
     def _give_up(self) -> None:
-        """The client's time-out has passed: it waits for no response any more."""
+        """Drop all requests, and a response that is kept: the client's time-out has passed."""
         if self._state == ANSWERED:
             self._out.clear()
         self._abandon_all()
@@ -315,5 +316,5 @@ class OverTcpSession(Session):
         self._state = _NEXT[self._state][event]
 
     def _gets_response(self, request: Request) -> bool:
-        """Requests to unit 0 get no response on a line (S 2.1)."""
+        """Tell whether a request gets a response: to unit 0 it gets none on a line (S 2.1)."""
         return request.unit != BROADCAST_UNIT or isinstance(self._settings.unit0, int)
