@@ -15,8 +15,6 @@ from gateway.trace.ring import Ring
 class SerialListener:
     """A server line, and the owner of its port: see `ports.reconnector`.
 
-    `wire` is how bytes travel; `auto` until the port is open for the first time.
-
     A gateway that stood still reads late. So an open port is looked at every LOOK_STEP. If nobody has looked for longer
     than UNNOTICED, what is read may have arrived at any time since the last look, and counts from then.
 
@@ -33,9 +31,10 @@ class SerialListener:
         ring: Ring | None = None,
     ) -> None:
         self.session = SerialSession(settings, router, self._wake, emit, ring)
+        #: How bytes travel; `auto` until the port is open for the first time.
         self.wire: Wire = settings.wire
         self._time = loop.time
-        #: When nothing was unread.
+        #: When everything that had arrived was last read.
         self._looked_at = 0.0
         deadline, down = self._deadline, self.session.port_down
         self._boundary = ErrorBoundary(
@@ -44,11 +43,11 @@ class SerialListener:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request is in progress."""
+        """Tell whether a request is in progress."""
         return not self.session.is_idle
 
     def port_up(self, port: Port) -> None:
-        """The port is open. What came before that was discarded."""
+        """Begin with an open port. What came before that was discarded."""
         self._boundary.port = port
         self._looked_at = self._time()
         self.wire = resolve_wire(self.session.settings.wire, is_virtual=port.is_virtual)
@@ -66,7 +65,7 @@ class SerialListener:
         return False
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - logged by the reconnector
-        """The port is lost; nothing is answered until it is open again."""
+        """Answer nothing until the port is open again: it is lost."""
         self._boundary.lost()
 
     def finish(self) -> None:
@@ -74,7 +73,7 @@ class SerialListener:
         self.session.finish()
 
     def overdue(self, now: float) -> float:
-        """By how many seconds a due action is late."""
+        """Return by how many seconds a due action is late."""
         return self._boundary.overdue(now)
 
     def close(self) -> None:
@@ -85,7 +84,7 @@ class SerialListener:
         self._boundary.plan(self._deadline())
 
     def _deadline(self) -> float | None:
-        """When `_tick` must be called: for the session, or to look at the port."""
+        """Return when `_tick` must be called: for the session, or to look at the port."""
         due = self.session.deadline()
         if self._boundary.port is None:
             return due
@@ -93,7 +92,7 @@ class SerialListener:
         return look_at if due is None else min(due, look_at)
 
     def _tick(self) -> None:
-        """Read first what has arrived: the client may no longer wait for the response."""
+        """Let time pass for the session, but read what has arrived first: the client may wait no longer."""
         if self._boundary.port is not None:
             looked_at = self._time()
             self._boundary.port.read_now()

@@ -1,4 +1,4 @@
-"""The settings of a listener, and what they make of a request without a response from a unit."""
+"""The settings of a listener, and what a client gets without a response from a unit."""
 
 from dataclasses import dataclass, field
 from typing import Final, Literal
@@ -50,12 +50,12 @@ class ListenSettings:
 
     @property
     def only(self) -> str:
-        """The name of the one line or upstream that it leads to; empty for all units."""
+        """Return the name of the one line or upstream that it leads to; empty for all units."""
         return self.line or self.upstream
 
 
 def is_kept_back(request: Request, on_failure: OnFailure) -> bool:
-    """Whether the failure of a request is not reported to the client.
+    """Tell whether the failure of a request is not reported to the client.
 
     An exception of the unit itself is a response, whatever its code.
     """

@@ -14,7 +14,7 @@ from gateway.images.image import Image
 from gateway.images.mirror import Mirror
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import Counts, total, total_of_units
-from gateway.listeners.sessions.server_line import Counts as ServerCounts
+from gateway.listeners.sessions.server_line import ServerCounts
 from gateway.ports.port import Wire
 from gateway.ports.reconnector import Reconnector
 from gateway.service.build import Gateway, Listener

@@ -15,8 +15,7 @@ _ADVICE: Final = 'if the adapter echoes, set echo = true; if the client has no w
 class OwnEcho:
     """Tells the echo of the last response from a client's request with the same content. Times in seconds.
 
-    `echoes` says whether the adapter is known to echo. The echo of a response that differs from its request proves that
-    it does, until one does not come back.
+    The echo of a response that differs from its request proves that the adapter echoes, until one does not come back.
     """
 
     __slots__ = (
@@ -25,34 +24,42 @@ class OwnEcho:
     )  # fmt: skip
 
     def __init__(self, name: str, source: str, emit: Emit, *, echoes: bool) -> None:
-        """`name` and `source` are the line's, for the event that reports the first echo."""
+        """Use `name` and `source` of the line for the event that reports the first echo.
+
+        `echoes` is set if the adapter is known to echo.
+        """
         self._name = name
         self._source = source
         self._emit = emit
         self._echoes = echoes
+        #: Set while an echo of ours has shown that the adapter echoes.
         self._is_proven = False
+        #: Set once the event was emitted.
         self._has_told = False
         self.port_up(virtual=True)
 
     def port_up(self, *, virtual: bool) -> None:
-        """The port is open. The client of a `virtual` one may send at once what was just sent to it."""
+        """Begin anew with an open port. The client of a `virtual` one may send at once what was just sent to it."""
         self._is_virtual = virtual
+        #: Our last response, until the next frame is received.
         self._said: Frame | None = None
-        #: Whether a client can send it too, because it equals the request; until when it is an echo even then.
+        #: Set if a client can send it too, because it equals the request.
         self._is_repeatable = False
+        #: Until when it is an echo even then.
         self._until = 0.0
-        #: How many such responses in a row came back, and how many make the next one doubtful.
+        #: How many responses in a row came back.
         self._in_a_row = 0
+        #: How many of them make the next one doubtful.
         self._limit = ECHOES
 
     def note_response(self, response: Frame, until: float, *, is_repeatable: bool) -> None:
-        """A response is sent on the line. No client can repeat it before `until`, unless the port is virtual."""
+        """Note a response that is sent. No client can repeat it before `until`, unless the port is virtual."""
         self._said = response
         self._until = until
         self._is_repeatable = is_repeatable
 
     def judge(self, frame: Frame, heard_at: float, heard_since: float) -> Verdict:
-        """What `frame` is, read at `heard_at` and received not before `heard_since`. To be called for each frame."""
+        """Tell what `frame` is, read at `heard_at` and received not before `heard_since`. Call it for each frame."""
         said, self._said = self._said, None
         if said is None:
             return "request"
@@ -70,7 +77,7 @@ class OwnEcho:
         return "doubtful" if may_be_early or self._in_a_row >= self._limit else "request"
 
     def _note_none(self) -> None:
-        """The last response did not come back."""
+        """Note that the last response did not come back."""
         if not self._is_repeatable:
             self._is_proven = False
             if self._in_a_row >= self._limit:  # it was a client that repeated itself: doubt it less often

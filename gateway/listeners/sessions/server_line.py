@@ -69,17 +69,17 @@ class ServerSettings:
 
     @property
     def frame_end(self) -> float:
-        """The silence that ends a frame."""
+        """Return the silence that ends a frame."""
         return self.timing.frame_end(self.idle_chars)
 
     @property
     def silence_before_response(self) -> float:
-        """The silence before each response (S 2.5.1.1)."""
+        """Return the silence before each response (S 2.5.1.1)."""
         return self.frame_end if self.gap is None else self.gap
 
 
 @dataclass(slots=True)
-class Counts:
+class ServerCounts:
     """What has happened on a server line since it was built.
 
     Each of the `requests` to its units gets a response (some are `exceptions`) or not: the request has none, the
@@ -114,29 +114,33 @@ class SerialSession:
     ) -> None:
         self.settings = settings
         self.caller = Caller.without_address(settings.name)
-        self.counts = Counts()
+        self.counts = ServerCounts()
         self._router = router
         self._wake = wake
         self._emit = emit
         self._ring = ring or Ring()
+        #: Sends bytes; None while the port is not open.
         self._write: Callable[[bytes], None] | None = None
         self._echo = OwnEcho(settings.name, settings.source, emit, echoes=settings.echo)
+        #: The request in progress, and the PDU of its response, empty until there is one.
         self._current: Request | None = None
         self._answer = b""
         #: When the last bytes were read, and since when they may have waited for that.
         self._heard_at = self._heard_since = 0.0
+        #: When the line will have been silent for long enough for a response.
         self._quiet_at = 0.0
+        #: Until when a few bytes are taken for a glitch behind the request.
         self._glitch_until = 0.0
         self._is_ending = False
         self._tune(latency=0.0)
 
     @property
     def is_idle(self) -> bool:
-        """Whether no request of the client is in progress."""
+        """Tell whether no request of the client is in progress."""
         return self._current is None
 
     def port_up(self, write: Callable[[bytes], None], latency: float, now: float, *, virtual: bool = True) -> None:
-        """The port is open: responses are sent by `write`. Received bytes may be late by `latency` seconds.
+        """Send responses by `write` from now on: the port is open. Received bytes may be late by `latency` seconds.
 
         A `virtual` one carries bytes at once: the next request can arrive before a real line has carried a response.
         """
@@ -146,7 +150,7 @@ class SerialSession:
         self._quiet_at = now
 
     def port_down(self) -> None:
-        """The port is lost: the response is dropped."""
+        """Drop the response: the port is lost."""
         self._write = None
         self._drop()
         self._tune(self._latency)
@@ -166,7 +170,7 @@ class SerialSession:
         self._hear(self._framer.received(data, now, damaged=damaged), now)
 
     def deadline(self) -> float | None:
-        """When `tick` must be called, or None."""
+        """Return when `tick` must be called, or None."""
         silence = self._framer.deadline()
         if self._current is None:
             return silence
@@ -188,7 +192,7 @@ class SerialSession:
             self._respond(request, self._answer, write, now)
 
     def wants(self, request: Request) -> bool:
-        """Whether a waiting request should still be sent: always for a broadcast, which gets no response."""
+        """Tell whether a waiting request should still be sent: always for a broadcast, which gets no response."""
         return request is self._current or request.unit == BROADCAST_UNIT
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
@@ -252,7 +256,7 @@ class SerialSession:
         self._router.submit(request, now)
 
     def _has_newer_frame(self) -> bool:
-        """Whether bytes arrived after the request, perhaps long after: most likely the client's next request."""
+        """Tell whether bytes arrived after the request, perhaps long after: most likely the client's next request."""
         behind = self._framer.behind
         is_right_behind = self._heard_at <= self._glitch_until and self._heard_at == self._heard_since
         return behind > (_GLITCH if is_right_behind else 0)
