@@ -1,10 +1,10 @@
-"""In which order, and how often, handshakes are gone on with: pure, with the time as an argument."""
+"""Decides which handshake goes on next, and when: pure, with the time as an argument."""
 
 from collections import OrderedDict, deque
 from math import inf
 from typing import Final, Generic, TypeVar
 
-#: How much of the time steps of handshakes may take, and how many seconds of it are saved up while there are none.
+#: The share of the time that steps of handshakes may take, and how many seconds of it are saved up without any.
 SHARE: Final = 0.2
 SAVED: Final = 0.05
 
@@ -18,16 +18,19 @@ class Turns(Generic[AnyStream]):
     """
 
     def __init__(self) -> None:
+        #: The streams by address; the address whose turn comes next is first.
         self._due: OrderedDict[str, deque[AnyStream]] = OrderedDict()
+        #: How many seconds steps may take at once; negative if the last one took more.
         self._credit = SAVED
+        #: When time was last added to it.
         self._counted_at = -inf
 
     def add(self, stream: AnyStream, origin: str) -> None:
-        """A step of this stream, from this address, is due."""
+        """Add a stream from this address whose next step is due."""
         self._due.setdefault(origin, deque()).append(stream)
 
     def drop(self, stream: AnyStream, origin: str) -> None:
-        """No step of this stream is due any more, if one was."""
+        """Remove a stream; nothing happens if no step of it is due."""
         streams = self._due.get(origin, deque())
         if stream in streams:
             streams.remove(stream)
@@ -35,7 +38,7 @@ class Turns(Generic[AnyStream]):
                 del self._due[origin]
 
     def next(self) -> AnyStream | None:
-        """The stream whose turn it is, which is taken out; None if no step is due."""
+        """Take out the stream whose turn it is; None if no step is due."""
         if not self._due:
             return None
         origin, streams = self._due.popitem(last=False)
@@ -45,17 +48,17 @@ class Turns(Generic[AnyStream]):
         return stream
 
     def took(self, seconds: float, now: float) -> None:
-        """A step has taken this long."""
+        """Count the time that a step has taken."""
         self._count(now)
         self._credit -= seconds
 
     def pause(self, now: float) -> float:
-        """In how many seconds the next step may begin; 0.0 if now."""
+        """Return in how many seconds the next step may begin; 0.0 if now."""
         self._count(now)
         return max(0.0, -self._credit / SHARE)
 
     def clear(self) -> None:
-        """Nothing is due any more."""
+        """Remove all streams."""
         self._due.clear()
 
     def _count(self, now: float) -> None:
