@@ -70,5 +70,5 @@ def test_no_class_has_more_than_eighteen_attributes() -> None:
 
 def test_inherited_and_imported_attributes_are_counted() -> None:
     own = {"_arrivals", "_awaited", "_state", "_waiting"}
-    assert own | {"in_progress", "client"} <= attributes("gateway.listeners.sessions.over_tcp", "OverTcpSession")
+    assert own | {"in_progress", "caller"} <= attributes("gateway.listeners.sessions.over_tcp", "OverTcpSession")
     assert attributes("gateway.images.persistent", "PersistentImage") >= {"diagnostics", "_store"}
