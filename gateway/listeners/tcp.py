@@ -161,7 +161,7 @@ class TcpListener:
 
     def rejected(self, client: str, reason: str) -> None:
         """Count a client that is rejected."""
-        self.counts.add_rejection(host_of(client), reason, _now())
+        self.counts.add_rejection(split_host(client), reason, _now())
         self.emit(events.ClientRejected(self.settings.name, client, reason))
 
     def left_early(self, host: str, waited: float) -> None:

@@ -9,8 +9,7 @@ import pytest
 
 from gateway.errors import ListenError
 from gateway.listeners.settings import ListenSettings
-from gateway.listeners.sockets import OpenSockets, addresses, bind_sockets
-from gateway.listeners.sessions.session import ListenSettings
+from gateway.listeners.sockets import OpenSockets, bind_sockets, find_addresses
 from kit.free_port import free_port
 from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE, GatewayProcess, command
