@@ -21,14 +21,13 @@ minutes after another client was heard, such a frame is not believed: it counts 
 no evidence of another client.
 """
 
-from collections import deque
 from collections.abc import Callable
 from functools import partial
 from math import inf
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 
 from gateway.errors import RequestError
-from gateway.lines.late import LateWindows, Overdue, SentRequest
+from gateway.lines.ledger import FOREIGN_LASTS, FOREIGN_PER_UNIT, Exchange, Ledger, foreign_request
 from gateway.lines.overheard import Overheard
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
@@ -36,14 +35,8 @@ from gateway.modbus.explain import explain_pdu
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import KNOWN_FUNCTIONS, request_size, response_size
 from gateway.modbus.pdu import RequestPdu, parse_request, parse_sent
-from gateway.modbus.scan import NEVER, Token
+from gateway.modbus.scan import Token
 from gateway.timing.budget import AnswerTime
-
-#: At most this many requests of other clients to one unit are kept.
-_PER_UNIT: Final = 16
-#: A request to a unit that we send none to is kept for this many seconds. For as long after any request, another client
-#: may be there.
-_LONGEST: Final = 300.0
 
 #: Functions with frames that can be read both ways, unless the response repeats its request. A response to others has
 #: another size than any request, an even byte count (03, 04), or an odd length in place of the reference type 6 (20).
@@ -60,75 +53,48 @@ _TWOFOLD: Final = frozenset(
 Owner = Literal["the request", "another client", "a late response", "an echo", "another's request", "nobody"]
 
 
-class ForeignRequest(NamedTuple):
-    """Another client's request, when it was received, and the place of its end."""
-
-    at: float
-    end: int
-    frame: Frame
-    asked: RequestPdu
-
-
 class Attribution:
-    """Knows the requests on a line, ours and other clients', and finds the owner of each frame.
+    """Finds the owner of each frame on a line among the exchanges of its ledger.
 
-    `windows` are our late windows. `patience(asked, answer_time)` is for how many seconds a response to another
-    client's request may come from the unit that we ask. `foreign` are other clients' requests without a response, by
-    unit, `doubts` those that the response to our request may belong to. `overheard` has the counters of other frames.
+    `patience(asked, answer_time)` is for how many seconds a response to another client's request may come from the unit
+    that we ask.
     """
 
-    def __init__(self, windows: LateWindows, patience: Callable[[RequestPdu, AnswerTime], float]) -> None:
-        self.foreign: dict[int, deque[ForeignRequest]] = {}
-        self.doubts: list[ForeignRequest] = []
+    def __init__(self, ledger: Ledger, patience: Callable[[RequestPdu, AnswerTime], float]) -> None:
+        #: Counters of frames that are not responses to our requests.
         self.overheard = Overheard()
         #: Whether another client, or a copy of our requests, was ever heard.
         self.is_shared = False
-        #: The latest request that shows another client, and until when that may be there.
-        self.other_client: Overdue | None = None
         #: Called when another client's request was heard.
-        self.heard_asker: Callable[[], None] | None = None
-        #: Where our last request ended; NEVER while it is on the line.
-        self.ended_at: int
-        #: Of how many requests in a row a copy was received besides the response.
+        self.heard_other: Callable[[], None] | None = None
+        #: Another client's request that the response to ours may belong to.
+        self.doubt: Exchange | None = None
+        #: Our exchange that the last late response belongs to.
+        self.late: Exchange
+        #: Consecutive requests of ours that were also received as copies.
         self.echoes_in_a_row = 0
-        self._windows = windows
+        self._ledger = ledger
         self._patience = patience
-        #: The request of the last late response.
-        self.late: SentRequest
-        #: Our last request; where it was sent; whether it is on the line; whether its response has come.
-        self._asked: Transaction | None = None
-        self._place: int
-        self._is_on_line: bool
-        self._is_answered: bool
-        #: Copies of it that were received besides the response; until when one is an echo; whether that has come.
+        #: Copies of our last request that were received besides the response; until when one is an echo; whether that
+        #: has come.
         self._copies = 0
-        self._echo_until: float
-        self._had_echo: bool
+        self._echo_until = 0.0
+        self._had_echo = False
 
-    def begin(self, transaction: Transaction, position: int, echo_until: float) -> None:
-        """The request is sent at this place. A copy of it before `echo_until` is an echo."""
+    def begin(self, ours: Exchange, position: int, echo_until: float) -> None:
+        """Note that our request is sent at this place. A copy of it before `echo_until` is an echo."""
         self.echoes_in_a_row = self.echoes_in_a_row + 1 if self._copies else 0
         self._copies = 0
         self._echo_until = echo_until
         self._had_echo = False
-        self._asked = transaction
         self.overheard.count_sent()
-        self._place = position
-        self._is_on_line = transaction.expects_answer
-        self.ended_at = NEVER
-        self._is_answered = False
-        if self.doubts:
-            self.doubts = []
-        if self.foreign:
-            self._forget(transaction)
-
-    def end(self, position: int) -> None:
-        """The request is over at this place. Frames from before it may still follow."""
-        self._is_on_line = False
-        self.ended_at = min(self.ended_at, position)
+        self.doubt = None
+        if self._ledger.others:
+            self._forget(ours.sender)
+        self._ledger.begin(ours, position)
 
     def owner(self, token: Token) -> Owner:
-        """The owner of a frame. To be called once for each, in order."""
+        """Find the owner of a frame. To be called once for each, in order."""
         is_twofold = self._is_twofold(token)
         if self._answers_request(token, is_twofold=is_twofold):
             return "the request"
@@ -136,27 +102,17 @@ class Attribution:
             return "nobody"
         return self._other_owner(token, is_twofold=is_twofold)
 
-    def expect_client(self, request: Overdue) -> None:
-        """An earlier line has heard this request of another client."""
-        if self.other_client is None or self.other_client.ends_at < request.ends_at:
-            self.other_client = request
-
     def is_alone(self, now: float) -> bool:
-        """Whether no other client was heard for so long that none is there any more."""
-        return self.other_client is None or now >= self.other_client.ends_at
+        """Tell whether no other client was heard for so long that none is there any more."""
+        other = self._ledger.other_client
+        return other is None or now >= other.ends_at
 
-    def foreign_requests(self) -> list[ForeignRequest]:
-        """Other clients' requests without a response."""
-        return [request for requests in self.foreign.values() for request in requests]
-
-    def may_be_others(self, transaction: Transaction) -> bool:
-        """Whether another client waits for a response of the same unit."""
-        if transaction.answers_from is None:
-            return bool(self.foreign)
-        return transaction.unit in self.foreign
+    def may_be_others(self, exchange: Exchange) -> bool:
+        """Tell whether another client waits for a response of the same unit."""
+        return bool(self._ledger.foreign(None if exchange.answers_from is None else exchange.unit))
 
     def _other_owner(self, token: Token, *, is_twofold: bool) -> Owner:
-        """The owner of a frame that is not the response to our request."""
+        """Find the owner of a frame that is not the response to our request."""
         self._count_copy(token)
         if not (is_twofold or self._is_stripped(token)):
             if self._answers_other_client(token):
@@ -171,96 +127,98 @@ class Attribution:
         return "nobody"
 
     def _is_twofold(self, token: Token) -> bool:
-        """Whether it may be a response or a request: another client asks here, and the frame can be read both ways."""
-        other = self.other_client
+        """Tell whether it may be a response or a request: another client is there, and it can be read both ways."""
+        other = self._ledger.other_client
         return other is not None and token.at < other.ends_at and _is_request_and_response(token.frame.pdu)
 
     def _answers_request(self, token: Token, *, is_twofold: bool) -> bool:
-        asked = self._asked
-        if asked is None or not self._is_on_line or token.is_damaged:
+        ours = self._ledger.last
+        if ours is None or not ours.is_awaited or token.is_damaged:
             return False
-        if token.start < asked.expected.since or not asked.accepts(token.frame):
+        if token.start < ours.since or not ours.accepts(token.frame):
             return False
-        self.end(token.end)
-        self._is_answered = True
-        if self._echo_until == inf and asked.expected.since > self._place:
+        ours.finish(token.end)
+        ours.is_answered = True
+        if self._echo_until == inf and ours.since > ours.place:
             self._had_echo = True  # the scanner has removed it
-        if self.foreign or self.doubts:
-            self.doubts = self._doubts_about(token.frame, asked)
         if is_twofold:
-            self.doubts.append(ForeignRequest(token.at, token.end, token.frame, parse_request(token.frame.pdu)))
-        return not self.doubts
+            self.doubt = foreign_request(token.frame, parse_request(token.frame.pdu), token.at, token.end)
+        if self._ledger.others:
+            self.doubt = self._doubt_about(token.frame, ours) or self.doubt
+        return self.doubt is None
 
-    def _doubts_about(self, frame: Frame, asked: Transaction) -> list[ForeignRequest]:
-        """Other clients' requests that `frame` may answer: not one that equals ours and came later."""
-        return [
-            request
-            for unit in {frame.unit, asked.unit}
-            for request in self.foreign.get(unit, ())
-            if _may_answer(frame.pdu, request.asked)
-            and request.at + self._patience(request.asked, asked.device.answer_time) >= asked.sent_at
-            and (request.end <= self._place or not asked.is_copy(request.frame))
-        ]
+    def _doubt_about(self, frame: Frame, ours: Exchange) -> Exchange | None:
+        """Find another client's request that `frame` may answer: not one that equals ours and came later."""
+        transaction = ours.sender
+        for each in self._ledger.foreign():
+            if each.unit not in (frame.unit, ours.unit) or not _may_answer(frame.pdu, each.asked):
+                continue
+            may_come = each.asked_at + self._patience(each.asked, transaction.device.answer_time)
+            is_same = each.unit == ours.unit and each.asked.data == ours.asked.data
+            if may_come >= transaction.sent_at and not (is_same and each.place > ours.place):
+                return each
+        return None
 
     def _is_damaged_response(self, token: Token) -> bool:
-        """Whether it is the response to our request with a damaged byte, and nobody else was ever heard."""
-        asked = self._asked
-        if not token.is_damaged or asked is None or not self._is_on_line or self.is_shared or self._echo_until == inf:
+        """Tell whether it is the response to our request with a damaged byte, and nobody else was ever heard."""
+        ours = self._ledger.last
+        if not token.is_damaged or ours is None or not ours.is_awaited or self.is_shared or self._echo_until == inf:
             return False
-        return token.start >= asked.expected.since and asked.accepts(token.frame)
+        return token.start >= ours.since and ours.accepts(token.frame)
 
     def _is_stripped(self, token: Token) -> bool:
-        """Whether it is our echo, which comes before the response, if there is one: it answers nobody."""
-        asked = self._asked
-        if asked is None or not asked.is_copy(token.frame):
+        """Tell whether it is our echo, which comes before the response, if there is one: it answers nobody."""
+        ours = self._ledger.last
+        if ours is None or not ours.is_copy(token.frame):
             return False
-        if not asked.expects_answer:
+        if not ours.sender.expects_answer:
             return self._echo_until == inf and not self._had_echo
-        return self._place <= token.start and token.end <= asked.expected.since
+        return ours.place <= token.start and token.end <= ours.since
 
     def _answers_other_client(self, token: Token) -> bool:
-        """If one of our late responses looks the same, this may have been that one: its window is extended.
+        """Close the other client's request that a frame answers.
 
-        It may answer an earlier sending of the request on the line, too: then another client's is still awaited.
+        If one of our late responses looks the same, this may have been that one: its window is extended. It may answer
+        an earlier sending of the request on the line, too: then another client's is still awaited.
         """
-        frame, ours = token.frame, self._asked
-        is_ours_too = ours is not None and self._is_on_line and ours.outstanding > 1 and ours.accepts(frame)
-        for request in self.foreign.get(frame.unit, ()):
-            asked = request.asked
+        if token.is_damaged or not self._ledger.others:
+            return False
+        frame, ours = token.frame, self._ledger.last
+        is_ours_too = ours is not None and ours.is_awaited and ours.owed > 1 and ours.accepts(frame)
+        for each in self._ledger.foreign(frame.unit):
+            asked = each.asked
             is_repeated = frame.pdu == asked.data != asked.response_head
-            is_over = token.at > request.at + _LONGEST
-            if not (is_repeated or is_over or token.is_damaged) and asked.accepts(frame.pdu):
-                if is_ours_too:
-                    return True
-                self.foreign[frame.unit].remove(request)
-                self._drop_empty(frame.unit)
-                self._windows.extend(token, request.at, partial(self._patience, asked))
+            is_over = token.at > each.ends_at
+            if not (is_repeated or is_over) and asked.accepts(frame.pdu):
+                if not is_ours_too:
+                    self._ledger.close(each)
+                    self._ledger.extend(token, each, partial(self._patience, asked))
                 return True
         return False
 
     def _is_late(self, token: Token) -> bool:
-        request = self._windows.take(token) if self._windows.windows else None
-        if request is not None:
-            self.late = request
-        return request is not None
+        late = self._ledger.take_late(token) if self._ledger.others else None
+        if late is not None:
+            self.late = late
+        return late is not None
 
     def _was_refused(self, token: Token) -> bool:
-        """Whether it has ended our request, but may be another client's, or for another client."""
-        return bool(self.doubts) and token.end == self.ended_at
+        """Tell whether it has ended our request, but may be another client's, or for another client."""
+        return self.doubt is not None and self._ledger.last is not None and token.end == self._ledger.last.ended_at
 
     def _is_echo(self, token: Token) -> bool:
-        """Whether it is a copy of our request that came from the adapter, or a response to a broadcast.
+        """Tell whether it is a copy of our request that came from the adapter, or a response to a broadcast.
 
         A request has one echo: a copy that comes so soon that nobody else can have sent it. Any other copy is another
         client's request, unless the adapter is known to echo. That includes a second copy of a response that is equal
         to its request (05, 06): if another client has sent it, one more follows.
         """
-        asked = self._asked
-        if asked is None or token.start < self._place or not _is_repeated(asked, token.frame):
+        ours = self._ledger.last
+        if ours is None or token.start < ours.place or not _is_repeated(ours, token.frame):
             return False
-        may_be_response = asked.asked.accepts(token.frame.pdu)
+        may_be_response = ours.asked.accepts(token.frame.pdu)
         is_first, self._had_echo = not self._had_echo, True
-        is_over = token.start >= self.ended_at
+        is_over = token.start >= ours.ended_at
         if may_be_response and not is_over:
             return True  # it came too early for the response
         if is_over and not may_be_response:
@@ -272,17 +230,17 @@ class Attribution:
 
     def _count_copy(self, token: Token) -> None:
         """Count a frame that is a copy of our request and not the response to it."""
-        asked = self._asked
-        if asked is None or token.start < self._place or not _is_repeated(asked, token.frame):
+        ours = self._ledger.last
+        if ours is None or token.start < ours.place or not _is_repeated(ours, token.frame):
             return
         if self._was_refused(token):
             return  # it may be the response
-        if self._is_on_line or asked.asked.accepts(token.frame.pdu):
+        if ours.is_awaited or ours.asked.accepts(token.frame.pdu):
             self._copies += 1
             self.is_shared = True
 
     def _is_request(self, token: Token, *, is_sure: bool) -> bool:
-        """Whether it can be read as a request. One that is not sure proves no other client."""
+        """Keep a frame that can be read as a request. One that is not sure proves no other client."""
         frame = token.frame
         try:
             asked = parse_sent(frame.pdu)
@@ -290,71 +248,66 @@ class Attribution:
             return False
         if asked.function not in KNOWN_FUNCTIONS:
             return False
-        at, ours = token.at, self._asked
+        at, ours = token.at, self._ledger.last
         is_copy = ours is not None and ours.is_copy(frame)
         if ours is not None and is_copy:
             self.overheard.count_copy(token.at)
-            at = max(at, ours.ends_at)  # the response that follows may be ours
+            at = max(at, ours.asked_at)  # the response that follows may be ours
         elif is_sure and not self._may_be_response(frame):
             self.overheard.count_request(token.at)
         self.is_shared = True
-        self._await_response(ForeignRequest(at, token.end, frame, asked))
+        self._await_response(foreign_request(frame, asked, at, token.end))
         may_be_response = is_copy and asked.accepts(frame.pdu)
         if is_sure and not may_be_response:
-            self.other_client = Overdue(frame.unit, frame.unit, frame.pdu, 0, token.at + _LONGEST)
-            if self.heard_asker is not None:
-                self.heard_asker()
+            self._ledger.other_client = foreign_request(frame, asked, token.at, token.end)
+            if self.heard_other is not None:
+                self.heard_other()
         return True
 
     def _may_be_response(self, frame: Frame) -> bool:
-        """Whether it may as well be the response to ours with another value: a device limits what is written."""
-        ours = self._asked
-        if ours is None or not self._is_on_line or frame.unit != ours.unit:
+        """Tell whether it may as well be the response to ours with another value: a device limits what is written."""
+        ours = self._ledger.last
+        if ours is None or not ours.is_awaited or frame.unit != ours.unit:
             return False
         return explain_pdu(ours.asked, frame.pdu) != ""
 
-    def _await_response(self, request: ForeignRequest) -> None:
+    def _await_response(self, request: Exchange) -> None:
         """Remember another client's request. If there are too many, one that may be a response goes first."""
-        requests = self.foreign.setdefault(request.frame.unit, deque())
-        if len(requests) >= _PER_UNIT:
-            requests.remove(next((each for each in requests if _is_request_and_response(each.frame.pdu)), requests[0]))
-        requests.append(request)
+        requests = self._ledger.foreign(request.unit)
+        if len(requests) >= FOREIGN_PER_UNIT:
+            doubtful = (each for each in requests if _is_request_and_response(each.asked.data))
+            self._ledger.close(next(doubtful, requests[0]))
+        self._ledger.others.append(request)
 
     def _count_stray_response(self, token: Token) -> None:
-        """A frame without an owner may be a second response to our last request, or come after its late window."""
-        asked = self._asked
-        if asked is None or token.start < self.ended_at or token.is_damaged or not asked.accepts(token.frame):
+        """Count a frame without an owner: a second response to our last request, or one after its late window."""
+        ours = self._ledger.last
+        if ours is None or token.start < ours.ended_at or token.is_damaged or not ours.accepts(token.frame):
             return
-        if self._is_answered:
+        counts = ours.sender.device.counts
+        if ours.is_answered:
             self.overheard.count_second_response(token.frame.unit)
-            asked.device.counts.record("twice", token.at)
+            counts.record("twice", token.at)
         else:
-            self.overheard.count_belated(token.frame.unit, token.at - asked.ends_at, asked.limit)
-            asked.device.counts.record("late", token.at)
+            self.overheard.count_belated(token.frame.unit, token.at - ours.asked_at, ours.sender.limit)
+            counts.record("late", token.at)
 
     def _forget(self, asked: Transaction) -> None:
         """Forget requests that nothing can answer any more. The answer times of other units are not known here."""
-        for unit, requests in list(self.foreign.items()):
-            while requests:
-                answer_time = asked.device.answer_time
-                patience = self._patience(requests[0].asked, answer_time) if unit == asked.unit else _LONGEST
-                if requests[0].at + patience >= asked.sent_at:
-                    break
-                requests.popleft()
-            self._drop_empty(unit)
-
-    def _drop_empty(self, unit: int) -> None:
-        if not self.foreign[unit]:
-            del self.foreign[unit]
+        for each in self._ledger.foreign():
+            answer_time = asked.device.answer_time
+            patience = self._patience(each.asked, answer_time) if each.unit == asked.unit else FOREIGN_LASTS
+            if each.asked_at + patience < asked.sent_at:
+                self._ledger.close(each)
 
 
-def _is_repeated(asked: Transaction, frame: Frame) -> bool:
-    """Whether `frame` is a copy of the request; of a broadcast, from any unit."""
-    return frame.pdu == asked.asked.data and asked.unit in (frame.unit, BROADCAST_UNIT)
+def _is_repeated(ours: Exchange, frame: Frame) -> bool:
+    """Tell whether `frame` is a copy of the request; of a broadcast, from any unit."""
+    return frame.pdu == ours.asked.data and ours.unit in (frame.unit, BROADCAST_UNIT)
 
 
 def _is_request_and_response(pdu: bytes) -> bool:
-    """Whether a PDU is a valid request, and may be a response that does not repeat its request.
+    """Tell whether a PDU is a valid request, and may be a response that does not repeat its request.
 
     That is so for 17 to 24 coils or discrete inputs (01, 02), a counter that is 0 (08), and five or more registers of
     function 23.
@@ -369,7 +322,7 @@ def _is_request_and_response(pdu: bytes) -> bool:
 
 
 def _may_answer(response: bytes, asked: RequestPdu) -> bool:
-    """Whether another client may get this response.
+    """Tell whether another client may get this response.
 
     Mostly its function alone counts: an exception fits any quantity, and another client may repeat its request with
     another one. But where the response repeats the request (05, 06), it fits no other.

@@ -8,7 +8,7 @@ from math import inf
 from typing import Final
 
 from gateway.errors import Unwanted
-from gateway.lines.late import LateWindows
+from gateway.lines.ledger import Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.transaction import ScanTransaction
 
@@ -22,11 +22,11 @@ class IdleTime:
     `held_until` is when no late window forbids it any more, `others` how many were sent while it waits.
     """
 
-    def __init__(self, queue: WaitingQueue, windows: LateWindows) -> None:
+    def __init__(self, queue: WaitingQueue, ledger: Ledger) -> None:
         self.question: ScanTransaction | None = None
         self.held_until = 0.0
         self._queue = queue
-        self._windows = windows
+        self._ledger = ledger
         self.others = 0
         #: The question that was sent last.
         self._last: ScanTransaction | None = None
@@ -45,7 +45,7 @@ class IdleTime:
             return None
         if len(self._queue) and not self._has_its_turn():
             return None
-        until = self._windows.forbid_until(question, now) if self._windows.windows else None
+        until = self._ledger.forbid_until(question, now) if self._ledger.others else None
         if until is not None:
             self.held_until = until
             return None

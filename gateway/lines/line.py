@@ -37,12 +37,11 @@ from gateway import errors
 from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.echo import EchoDetector
-from gateway.lines.late import LateWindows, Overdue
+from gateway.lines.ledger import Exchange, HasArrived, Ledger
 from gateway.lines.overheard import Overheard
 from gateway.lines.receiver import NOTHING, Outcome, Receiver
 from gateway.lines.scheduler import Permits, Scheduler, earliest
 from gateway.lines.settings import LineSettings
-from gateway.lines.stall import HasArrived
 from gateway.lines.telling import Recorder, Report
 from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
@@ -73,17 +72,16 @@ class Line:
         self.observer: Observer | None = None
         self._report = Report(settings.name, settings.source, emit, settings.timing.mode)
         recorder = Recorder(settings.name, ring or Ring())
-        self._windows = LateWindows(settings.late_window)
+        self._ledger = Ledger(settings.late_window)
         echo = EchoDetector(self._report, is_configured=settings.echo)
-        self._receiver = Receiver(settings, self._windows, echo, self._report, recorder)
-        self._scheduler = Scheduler(settings, self._windows, echo, self._report, recorder, self._limit_of)
+        self._receiver = Receiver(settings, self._ledger, echo, self._report, recorder)
+        self._scheduler = Scheduler(settings, self._ledger, echo, self._report, recorder, self._limit_of)
         self._reopening = self._scheduler.reopening
         self._write: Write | None = None
         self._has_arrived: HasArrived | None = None
         self._is_virtual = True
         self._state: State = "down"
-        #: The request on the line or to be repeated, and why it was without a response when it was sent before.
-        self._current: Transaction | None = None
+        #: Why the request on the line was without a response when it was sent before.
         self._diagnosis = NOTHING
         self._quiet_at = 0.0
         self._tune(latency=0.0)
@@ -109,32 +107,32 @@ class Line:
         return self._receiver.attribution.echoes_in_a_row
 
     def late_windows(self, now: float) -> int:
-        """How many late windows are open."""
-        return self._windows.count(now)
+        """Count the late windows."""
+        return self._ledger.count_late(now)
 
     def window_end(self, transaction: Transaction) -> float:
-        """Until when an answer to a transaction that was on the line may come late."""
-        return self._windows.end_of(transaction, transaction.fails_at)
+        """Return until when an answer to a transaction that was on the line may come late."""
+        return self._ledger.end_of(transaction, transaction.fails_at)
 
     def changes_until(self, units: Collection[int], now: float) -> float:
         """Return until when a device with one of the `units` may still change its address; 0 if none may."""
-        current = self._current
+        current = self._ledger.current
         if current is not None and current.answers_from is None and current.unit in units:
-            return self.window_end(current)
-        return self._windows.changes_until(units, now)
+            return self.window_end(current.sender)
+        return self._ledger.changes_until(units, now)
 
     def phases(self, now: float) -> Phases:
         """How the line's time was used, including the transaction in progress."""
-        current = self._current
+        current = self._ledger.current
         if current is None or not self._is_awaiting:
             return self.spent.phases()
-        ends_at = min(current.ends_at, now)
-        return self.spent.phases(ends_at - current.sent_at, now - ends_at)
+        asked_at = min(current.asked_at, now)
+        return self.spent.phases(asked_at - current.sender.sent_at, now - asked_at)
 
     def share(self, permits: Permits, heard_asker: Callable[[], None]) -> None:
         """Others ask here in turn: nothing is sent without a look at `permits`. `heard_asker` is called if one asks."""
         self._scheduler.permits = permits
-        self._receiver.attribution.heard_asker = heard_asker
+        self._receiver.attribution.heard_other = heard_asker
 
     def be_silent(self, until: float) -> None:
         """Send nothing before then."""
@@ -153,7 +151,7 @@ class Line:
         self._tune(latency)
         self._write = write
         self._quiet_at = now + self._gap
-        self._scheduler.connected(has_arrived)
+        self._ledger.connected(has_arrived)
         if self._state != "closed":
             self._scheduler.end_rests()
         self._reopening.end()
@@ -164,14 +162,14 @@ class Line:
         self._disconnect("down")
         waiting = self._scheduler.clear()
         try:
-            if self._current is not None:
-                self._finish(self._current, errors.LineLost(), now)
+            if self._ledger.current is not None:
+                self._finish(self._ledger.current, errors.LineLost(), now)
         finally:
             self._fail_waiting(waiting, now)
 
     def must_renew(self, now: float) -> bool:
         """Whether a new connection is needed: this one may hold back requests."""
-        return not self.is_busy and self._scheduler.must_renew(now)
+        return not self.is_busy and self._ledger.must_renew(now)
 
     def renew(self, now: float) -> None:
         """The connection is being closed, and a new one is needed: waiting requests go on waiting."""
@@ -199,7 +197,7 @@ class Line:
     @property
     def is_busy(self) -> bool:
         """Whether a request is on the line, or about to be sent again."""
-        return self._current is not None
+        return self._ledger.current is not None
 
     def is_quiet(self, now: float) -> bool:
         """Whether a request would be sent at once."""
@@ -208,44 +206,26 @@ class Line:
     def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones are not sent (0A), the one on the line may be answered."""
         is_repeating = self._state == "repeating"
-        self._disconnect("down" if self._current is None else "last")
+        self._disconnect("last" if self.is_busy else "down")
         waiting = self._scheduler.clear()
         try:
-            if is_repeating and self._current is not None:
-                self._fail(self._current, now)
+            if is_repeating and self._ledger.current is not None:
+                self._fail(self._ledger.current, now)
         finally:
             self._fail_waiting(waiting, now)
 
-    def overdue(self, now: float, patience: float) -> list[Overdue]:
-        """What may still come, for the next line on the same port: late responses, other clients', and their requests.
+    def handed_on(self, now: float, patience: float) -> list[Exchange]:
+        """See Ledger."""
+        return self._ledger.handed_on(now, patience)
 
-        Other clients' responses come within `patience` seconds of the request.
-        """
-        attribution = self._receiver.attribution
-        others = [
-            Overdue(request.frame.unit, request.frame.unit, request.asked.data, 1, request.at + patience)
-            for request in attribution.foreign_requests()
-        ]
-        if attribution.other_client is not None:
-            others.append(attribution.other_client)
-        return self._windows.overdue(now) + [each for each in others if each.ends_at > now]
-
-    def await_overdue(self, answers: Iterable[Overdue], patience: float) -> None:
-        """Open late windows for the requests of an earlier line on the port, and expect its other clients.
-
-        A response of any device comes within `patience` seconds of its request.
-        """
-        for each in answers:
-            if not each.owed:
-                self._receiver.attribution.expect_client(each)
-                continue
-            expected = self._receiver.expected(each.answers_from, each.asked)
-            self._windows.open(each, expected, each.ends_at, each.owed, patience)
+    def take_over(self, exchanges: Iterable[Exchange], patience: float) -> None:
+        """See Ledger."""
+        self._ledger.take_over(exchanges, self._receiver.position, patience)
 
     def change_rate(self, baud: int, now: float) -> None:
         """Devices and port change to another rate after the transaction on the line; nothing is sent for a moment."""
         self.settings = replace(self.settings, timing=replace(self.settings.timing, baud=baud))
-        if self._current is None:
+        if not self.is_busy:
             self._follow_rate(now)
 
     def submit(self, transaction: Transaction, now: float) -> None:
@@ -261,15 +241,15 @@ class Line:
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
         """Take bytes. A frame that contains all of `damaged` ones is no response."""
-        if self._state == "repeating" and self._current is not None:
-            self._stop_repeating(self._current, now)
-        current = self._current
+        if self._state == "repeating" and self._ledger.current is not None:
+            self._stop_repeating(self._ledger.current, now)
+        current = self._ledger.current
         if current is None:
             self._quiet_at = max(self._quiet_at, now + self._gap)
             self._receiver.received(data, now, damaged=damaged)
             self._take_idle(len(data), now)
             return
-        early = not self._is_virtual and now < current.ends_at and not self.settings.echo
+        early = not self._is_virtual and now < current.asked_at and not self.settings.echo
         if not early:
             self._quiet_at = now + self._gap
             early = self._has_arrived is not None and not self._has_arrived()
@@ -280,19 +260,20 @@ class Line:
 
     def deadline(self) -> float | None:
         """When to call `tick`, or None."""
-        if self._current is not None:
-            deadline = earliest(self._next_step(self._current), self._scheduler.next_expiry())
+        current = self._ledger.current
+        if current is not None:
+            deadline = earliest(self._next_step(current), self._scheduler.next_expiry())
         elif self._write is None:
             deadline = earliest(self._reopening.until, self._scheduler.next_expiry())
         else:
             deadline = self._scheduler.deadline(self._quiet_at)
             if self._receiver.silent_at < inf:
                 deadline = earliest(deadline, self._receiver.silent_at)
-        return earliest(deadline, self._receiver.late_deadline()) if self._windows.windows else deadline
+        return earliest(deadline, self._receiver.late_deadline()) if self._ledger.others else deadline
 
     def read_at(self, now: float) -> float | None:
         """When to read the port again: no byte before that decides anything. None: at the next byte."""
-        return None if self._windows.windows else self._receiver.read_at(now)
+        return None if self._ledger.others and self._ledger.late() else self._receiver.read_at(now)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence, a time limit or a late window may have ended."""
@@ -300,12 +281,11 @@ class Line:
         self._report_late(now)
         if now >= self._receiver.silent_at:
             self._end_idle_frames()
-        for transaction in self._scheduler.take_underway(now):
-            expected = self._receiver.expected(transaction.answers_from, transaction.asked)
-            self._scheduler.await_arrived(transaction, expected, now)
+        if self._ledger.others:
+            self._ledger.await_arrived(self._receiver.position, now)
         if self._reopening.until is not None:
             self._fail_waiting(self._reopening.given_up(now), now)
-        current = self._current
+        current = self._ledger.current
         if current is not None and outcome is not None:
             self._take(current, outcome, now)
         elif current is not None and self._is_awaiting and now >= self._next_step(current):
@@ -326,7 +306,7 @@ class Line:
     def _disconnect(self, state: State) -> None:
         self._state = state
         self._write = None
-        self._scheduler.connected(None)
+        self._ledger.connected(None)
         self._reopening.end()
 
     def _limit_of(self, transaction: Transaction) -> float:
@@ -337,11 +317,11 @@ class Line:
         self._tune(self._budget.latency)
         self._quiet_at = max(self._quiet_at, now + RATE_CHANGE_PAUSE)
 
-    def _next_step(self, current: Transaction) -> float:
+    def _next_step(self, current: Exchange) -> float:
         """When the state ends without an event. A response of unknown size that has begun may be completed."""
         if self._state == "repeating":
             return self._quiet_at
-        silence, fails_at = self._receiver.deadline(), current.fails_at
+        silence, fails_at = self._receiver.deadline(), current.sender.fails_at
         if silence is not None:
             return silence if silence <= fails_at else min(silence, fails_at + self.settings.timing.longest_frame)
         damaged_at = self._receiver.damaged_at
@@ -353,10 +333,11 @@ class Line:
         given_up = self._scheduler.given_up(now)
         try:
             while self._write is not None and self._state != "awaiting" and now >= self._quiet_at:
-                transaction = self._current or self._scheduler.next(now)
+                again = self._ledger.current
+                transaction = self._scheduler.next(now) if again is None else again.transaction
                 if transaction is None:
                     break
-                rejection = None if transaction is self._current else self._rejection(transaction, now)
+                rejection = self._rejection(transaction, now) if again is None else None
                 if rejection is None:
                     self._send(transaction, self._write, now)
                 else:
@@ -379,42 +360,41 @@ class Line:
             return
         if self._receiver.silent_at < inf:
             self._end_idle_frames()
-        self._current, self._state = transaction, "awaiting"
+        self._state = "awaiting"
+        current = self._ledger.take(transaction)
         try:
             transaction.start(self._budget, now)
         except RequestError as error:
-            self._current, self._state = None, "idle"
+            self._ledger.current, self._state = None, "idle"
             self._refuse(transaction, error, now)
             return
         transaction.count_sent(now)
         self._scheduler.sent()
-        transaction.outstanding += not transaction.is_broadcast
         if transaction.expects_answer:
             self._quiet_at = transaction.ends_at + self._gap
-            write(self._receiver.begin(transaction, now))
+            write(self._receiver.begin(current, now))
         else:
-            self._send_unanswered(transaction, write, now)
+            self._send_unanswered(current, write, now)
 
     def _withhold(self, transaction: Transaction, now: float) -> None:
         """Another one may ask on the line now. Repeats were sent before."""
-        if transaction is self._current:
-            self._finish(transaction, errors.LineLost(), now)
+        if self._ledger.current is not None:
+            self._finish(self._ledger.current, errors.LineLost(), now)
         else:
             self._fail_waiting([transaction], now)
 
-    def _send_unanswered(self, transaction: Transaction, write: Write, now: float) -> None:
+    def _send_unanswered(self, current: Exchange, write: Write, now: float) -> None:
         """Send a request without a response, and give the devices time to act."""
-        self._current, self._state = None, "idle"
+        transaction = current.sender
+        self._state = "idle"
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
         self.spent.add(now, transaction.ends_at, transaction.ends_at, 0, self._quiet_at)
         self._use(transaction, self._quiet_at)
-        overdue: list[Transaction] = []
         try:
-            write(self._receiver.begin(transaction, now))
+            write(self._receiver.begin(current, now))
             self._scheduler.recorder.exchange(transaction, None, now)
-            if transaction.outstanding:  # a unit without a listen-only mode responds all the same
-                overdue = self._scheduler.await_late(transaction, now)
         finally:
+            overdue = self._scheduler.end(now)  # a unit without a listen-only mode responds all the same
             transaction.end()
             self._fail_overdue(overdue, now)
 
@@ -435,51 +415,53 @@ class Line:
         if not self._receiver.late_responses:
             return
         late, self._receiver.late_responses = self._receiver.late_responses, []
-        for request, frame in late:
-            if isinstance(request, Transaction):
-                if not request.is_scan:
-                    self._report.late_response(request, now)
-                self._scheduler.record_response(request)
-                request.device.finished(request, frame)
+        for exchange, frame in late:
+            transaction = exchange.transaction
+            if transaction is not None:
+                if not transaction.is_scan:
+                    self._report.late_response(transaction, now)
+                self._scheduler.record_response(exchange)
+                transaction.device.finished(transaction, frame)
 
-    def _take(self, current: Transaction, outcome: Outcome, now: float) -> None:
+    def _take(self, current: Exchange, outcome: Outcome, now: float) -> None:
         """The response came, or an ambiguous one."""
         if isinstance(outcome, Frame):
-            current.count_response(now)
-            current.outstanding -= 1
+            current.sender.count_response(now)
+            current.owed -= 1
             self._scheduler.record_response(current)
         else:  # the response to this request comes next
-            self._quiet_at = max(self._quiet_at, current.fails_at)
+            self._quiet_at = max(self._quiet_at, current.sender.fails_at)
         self._finish(current, outcome, now)
 
-    def _give_up(self, current: Transaction, now: float) -> None:
+    def _give_up(self, current: Exchange, now: float) -> None:
         """No response came: send the request again if it may be, or fail it.
 
         A damaged response is repeated at once; after silence, and if it may be another client's, the late window comes
         first.
         """
+        transaction = current.sender
         diagnosis = self._diagnosis = self._receiver.diagnose()
         self._report_late(now)
-        current.outstanding -= self._receiver.has_damaged_response(now)
-        if current.outstanding:  # else the response was damaged
+        current.owed -= self._receiver.has_damaged_response(now)
+        if current.owed:  # else the response was damaged
             self._record_failure(current, diagnosis.text, now)
         at_once = diagnosis.verdict == "broken" and not self._receiver.attribution.may_be_others(current)
-        if not self._may_repeat(current, now if at_once else self._windows.end_of(current, now)):
+        if not self._may_repeat(transaction, now if at_once else self._ledger.end_of(transaction, now)):
             self._fail(current, now)
         elif at_once:
-            self._scheduler.recorder.failed(current, None, now, diagnosis.text)
-            current.retries += 1
-            self._spend(current, 0, now)
+            self._scheduler.recorder.failed(transaction, None, now, diagnosis.text)
+            transaction.retries += 1
+            self._spend(transaction, 0, now)
             self._state = "repeating"
         else:
             self._finish(current, None, now)
 
-    def _record_failure(self, current: Transaction, text: bytes, now: float) -> None:
+    def _record_failure(self, current: Exchange, text: bytes, now: float) -> None:
         """No response came, but `text`. A late response of another unit may have collided with it."""
         if not text:
-            self._scheduler.record_silence(current, now)
-        if not (current.is_scan or self._receiver.may_have_collided(current.unit, text)):
-            self._scheduler.record_failure(current, now)
+            self._ledger.hold(current)
+        if not (current.sender.is_scan or self._receiver.may_have_collided(current.unit, text)):
+            self._scheduler.record_failure(current.sender, now)
 
     def _may_repeat(self, current: Transaction, at: float) -> bool:
         """Whether the request may be sent once more, not before `at`."""
@@ -488,65 +470,69 @@ class Line:
         if self._write is None or not current.is_wanted:
             return False
         if not current.retries:
-            window = self._windows.end_of(current, current.fails_at) - current.fails_at
+            window = self._ledger.end_of(current, current.fails_at) - current.fails_at
             request = current.ends_at - current.sent_at
             within = self.settings.time_for_repeats(request, current.limit, window)
             current.gives_up_at = current.sent_at + within - request - current.limit
         return at <= current.gives_up_at
 
-    def _stop_repeating(self, current: Transaction, now: float) -> None:
+    def _stop_repeating(self, current: Exchange, now: float) -> None:
         """Bytes came that may be the response: the request is not sent again, nor another one now."""
-        current.outstanding = max(1, current.outstanding)
+        current.owed = max(1, current.owed)
         self._quiet_at = max(self._quiet_at, nextafter(now, inf))
         self._fail(current, now)
 
-    def _fail(self, current: Transaction, now: float) -> None:
+    def _fail(self, current: Exchange, now: float) -> None:
         """The transaction has failed."""
         verdict, text = self._diagnosis
-        if not current.is_scan:
-            self._report.given_up(current, now, received=text, is_echo=verdict == "echo")
+        transaction = current.sender
+        if not transaction.is_scan:
+            is_echo, is_damaged = verdict == "echo", not current.owed
+            self._report.given_up(transaction, now, received=text, is_echo=is_echo, is_damaged=is_damaged)
         elif verdict != "broken":
             text = b""  # only frames of others: the unit that was asked is silent
         self._finish(current, errors.BrokenResponse() if text else errors.ResponseTimeout(), now)
 
-    def _finish(self, current: Transaction, outcome: Frame | RequestError | None, now: float) -> None:
+    def _finish(self, current: Exchange, outcome: Frame | RequestError | None, now: float) -> None:
         """The transaction is over; without an outcome it waits to be sent again."""
+        transaction = current.sender
         self._receiver.stop()
         if isinstance(outcome, Frame):
-            self._scheduler.recorder.exchange(current, outcome.pdu, now, outcome.unit)
+            self._scheduler.recorder.exchange(transaction, outcome.pdu, now, outcome.unit)
         else:
             self._keep_failure(current, outcome, now)
-        overdue = self._scheduler.await_late(current, now) if current.outstanding else []
+        overdue = self._scheduler.end(now)
         if outcome is None:
-            self._scheduler.put_back(current.again())
+            self._scheduler.put_back(transaction.again())
         response = outcome if isinstance(outcome, Frame) else None
         if self._state != "repeating":
-            self._spend(current, 0 if response is None else len(response.pdu), now)
-        self._current = None
+            self._spend(transaction, 0 if response is None else len(response.pdu), now)
         self._state = "down" if self._write is None else "idle"
         if self._budget.line is not self.settings.timing:
             self._follow_rate(now)
         try:
-            current.device.finished(current, response)
+            transaction.device.finished(transaction, response)
             if self.observer is not None:
-                self.observer(current, response, now)
+                self.observer(transaction, response, now)
             self._take_idle(self._receiver.take_behind(), now)
         finally:
             if response is not None:
-                current.respond(response.pdu, now)
+                transaction.respond(response.pdu, now)
             elif isinstance(outcome, RequestError):
-                current.fail_sent(outcome, now)
+                transaction.fail_sent(outcome, now)
             self._fail_overdue(overdue, now)
 
-    def _keep_failure(self, current: Transaction, error: RequestError | None, now: float) -> None:
+    def _keep_failure(self, current: Exchange, error: RequestError | None, now: float) -> None:
         """Record what came instead of a response, and until when one may come late."""
+        transaction = current.sender
         is_given_up = error is None or isinstance(error, errors.ResponseTimeout | errors.BrokenResponse)
-        late_until = self._windows.end_of(current, now) if current.outstanding else 0.0
-        self._scheduler.recorder.failed(current, error, now, self._diagnosis.text if is_given_up else b"", late_until)
+        late_until = self._ledger.end_of(transaction, now) if current.owed else 0.0
+        heard = self._diagnosis.text if is_given_up else b""
+        self._scheduler.recorder.failed(transaction, error, now, heard, late_until)
 
     def _refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
         """Fail a request that was not sent, and record why."""
-        until = self._windows.forbid_until(transaction, now) if self._windows.windows else None
+        until = self._ledger.forbid_until(transaction, now) if self._ledger.others else None
         self._scheduler.recorder.refused(transaction, error, now, waiting=self.waiting, late_until=until or 0.0)
         transaction.fail(error)
 
@@ -572,5 +558,5 @@ class Line:
         self.spent.usage.add(client, transaction.unit, transaction.asked.function, until - transaction.sent_at)
 
     def __repr__(self) -> str:
-        current = f" {self._current!r}" if self._current else ""
+        current = "" if self._ledger.current is None else f" {self._ledger.current.sender!r}"
         return f"<Line {self.settings.name} {self._state}{current} waiting={self.waiting}>"

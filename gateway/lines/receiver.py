@@ -9,16 +9,15 @@ from typing import Final, Literal, NamedTuple
 from gateway.errors import AmbiguousResponse, RequestError
 from gateway.lines.attribution import Attribution, Owner
 from gateway.lines.echo import EchoDetector
-from gateway.lines.late import LateResponse, LateWindows
+from gateway.lines.ledger import Exchange, Ledger
 from gateway.lines.pacing import Pace
 from gateway.lines.settings import LineSettings
 from gateway.lines.telling import Recorder, Report
-from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import KNOWN_FUNCTIONS, response_size
 from gateway.modbus.pdu import RequestPdu, parse_sent
-from gateway.modbus.scan import Expected, Scanner, Token
+from gateway.modbus.scan import Scanner, Token
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.timing.budget import AnswerTime, Budget
@@ -30,6 +29,8 @@ _FRAMES: Final = 64
 #: How long another client's copy of a request takes at least, as a share of the request: its clock may be faster.
 _SOONEST: Final = 0.9
 
+#: A response after its time limit, and the exchange that it ends.
+LateResponse = tuple[Exchange, Frame]
 #: The response; or an error if one came that may be another client's; None while neither has come.
 Outcome = Frame | AmbiguousResponse | None
 
@@ -56,7 +57,7 @@ NOTHING: Final = Diagnosis("nothing", b"")
 
 
 class Receiver:
-    """Receives from one line. A request is on the line from `begin` until `stop` or `diagnose`.
+    """Receives from one line. The ledger's last request is awaited from `begin` until `stop` or `diagnose`.
 
     `late_responses` are for the caller to take out. `damaged_at` is when silence will have shown that the response came
     with a wrong check sum; None unless it looks so. `silent_at` is when silence ends what came on the idle line; inf
@@ -64,24 +65,22 @@ class Receiver:
     """
 
     def __init__(
-        self, settings: LineSettings, windows: LateWindows, echo: EchoDetector, report: Report, recorder: Recorder
+        self, settings: LineSettings, ledger: Ledger, echo: EchoDetector, report: Report, recorder: Recorder
     ) -> None:
         is_ascii = settings.timing.mode == "ascii"
         self.late_responses: list[LateResponse] = []
-        self.damaged_at: float | None
+        self.damaged_at: float | None = None
         self.silent_at = inf
-        self._windows = windows
+        self.attribution = Attribution(ledger, self._patience)
+        self._ledger = ledger
         self._echo = echo
         self._report = report
         self._recorder = recorder
         self._budget: Budget
         self._scanner: Scanner = AsciiScanner() if is_ascii else RtuScanner()
-        self.attribution = Attribution(windows, self._patience)
         self._pace = Pace(MAX_ASCII_ADU if is_ascii else MAX_RTU_ADU)
-        #: The request on the line, the place where it began, the first bytes since then, and the frames that are not
-        #: its response. On the idle line: the last frames.
-        self._current: Transaction | None = None
-        self._began_at: int
+        #: The first bytes since the request on the line, and the frames that are not its response. On the idle line:
+        #: the last frames.
         self._text = b""
         self._frames: list[tuple[Token, Owner]] = []
         #: What came behind the response, together with it.
@@ -94,21 +93,23 @@ class Receiver:
         self._echo.tune(virtual=virtual)
         self._pace.tune(budget.line.character, silence, virtual=virtual)
 
-    def begin(self, transaction: Transaction, now: float) -> bytes:
-        """The request is sent. Returns its frame."""
-        echo, scanner = self._echo, self._scanner
-        transaction.expected = Expected(transaction.answers_from, transaction.asked, scanner.position)
+    @property
+    def position(self) -> int:
+        """The place of the next byte."""
+        return self._scanner.position
+
+    def begin(self, ours: Exchange, now: float) -> bytes:
+        """Put our request on the line: it is sent. Returns its frame."""
+        echo, scanner, transaction = self._echo, self._scanner, ours.sender
         # Another client's copy takes as long as our request, by its own clock, and cannot begin before that was sent.
         soon = min(scanner.silence, _SOONEST * (transaction.ends_at - now))
         echo_until = inf if echo.echoes else 0.0 if echo.is_virtual else transaction.ends_at + soon
-        self.attribution.begin(transaction, scanner.position, echo_until)
+        self.attribution.begin(ours, scanner.position, echo_until)
         echo.record_copies(self.attribution.echoes_in_a_row, transaction)
         sent = scanner.encode(transaction.unit, transaction.asked.data)
         self._pace.begin()
         if transaction.expects_answer:
-            scanner.expect(transaction.expected, sent, echoes=echo.is_configured)
-            self._current = transaction
-            self._began_at = scanner.position
+            scanner.expect(ours, sent, echoes=echo.is_configured)
             self._text = b""
             self._frames.clear()
             self.damaged_at = None
@@ -116,9 +117,9 @@ class Receiver:
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> Outcome:
         """Take bytes. The response begins after `early` ones: the unit had not received the request."""
-        scanner, current = self._scanner, self._current
+        scanner, awaited = self._scanner, self._awaited
         self._follow_windows()
-        if current is None:
+        if awaited is None:
             self._pace.add_idle(len(data), now)
             self._frames.clear()
             return self._attribute(scanner.received(data, now, damaged=damaged))
@@ -127,7 +128,7 @@ class Receiver:
         if len(self._text) < _BYTES:
             self._text = self._text + data if self._text else data
         outcome = self._attribute(scanner.received(data, now, damaged=damaged, early=early))
-        self.damaged_at = now + scanner.silence if outcome is None and self._is_damaged(current) else None
+        self.damaged_at = now + scanner.silence if outcome is None and self._is_damaged(awaited) else None
         return outcome
 
     def tick(self, now: float) -> Outcome:
@@ -137,16 +138,17 @@ class Receiver:
 
     def deadline(self) -> float | None:
         """When silence ends a response of unknown size that has begun."""
-        return None if self._current is None else self._scanner.deadline(self._current.expected)
+        awaited = self._awaited
+        return None if awaited is None else self._scanner.deadline(awaited)
 
     def late_deadline(self) -> float | None:
         """When silence ends a late response."""
-        deadlines = [self._scanner.deadline(expected) for expected in self._windows.expected()]
+        deadlines = [self._scanner.deadline(late) for late in self._ledger.late()]
         return min((each for each in deadlines if each is not None), default=None)
 
     def read_at(self, now: float) -> float | None:
         """When to read the port again: no byte before that decides anything. None: at the next byte."""
-        if self._current is None:
+        if self._awaited is None:
             return self._pace.read_idle_at(now)
         return self._pace.read_at(self._scanner.missing, now)
 
@@ -162,35 +164,35 @@ class Receiver:
         return {frame.unit for frame in self._scanner.ended_by_silence(units) if _is_response(frame)}
 
     def diagnose(self) -> Diagnosis:
-        """The time limit has ended: find out what was received instead of the response."""
-        current = self._current
-        if current is None:
+        """End the request at its time limit, and find out what was received instead of the response."""
+        ours = self._awaited
+        if ours is None:
             return NOTHING
         self.stop()
-        copies = [token for token, _ in self._frames if current.is_copy(token.frame)]
+        copies = [token for token, _ in self._frames if ours.is_copy(token.frame)]
         others = [token for token, owner in self._frames if owner != "a late response" and token not in copies]
         text = self._text
         if self._echo.is_configured and copies:
             echo = copies.pop(0)
-            text = text[: echo.start - self._began_at] + text[echo.end - self._began_at :]
-        is_early = self._came_too_early(current, copies, others)
+            text = text[: echo.start - ours.place] + text[echo.end - ours.place :]
+        is_early = self._came_too_early(ours, copies, others)
         if is_early:
-            self._echo.record_early_response(current)
-        self._notice_echo(current)
-        if self._has_noise(self._scanner.position):
+            self._echo.record_early_response(ours.sender)
+        self._notice_echo(ours)
+        if self._has_noise(ours.place, self._scanner.position):
             return Diagnosis("broken", b"" if is_early else text)
         if not (others or copies):
             return NOTHING
         return Diagnosis("frames" if others else "echo", b"" if is_early else text)
 
     def stop(self) -> None:
-        """The request is over; only late responses may come."""
-        if self._current is None:
+        """End the request: from now on only late responses may come."""
+        ours = self._awaited
+        if ours is None:
             return
-        self.attribution.end(self._scanner.position)
+        ours.finish(self._scanner.position)
         for token in self._scanner.end():
-            self._note(token, self.attribution.owner(token))
-        self._current = None
+            self._note(token, self.attribution.owner(token), ours)
 
     def take_behind(self) -> int:
         """Attribute what came behind the response, on the idle line. Returns how many bytes that were."""
@@ -198,7 +200,8 @@ class Receiver:
         if self._behind:
             tokens, self._behind = self._behind, []
             self._attribute(tokens)
-        return self._scanner.position - self.attribution.ended_at
+        ours = self._ledger.last
+        return 0 if ours is None else self._scanner.position - ours.ended_at
 
     def has_damaged_response(self, now: float) -> bool:
         """Whether what was received is the response, damaged, so that no other one comes."""
@@ -208,61 +211,63 @@ class Receiver:
         """Whether a late response of another unit came during the request, or begins in `text`."""
         if any(owner == "a late response" and token.frame.unit != unit for token, owner in self._frames):
             return True
-        return any(self._scanner.has_begun(text, head) for head in self._windows.heads_of_others(unit))
+        return any(self._scanner.has_begun(text, head) for head in self._ledger.heads_of_others(unit))
 
-    def expected(self, unit: int | None, asked: RequestPdu) -> Expected:
-        """A response that has not begun yet."""
-        return Expected(unit, asked, self._scanner.position)
+    @property
+    def _awaited(self) -> Exchange | None:
+        """Our request on the line, whose response is awaited."""
+        ours = self._ledger.last
+        return ours if ours is not None and ours.is_awaited else None
 
     def _follow_windows(self) -> None:
         """Tell the scanner which late responses may come."""
-        if self._windows.windows or self._scanner.late:
-            self._scanner.late = self._windows.expected()
+        if self._ledger.others or self._scanner.late:
+            self._scanner.late = self._ledger.late()
 
     def _attribute(self, tokens: list[Token]) -> Outcome:
         """Find the owners of these frames, up to the one that ends the request."""
         for at, token in enumerate(tokens):
+            awaited = self._awaited
             owner = self.attribution.owner(token)
-            is_response = owner == "the request"
-            if not is_response:
-                self._note(token, owner)
-            if self._current is not None and (is_response or self.attribution.doubts):
+            if owner != "the request":
+                self._note(token, owner, awaited)
+            if awaited is not None and not awaited.is_awaited:
                 if self._behind or len(tokens) > at + 1:
                     self._behind = tokens[at + 1 :]
-                return self._finish(self._current, token, is_response=is_response)
+                return self._finish(awaited, token)
         return None
 
-    def _note(self, token: Token, owner: Owner) -> None:
+    def _note(self, token: Token, owner: Owner, awaited: Exchange | None) -> None:
         """Keep and report a frame that is not the response."""
         if owner == "a late response":
-            self.late_responses.append(LateResponse(self.attribution.late, token.frame))
-        elif self._current is not None and not (token.is_damaged or self._current.is_copy(token.frame)):
-            self._report.foreign(token.frame, self._current)
+            self.late_responses.append((self.attribution.late, token.frame))
+        elif awaited is not None and not (token.is_damaged or awaited.is_copy(token.frame)):
+            self._report.foreign(token.frame, awaited.sender)
         if owner != "an echo" or not self._echo.is_configured:  # else every request has one
             self._recorder.heard(token, owner)
-        if len(self._frames) < _FRAMES or self._current is None:
+        if len(self._frames) < _FRAMES or awaited is None:
             self._frames.append((token, owner))
 
-    def _finish(self, current: Transaction, token: Token, *, is_response: bool) -> Outcome:
-        """A response came. It is ambiguous if it may be for another client's request."""
+    def _finish(self, ours: Exchange, token: Token) -> Outcome:
+        """End the request with its response, which is ambiguous if it may be for another client's."""
         self._echo.record_response()
-        end = token.start if is_response else token.end
-        if self._frames or end > current.expected.since:
-            if self._has_noise(end):
-                current.counts.noise += 1
-                count = end - self._began_at
-                self._recorder.noise(self._text[:count], count, current.ends_at)
-            self._notice_echo(current)
+        doubt = self.attribution.doubt
+        end = token.start if doubt is None else token.end
+        if self._frames or end > ours.since:
+            if self._has_noise(ours.place, end):
+                ours.sender.counts.noise += 1
+                count = end - ours.place
+                self._recorder.noise(self._text[:count], count, ours.asked_at)
+            self._notice_echo(ours)
         self._behind += self._scanner.end()
-        self._current = None
-        if is_response:
+        if doubt is None:
             return token.frame
-        self._report.other_client(current, self.attribution.doubts[0].frame)
+        self._report.other_client(ours.sender, Frame(doubt.unit, doubt.asked.data))
         return AmbiguousResponse()
 
-    def _has_noise(self, end: int) -> bool:
-        """Whether bytes since the request, up to this place, are not part of a frame."""
-        at = self._began_at
+    def _has_noise(self, start: int, end: int) -> bool:
+        """Tell whether bytes between these places are not part of a frame."""
+        at = start
         sound = [token for token, _ in self._frames if not token.is_damaged]
         for token in sorted(sound, key=lambda token: token.start):
             if at < token.start < end:
@@ -271,54 +276,54 @@ class Receiver:
                 at = token.end
         return at < end
 
-    def _is_damaged(self, current: Transaction) -> bool:
-        """Whether all that was received looks like the response with a wrong check sum.
+    def _is_damaged(self, ours: Exchange) -> bool:
+        """Tell whether all that was received looks like the response with a wrong check sum.
 
         It may be another response with a damaged unit identifier while a late response, another client's, or one to an
         earlier sending may come. Where copies or other clients were ever heard, it may be a damaged request too.
         """
-        if self._windows.windows or current.outstanding > 1 or self.attribution.foreign:
+        if self._ledger.others or ours.owed > 1:
             return False
-        begin = current.expected.since - self._began_at
+        begin = ours.since - ours.place
         if begin and not self._echo.is_configured:
             return False  # what came early may have been another client's request
         shared = self.attribution.is_shared or self._echo.echoes
-        if not self._scanner.is_damaged(self._text[begin:], current.expected, shared=shared):
+        if not self._scanner.is_damaged(self._text[begin:], ours, shared=shared):
             return False
         sound = [token for token, _ in self._frames if not token.is_damaged]
-        if not all(current.is_copy(token.frame) for token in sound):
+        if not all(ours.is_copy(token.frame) for token in sound):
             return False
         return begin == sum(token.end - token.start for token in sound)
 
-    def _came_too_early(self, current: Transaction, copies: list[Token], others: list[Token]) -> bool:
-        """Whether the response came, but began before all of the request can have been sent.
+    def _came_too_early(self, ours: Exchange, copies: list[Token], others: list[Token]) -> bool:
+        """Tell whether the response came, but began before all of the request can have been sent.
 
         A copy of the request that could be its response counts as an echo, unless the port is known to have no wire.
         """
-        asked = current.asked
         if self._echo.is_configured:
             return False
-        if self._echo.has_no_wire and asked.accepts(asked.data):
+        if self._echo.has_no_wire and ours.asked.accepts(ours.asked.data):
             others = others + copies
-        return any(self._is_early(token, current) and current.accepts(token.frame) for token in others)
+        return any(_is_early(token, ours) and ours.accepts(token.frame) for token in others)
 
-    def _notice_echo(self, current: Transaction) -> None:
-        """A copy that came before all of the request was sent is the adapter's."""
-        if any(self._is_early(token, current) and current.is_copy(token.frame) for token, _ in self._frames):
-            self._echo.record_echo(current)
-
-    def _is_early(self, token: Token, current: Transaction) -> bool:
-        """Whether it began after the request, but before all of that can have been sent."""
-        return self._began_at <= token.start < current.expected.since
+    def _notice_echo(self, ours: Exchange) -> None:
+        """Take a copy that came before all of the request was sent for the adapter's."""
+        if any(_is_early(token, ours) and ours.is_copy(token.frame) for token, _ in self._frames):
+            self._echo.record_echo(ours.sender)
 
     def _patience(self, asked: RequestPdu, answer_time: AnswerTime) -> float:
-        """How long after another client's request its response may come: as long as after ours."""
+        """Return how long after another client's request its response may come: as long as after ours."""
         limit = self._budget.limit(asked, answer_time)
-        return limit + self._windows.length(limit, answer_time)
+        return limit + self._ledger.length(limit, answer_time)
+
+
+def _is_early(token: Token, ours: Exchange) -> bool:
+    """Tell whether it began after the request, but before all of that can have been sent."""
+    return ours.place <= token.start < ours.since
 
 
 def _is_response(frame: Frame) -> bool:
-    """Whether only its unit can have sent `frame`: a request may look like a response."""
+    """Tell whether only its unit can have sent `frame`: a request may look like a response."""
     if response_size(frame.pdu) not in {0, len(frame.pdu)}:
         return False
     try:

@@ -1,8 +1,8 @@
 """Which waiting request is sent next on a line, and which must not be sent.
 
-A request is not sent while its unit rests (`breaker`), while a late response could be taken for its own (`late`), while
-its connection may hold back earlier requests (`stall`), or if its response would equal it on a line that echoes
-(`echo`). The scheduler sees no bytes.
+A request is not sent while its unit rests (`breaker`), while a late response could be taken for its own or its
+connection may hold back earlier requests (`ledger`), or if its response would equal it on a line that echoes (`echo`).
+The scheduler sees no bytes.
 """
 
 from collections.abc import Callable
@@ -11,14 +11,12 @@ from gateway import errors
 from gateway.errors import RequestError
 from gateway.lines.echo import EchoDetector
 from gateway.lines.idle import IdleTime
-from gateway.lines.late import WORTH_WAITING, LateWindows
+from gateway.lines.ledger import WORTH_WAITING, Exchange, Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.reopening import Reopening
 from gateway.lines.settings import LineSettings
-from gateway.lines.stall import HasArrived, Stall
 from gateway.lines.telling import Recorder, Report
 from gateway.lines.transaction import Destination, ScanTransaction, Transaction
-from gateway.modbus.scan import Expected
 from gateway.request import Request
 
 #: Whether a request may be written now.
@@ -34,21 +32,20 @@ class Scheduler:
     def __init__(
         self,
         settings: LineSettings,
-        windows: LateWindows,
+        ledger: Ledger,
         echo: EchoDetector,
         report: Report,
         recorder: Recorder,
         limit_of: Callable[[Transaction], float],
     ) -> None:
-        self._windows = windows
+        self._ledger = ledger
         self._echo = echo
         self._report = report
         self.recorder = recorder
         self.permits: Permits | None = None
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
-        self._idle = IdleTime(self._queue, windows)
+        self._idle = IdleTime(self._queue, ledger)
         self.reopening = Reopening(self._queue, settings.max_wait, limit_of)
-        self._stall = Stall(None)
         self._longest_rest = settings.rest
         self._resting: set[Destination] = set()
         self._held_until = 0.0
@@ -65,7 +62,7 @@ class Scheduler:
         rejection = self.rejection(transaction, now)
         if rejection is not None:
             return rejection
-        if self._windows.windows and self._is_overdue(transaction, now):
+        if self._ledger.others and self._is_overdue(transaction, now):
             return errors.AnswerOverdue()
         lost = self._queue.put(transaction, now)
         if lost is not None:
@@ -111,18 +108,18 @@ class Scheduler:
 
     def next(self, now: float) -> Transaction | None:
         """Take out the next transaction; None if none may be sent now."""
-        if self._stall.is_over(now):
+        if self._ledger.others and self._ledger.must_renew(now):
             return None
         question = self._idle.take(now)
         if question is not None:
             return question
-        return self._next_allowed(now) if self._windows.windows else self._queue.take()
+        return self._next_allowed(now) if self._ledger.others else self._queue.take()
 
     def _next_allowed(self, now: float) -> Transaction | None:
         """See `next`. On its own: in a function with a lambda, each call costs an object, used or not."""
-        transaction = self._queue.take(lambda waiting: self._windows.forbid_until(waiting, now) is not None)
+        transaction = self._queue.take(lambda waiting: self._ledger.forbid_until(waiting, now) is not None)
         if transaction is None and len(self._queue):
-            self._held_until = self._windows.next_end() or 0.0
+            self._held_until = self._ledger.next_end() or 0.0
         return transaction
 
     def rejection(self, transaction: Transaction, now: float) -> RequestError | None:
@@ -135,7 +132,9 @@ class Scheduler:
 
     def deadline(self, sends_at: float) -> float | None:
         """When the next request can be sent, on a line that is free at `sends_at`, or has waited too long."""
-        deadline = earliest(self._queue.next_expiry(), self._stall.ends_at)
+        deadline = self._queue.next_expiry()
+        if self._ledger.others:
+            deadline = earliest(deadline, self._ledger.renews_at())
         deadline = earliest(self._idle.deadline(sends_at), deadline)
         return earliest(max(sends_at, self._held_until), deadline) if len(self._queue) else deadline
 
@@ -143,20 +142,18 @@ class Scheduler:
         """Remove all that waits."""
         return [*self._queue.clear(), *self._idle.clear()]
 
-    def await_late(self, transaction: Transaction, now: float) -> list[Transaction]:
-        """Open the late window of `transaction`.
+    def end(self, now: float) -> list[Transaction]:
+        """End the request on the line. If responses are owed, its late window opens.
 
         Takes out the waiting transactions that the window forbids for too long. Repeats stay: they wait for it anyway.
         """
-        self._windows.open(
-            transaction, transaction.expected, self._windows.end_of(transaction, now), transaction.outstanding
-        )
-        transaction.outstanding = 0
+        if not self._ledger.end(now):
+            return []
         return self._queue.drop(lambda waiting: not waiting.retries and self._is_overdue(waiting, now))
 
     def record_failure(self, transaction: Transaction, now: float) -> None:
         """The unit has not responded."""
-        device, window_end = transaction.device, self._windows.end_of(transaction, now)
+        device, window_end = transaction.device, self._ledger.end_of(transaction, now)
         failed_before = transaction.failures
         transaction.failures += 1
         if device.breaker.record_failure(
@@ -165,15 +162,12 @@ class Scheduler:
             self._resting.add(device)
             self._report.resting(device, now)
 
-    def record_silence(self, transaction: Transaction, now: float) -> None:
-        """Nothing was received since it was sent."""
-        self._stall.add(transaction, self._windows.end_of(transaction, now))
-
-    def record_response(self, transaction: Transaction) -> None:
+    def record_response(self, exchange: Exchange) -> None:
         """A valid response to it came, in time or late."""
         self._held_until = self._idle.held_until = 0.0
-        self._stall.answered(transaction)
-        self._recover(transaction.device)
+        if self._ledger.others:
+            self._ledger.release(exchange)
+        self._recover(exchange.sender.device)
 
     @property
     def resting(self) -> set[int]:
@@ -184,24 +178,6 @@ class Scheduler:
         """Valid frames came from these units, though no request was sent."""
         for device in [each for each in self._resting if each.unit in units]:
             self._recover(device)
-
-    def connected(self, has_arrived: HasArrived | None) -> None:
-        """The port is new, or lost: no request is held back."""
-        self._stall = Stall(has_arrived)
-
-    def must_renew(self, now: float) -> bool:
-        """Whether a new connection is needed: this one may hold back requests."""
-        return self._stall.is_over(now)
-
-    def take_underway(self, now: float) -> list[Transaction]:
-        """Requests whose late windows have ended, but which the server may have received only since."""
-        return self._stall.take_underway(now) if self._stall.is_over(now) else []
-
-    def await_arrived(self, transaction: Transaction, expected: Expected, now: float) -> None:
-        """Its time limit begins only now, and its late window after that."""
-        ends_at = self._windows.end_of(transaction, now + transaction.limit)
-        self._windows.open(transaction, expected, ends_at)
-        self._stall.add(transaction, ends_at)
 
     def end_rests(self) -> None:
         """The port was lost, so units that failed before may respond now."""
@@ -216,7 +192,7 @@ class Scheduler:
             self._report.recovered(device)
 
     def _is_overdue(self, transaction: Transaction, now: float) -> bool:
-        until = self._windows.forbid_until(transaction, now)
+        until = self._ledger.forbid_until(transaction, now)
         return until is not None and until - now > WORTH_WAITING
 
 

@@ -39,8 +39,10 @@ class Report:
         device = transaction.device
         self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.client))
 
-    def given_up(self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool) -> None:
-        """No valid response came; `received` came instead, `is_echo` if that is the request."""
+    def given_up(
+        self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool, is_damaged: bool = False
+    ) -> None:
+        """No valid response came, but `received`: `is_echo` if that is the request, `is_damaged` if the response."""
         is_told = bool(received) and not is_echo
         why = explain(transaction.asked, transaction.answers_from, received, self._mode) if is_told else ""
         transaction.device.counts.record_instead(received, why)
@@ -48,7 +50,6 @@ class Report:
             transaction.counts.explained += len(transaction.requests)
         if received:
             hint = f"this is the request itself: {_echo_hint(transaction)}"
-            is_damaged = self._mode != "tcp" and not transaction.outstanding
             reason = hint if is_echo else why or (_DAMAGED if is_damaged else _NO_ANSWER)
             self._log(partial(events.BadFrame, heard=received[:64].hex(" ").upper(), reason=reason), transaction, now)
         else:

@@ -6,7 +6,6 @@ from gateway.lines.counts import UnitCounts
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
-from gateway.modbus.scan import Expected
 from gateway.request import Request
 from gateway.timing.budget import AnswerTime, Budget
 
@@ -41,14 +40,16 @@ class Transaction:
     """A request that has passed its device's checks. Equal reads of several clients share one transaction."""
 
     __slots__ = (
-        "asked", "counts", "device", "ends_at", "expected", "expects_answer", "failures", "gives_up_at", "limit",
-        "outstanding", "requests", "retries", "sent_at", "times", "unit", "yields",
+        "asked", "counts", "device", "ends_at", "expects_answer", "failures", "gives_up_at", "limit", "requests",
+        "retries", "sent_at", "times", "unit", "yields",
     )  # fmt: skip
 
     #: Whether it is for all units.
     is_broadcast = False
     #: Whether it only asks if anybody is there, so that silence is no failure.
     is_scan = False
+    #: Whether a second response may follow the first one.
+    awaits_second = False
 
     def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
         #: Those that it answers.
@@ -71,9 +72,6 @@ class Transaction:
         self.failures = 0
         self.retries = 0
         self.gives_up_at = 0.0
-        #: How many responses may still come, and what they look like.
-        self.outstanding = 0
-        self.expected: Expected
 
     def start(self, budget: Budget, now: float) -> None:
         """The request is written at `now`.
@@ -81,7 +79,6 @@ class Transaction:
         Raises:
             RequestError: it must not be sent.
         """
-        self.unit = self.device.unit
         self.sent_at = now
         self.ends_at = now + budget.request_wire_time(self.asked)
         self.limit = budget.limit(self.asked, self.device.answer_time)
@@ -222,7 +219,7 @@ class ScanTransaction(Transaction):
     time than the scan does: for this long, `patience`, a late answer may come.
     """
 
-    __slots__ = ("_patience",)
+    __slots__ = ("_patience", "awaits_second")
 
     is_scan = True
 
@@ -236,7 +233,7 @@ class ScanTransaction(Transaction):
         patience: float,
     ) -> None:
         super().__init__(request, asked, device)
-        self.outstanding = 1 if awaits_second else 0
+        self.awaits_second = awaits_second
         self._patience = patience
 
     @property

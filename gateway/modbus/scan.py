@@ -3,6 +3,7 @@
 Each frame found is a token, with its place in the bytes of the line. `lines.attribution` finds the frame's owner.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 from gateway.modbus.codes import EXCEPTION_BIT
@@ -34,13 +35,13 @@ class Token:
 
 
 class Expected:
-    """A response to `asked` from `unit`, None for any unit. It begins at the place `since` or later."""
+    """A response to `asked` from the unit `answers_from`, None for any. It begins at the place `since` or later."""
 
-    __slots__ = ("asked", "head", "since", "skipped", "unit")
+    __slots__ = ("answers_from", "asked", "head", "since", "skipped")
 
-    def __init__(self, unit: int | None, asked: RequestPdu, since: int = 0) -> None:
-        known = b"" if unit is None else _BYTES[unit]
-        self.unit = unit
+    def __init__(self, answers_from: int | None, asked: RequestPdu, since: int = 0) -> None:
+        known = b"" if answers_from is None else _BYTES[answers_from]
+        self.answers_from = answers_from
         self.asked = asked
         self.since = since
         #: How a normal response begins, after this many unknown bytes.
@@ -74,7 +75,7 @@ class Scanner:
 
     def __init__(self, silence: float = 0.0) -> None:
         self.position = 0
-        self.late: list[Expected] = []
+        self.late: Sequence[Expected] = ()
         self.silence = silence
         self._expected: Expected | None = None
         self._sent = b""

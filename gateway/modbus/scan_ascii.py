@@ -52,7 +52,7 @@ class AsciiScanner(Scanner):
             return 0
         size = expected.asked.response_size
         head = START + expected.head.hex().upper().encode()
-        if expected.unit is None or size is None or not begun.upper().startswith(head):
+        if expected.answers_from is None or size is None or not begun.upper().startswith(head):
             return max(0, characters(SHORTEST) - len(begun))
         return max(0, min(characters(size + _OVERHEAD) - len(begun), characters(EXCEPTION_SIZE + _OVERHEAD)))
 

@@ -14,6 +14,7 @@ tried.
 """
 
 import re
+from collections.abc import Sequence
 from heapq import heappop, heappush
 from typing import Final, cast
 
@@ -85,7 +86,7 @@ class RtuScanner(Scanner):
         super().expect(expected, sent, echoes=echoes)
         self._sent_at, self._echo_size = self.position, len(sent) if echoes else 0
         size = expected.asked.response_size
-        self._size = 0 if size is None or expected.unit is None else size + OVERHEAD
+        self._size = 0 if size is None or expected.answers_from is None else size + OVERHEAD
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
         """See `Scanner`."""
@@ -365,7 +366,7 @@ class RtuScanner(Scanner):
         frame = Frame(buffer[at], buffer[at + 1 : end - 2])
         return Token(start, stop, now, frame, is_damaged=self._has_damage(start, stop))
 
-    def _awaited(self) -> list[Expected]:
+    def _awaited(self) -> Sequence[Expected]:
         return self.late if self._expected is None else [self._expected, *self.late]
 
     @property

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.errors import RequestError
-from gateway.lines.late import Overdue
+from gateway.lines.ledger import Exchange
+from gateway.modbus.pdu import parse_sent
 from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
 from gateway.service.shared_file import Entries, SharedFile
 
@@ -31,10 +32,11 @@ UNITS: Final = range(256)
 _PSEUDO_TERMINALS: Final = Path("/dev/pts")
 
 Entry = dict[str, Any]
+_KEYS: Final = {"unit", "answers_from", "pdu", "owed", "ends_at"}
 
 
 class LeftBehind:
-    """What may still arrive on ports of removed lines, see Line.overdue; with a `file` also for the next process.
+    """What may still arrive on ports of removed lines, see Ledger.handed_on; with a `file` also for the next process.
 
     The key of a port is its `place`. Times are seconds of the monotonic clock, like those of the event loop.
     """
@@ -44,14 +46,14 @@ class LeftBehind:
         self._left_at: set[str] = set()
         self._entries: Entries = {} if file is None else file.read()
 
-    def at(self, place: str, now: float) -> list[Overdue]:
+    def at(self, place: str, now: float) -> list[Exchange]:
         """What may still arrive there."""
         entry = self._entries.get(place)
         if entry is None:
             return []
         return read_entry(entry, now, -entry["at"] if entry["at"] > now else 0.0)
 
-    def leave(self, place: str, answers: Sequence[Overdue], now: float) -> None:
+    def leave(self, place: str, answers: Sequence[Exchange], now: float) -> None:
         """A line has stopped there, and only this may still arrive.
 
         Expired entries are deleted for ports of this process only: others may belong to another gateway, which may have
@@ -76,14 +78,14 @@ class LeftBehind:
             self._file.change(place, entry)
 
 
-def as_entry(answers: Iterable[Overdue], now: float) -> Entry:
-    """As it is written."""
-    return {"at": now, "answers": [each._asdict() | {"pdu": each.pdu.hex(" ")} for each in answers]}
+def as_entry(exchanges: Iterable[Exchange], now: float, later: float = 0.0) -> Entry:
+    """Make the entry of the file of what is open `now`; its times are this many seconds later."""
+    return {"at": now + later, "answers": [_as_answer(each, later) for each in exchanges]}
 
 
-def read_entry(entry: Entry, now: float, later: float) -> list[Overdue]:
+def read_entry(entry: Entry, now: float, later: float) -> list[Exchange]:
     """What may still arrive; the times are this many seconds later by this clock."""
-    return [each for answer in entry["answers"] if (each := _overdue(answer, later)).ends_at > now]
+    return [each for answer in entry["answers"] if (each := _exchange(answer, later)).ends_at > now]
 
 
 def place_of(port: PortSettings | SiteSettings) -> str:
@@ -106,20 +108,37 @@ def place_of(port: PortSettings | SiteSettings) -> str:
 def is_entry(value: Any) -> bool:
     """Whether this is a well-formed entry of the file."""
     try:
-        answers = [_overdue(answer, 0.0) for answer in value["answers"]]
-        sound = all(map(_is_sound, answers))
-        longest = max((each.ends_at for each in answers), default=0.0) - value["at"]
+        exchanges = [_exchange(answer, 0.0) for answer in value["answers"]]
+        sound = all(map(_is_sound, exchanges))
+        longest = max((each.ends_at for each in exchanges), default=0.0) - value["at"]
         return bool(value["at"] >= 0) and longest < LONGEST and sound
     except (ArithmeticError, LookupError, TypeError, ValueError, RequestError):
         return False
 
 
-def _is_sound(answer: Overdue) -> bool:
-    """Whether a line can await it. A number that was read from a file may be anything."""
-    units = (answer.unit,) if answer.answers_from is None else (answer.unit, answer.answers_from)
-    are_whole = all(isinstance(number, int) for number in (*units, answer.owed))
-    return are_whole and all(unit in UNITS for unit in units) and answer.owed >= 0 and bool(answer.asked.function)
+def _is_sound(exchange: Exchange) -> bool:
+    """Tell whether a line can await it. A number that was read from a file may be anything."""
+    units = (exchange.unit,) if exchange.answers_from is None else (exchange.unit, exchange.answers_from)
+    are_whole = all(isinstance(number, int) for number in (*units, exchange.owed))
+    is_known = bool(exchange.asked.function) and exchange.owed >= 0
+    return are_whole and all(unit in UNITS for unit in units) and is_known
 
 
-def _overdue(answer: Entry, later: float) -> Overdue:
-    return Overdue(**answer | {"pdu": bytes.fromhex(answer["pdu"]), "ends_at": answer["ends_at"] + later})
+def _as_answer(exchange: Exchange, later: float) -> Entry:
+    return {
+        "unit": exchange.unit,
+        "answers_from": exchange.answers_from,
+        "pdu": exchange.asked.data.hex(" "),
+        "owed": exchange.owed,
+        "ends_at": exchange.ends_at + later,
+    }
+
+
+def _exchange(answer: Entry, later: float) -> Exchange:
+    if set(answer) != _KEYS:
+        raise ValueError(f"{sorted(_KEYS)} are awaited")
+    asked = parse_sent(bytes.fromhex(answer["pdu"]))
+    exchange = Exchange(answer["unit"], answer["answers_from"], asked, 0)
+    exchange.owed = answer["owed"]
+    exchange.ends_at = answer["ends_at"] + later
+    return exchange

@@ -17,7 +17,7 @@ from gateway.errors import WrongQuestion
 from gateway.events import Emit, Event, LineLost, LineReopened, LineUp, discard_event
 from gateway.lines.counts import UnitCounts
 from gateway.lines.driver import LineDriver
-from gateway.lines.late import Overdue
+from gateway.lines.ledger import Exchange
 from gateway.lines.line import Line
 from gateway.listeners.serial import SerialListener
 from gateway.modbus.codes import BROADCAST_UNIT
@@ -132,9 +132,9 @@ class GatewayLine:
         late = max(2 * limit, slowest) if line.late_window is None else line.late_window
         return max(limit + late, self._least_patience)
 
-    def overdue(self, now: float) -> list[Overdue]:
-        """What may still arrive on the port: see Line.overdue."""
-        return self.driver.line.overdue(now, self.patience)
+    def handed_on(self, now: float) -> list[Exchange]:
+        """List what may still arrive on the port, for the next line there: see Ledger."""
+        return self.driver.line.handed_on(now, self.patience)
 
     def begin(self) -> None:
         """Go on from where the line before on this port has left its devices, which it may have done just now."""

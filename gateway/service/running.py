@@ -171,12 +171,12 @@ class Running:
     def _take_back(self, line: GatewayLine, borrowers: Iterable[Line]) -> None:
         """Tell the lines on a port that was lent, or the next process, which responses may still come there."""
         now, place = asyncio.get_running_loop().time(), place_of(line.plan.port)
-        overdue = [each for borrower in borrowers for each in borrower.overdue(now, line.patience)]
+        open_there = [each for borrower in borrowers for each in borrower.handed_on(now, line.patience)]
         successors = [each for each in self.gateway.lines if place_of(each.plan.port) == place]
         for successor in successors:
-            successor.driver.line.await_overdue(overdue, successor.patience)
-        if overdue and (self._is_ending or not successors):
-            self._left_behind.leave(place, [*self._left_behind.at(place, now), *overdue], now)
+            successor.driver.line.take_over(open_there, successor.patience)
+        if open_there and (self._is_ending or not successors):
+            self._left_behind.leave(place, [*self._left_behind.at(place, now), *open_there], now)
 
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
         """Take no more clients and requests, and let those in progress finish, unless that becomes urgent.
@@ -275,8 +275,8 @@ class Running:
         for part in parts:
             if isinstance(part, GatewayLine):
                 part.begin()
-                overdue = self._left_behind.at(place_of(part.plan.port), now)
-                part.driver.line.await_overdue(overdue, part.patience)
+                open_there = self._left_behind.at(place_of(part.plan.port), now)
+                part.driver.line.take_over(open_there, part.patience)
             self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
 
     async def _retire_listener(self, listener: Listener) -> None:
@@ -307,7 +307,7 @@ class Running:
         now = asyncio.get_running_loop().time()
         for part in parts:
             if isinstance(part, GatewayLine):
-                self._left_behind.leave(place_of(part.plan.port), part.overdue(now), now)
+                self._left_behind.leave(place_of(part.plan.port), part.handed_on(now), now)
             part.driver.close()
             self._tasks.pop(part, None)
 

@@ -74,8 +74,8 @@ class SharedPort:
     def final_state(self) -> dict[str, Any]:
         """With what may still arrive on the port; its times count from now on."""
         now = self._line.now()
-        late = [each._replace(ends_at=each.ends_at - now) for each in self._line.overdue(now)]
-        return self.state() | ({"late": as_entry(late, 0.0)} if late else {})
+        late = self._line.handed_on(now)
+        return self.state() | ({"late": as_entry(late, now, -now)} if late else {})
 
     def adopt(self, state: Mapping[str, Any]) -> None:
         """What does not fit this gateway's config is not taken, and what is not told stays as it is known here."""
@@ -85,8 +85,8 @@ class SharedPort:
             self._adopt_rate(*rate[:2])
         late = state.get("late")
         if late is not None and is_entry(late):
-            answers = read_entry(late, -inf, self._line.now())
-            self._line.driver.line.await_overdue(answers, self._line.patience)
+            exchanges = read_entry(late, -inf, self._line.now())
+            self._line.driver.line.take_over(exchanges, self._line.patience)
 
     def _adopt_addresses(self, moved: Mapping[str, tuple[int, ...]]) -> None:
         plan = self._line.plan

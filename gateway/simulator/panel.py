@@ -82,7 +82,7 @@ class Panel:
                 await arrived.wait()
                 arrived.clear()
                 for token in scanner.received(self._port.read(), self._loop.time()):
-                    if token.frame.unit == expected.unit and expected.asked.accepts(token.frame.pdu):
+                    if token.frame.unit == expected.answers_from and expected.asked.accepts(token.frame.pdu):
                         return token.frame
         finally:
             self._loop.remove_reader(self._port)

@@ -60,7 +60,7 @@ class Asked:
     def _answers(self, tokens: list[Token]) -> list[Frame]:
         expected, answers = self.expected, []
         for token in tokens:
-            fits = token.start >= expected.since and expected.unit in (None, token.frame.unit)
+            fits = token.start >= expected.since and expected.answers_from in (None, token.frame.unit)
             if fits and not token.is_damaged and expected.asked.accepts(token.frame.pdu):
                 answers.append(token.frame)
                 self._explain(token)

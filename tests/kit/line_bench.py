@@ -78,10 +78,10 @@ class Bench:
         """
         self.now = before.now
         self.plug()
-        overdue = before.line.overdue(self.now, patience)
+        overdue = before.line.handed_on(self.now, patience)
         if by_file:
             overdue = read_entry(json.loads(json.dumps(as_entry(overdue, self.now))), self.now, 0.0)
-        self.line.await_overdue(overdue, patience)
+        self.line.take_over(overdue, patience)
 
     def device(
         self, unit: int = 1, profile: Profile | None = None, timeout: float = 0.2, *, urgent: bool = False
@@ -159,4 +159,4 @@ def is_empty(line: Line) -> bool:
     queue = line._scheduler._queue
     queue.expired(0.0)  # forgets those that wait no more
     left = (len(queue), queue._reads, queue._expiries, queue._given_up, queue._repeats)
-    return not any(left) and line._current is None
+    return not any(left) and line._ledger.current is None

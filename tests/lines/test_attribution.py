@@ -6,7 +6,7 @@ import pytest
 
 from gateway.devices.quirks import AddressZeroDevice
 from gateway.events import OtherClientHeard
-from gateway.lines import attribution
+from gateway.lines.ledger import FOREIGN_LASTS, FOREIGN_PER_UNIT
 from kit.line_bench import ASCII, LATENCY, LIMIT, READ, REQUEST_TIME, RESPONSE, TIMING, Bench
 
 #: What another client asks, and its answer, which would fit our READ.
@@ -160,7 +160,7 @@ def test_until_a_response_that_fits_it_is_heard(bench: Bench) -> None:
         bench.respond(LIE)
         bench.pass_time(0.02)
         assert is_believed(bench, response=RESPONSE)
-    assert bench.line._receiver.attribution.foreign == {}
+    assert bench.line._ledger.foreign() == []
 
 
 def test_an_exception_is_an_answer_too(bench: Bench) -> None:
@@ -193,9 +193,9 @@ def test_a_request_that_looks_like_its_own_answer_is_repeated() -> None:
     bench.respond("01 03 20 00 18")
     bench.respond("01 03 20 00 18")
     bench.respond("01 03 20 00 18")
-    assert len(bench.line._receiver.attribution.foreign[1]) == 3
+    assert len(bench.line._ledger.foreign(1)) == 3
     bench.respond("01 03 01 FF 03")
-    assert len(bench.line._receiver.attribution.foreign[1]) == 2
+    assert len(bench.line._ledger.foreign(1)) == 2
 
 
 def test_the_response_to_a_write_settles_it_and_is_no_request_itself(bench: Bench) -> None:
@@ -240,15 +240,15 @@ def test_a_late_window_of_a_given_length_counts_for_theirs_too() -> None:
 
 def test_requests_to_units_that_we_never_ask_are_forgotten_at_last(bench: Bench) -> None:
     bench.respond(THEIRS, unit=9)
-    bench.pass_time(attribution._LONGEST + 1.0)
+    bench.pass_time(FOREIGN_LASTS + 1.0)
     is_believed(bench)
-    assert bench.line._receiver.attribution.foreign == {}
+    assert bench.line._ledger.foreign() == []
 
 
 def test_few_are_remembered(bench: Bench) -> None:
     for number in range(100):
         bench.respond(f"03 00 {number:02X} 00 01")
-    assert len(bench.line._receiver.attribution.foreign[1]) == attribution._PER_UNIT
+    assert len(bench.line._ledger.foreign(1)) == FOREIGN_PER_UNIT
 
 
 # --- whose answer it is ---

@@ -4,11 +4,11 @@ import pytest
 
 from gateway.devices.quirks import AddressZeroDevice
 from gateway.lines.attribution import Attribution
-from gateway.lines.late import LateWindows, Overdue
+from gateway.lines.ledger import Exchange, Ledger
 from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
-from gateway.modbus.scan import Expected, Token
+from gateway.modbus.scan import Token
 from kit.line_bench import READ, RESPONSE, Bench
 
 THEIRS = "03 00 30 00 01"
@@ -25,8 +25,8 @@ class Table:
     """An attribution, and the frames that it is shown, each behind the one before."""
 
     def __init__(self) -> None:
-        self.windows = LateWindows(None)
-        self.attribution = Attribution(self.windows, lambda asked, answer_time: PATIENCE)
+        self.ledger = Ledger(None)
+        self.attribution = Attribution(self.ledger, lambda asked, answer_time: PATIENCE)
         self.position = PLACE
         self._bench = Bench()
 
@@ -37,12 +37,15 @@ class Table:
         asked = parse_request(bytes.fromhex(pdu))
         return device._transaction(self._bench.client.ask(pdu), asked)
 
-    def begin(self, pdu: str = READ, unit: int = 1, now: float = NOW) -> Transaction:
-        transaction = self.transaction(pdu, unit)
-        transaction.expected = Expected(transaction.answers_from, transaction.asked, self.position)
-        transaction.sent_at = now
-        self.attribution.begin(transaction, self.position, ECHO_UNTIL)
-        return transaction
+    def begin(self, pdu: str = READ, unit: int = 1, now: float = NOW) -> Exchange:
+        self.ledger.current = None
+        ours = self.ledger.take(self.transaction(pdu, unit))
+        ours.sender.sent_at = now
+        self.attribution.begin(ours, self.position, ECHO_UNTIL)
+        return ours
+
+    def end(self) -> None:
+        self.ledger.last.finish(self.position)
 
     def owner(self, pdu: str, unit: int = 1, at: float = NOW + 0.1, *, is_damaged: bool = False) -> str:
         frame = Frame(unit, bytes.fromhex(pdu))
@@ -71,7 +74,7 @@ def test_what_began_before_the_request_is_not(table: Table) -> None:
 def test_nor_is_a_damaged_frame_nor_one_that_comes_when_the_request_is_over(table: Table) -> None:
     table.begin()
     assert table.owner(RESPONSE, is_damaged=True) == "nobody"
-    table.attribution.end(table.position)
+    table.end()
     assert table.owner(RESPONSE) == "nobody"
 
 
@@ -81,7 +84,7 @@ def test_what_comes_behind_the_response_does_not_put_it_in_doubt(table: Table) -
     assert table.owner(RESPONSE) == "the request"
     assert table.owner(THEIRS) == "another's request"
     assert table.owner(RESPONSE) == "another client"
-    assert table.attribution.doubts == []
+    assert table.attribution.doubt is None
 
 
 def test_what_may_be_another_clients_response_is_ambiguous(table: Table) -> None:
@@ -89,7 +92,7 @@ def test_what_may_be_another_clients_response_is_ambiguous(table: Table) -> None
     assert table.owner(READ) == "another's request"
     table.begin()
     assert table.owner(RESPONSE) == "another client"
-    assert [request.frame.pdu for request in table.attribution.doubts] == [bytes.fromhex(THEIRS), bytes.fromhex(READ)]
+    assert table.attribution.doubt.asked.data == bytes.fromhex(THEIRS)
     assert table.owner(RESPONSE) == "another client"
     assert table.owner(RESPONSE) == "nobody"
 
@@ -108,14 +111,14 @@ def test_a_damaged_request_counts(table: Table) -> None:
 @pytest.mark.parametrize("pdu", ["41 00 01", "03 00 30 00 00", "83 02", RESPONSE])
 def test_what_is_neither_is_nobodys(table: Table, pdu: str) -> None:
     assert table.owner(pdu) == "nobody"
-    assert table.attribution.foreign_requests() == []
+    assert table.ledger.foreign() == []
 
 
 # --- who waits for a response ---
 
 
 def test_another_client_waits_until_it_has_its_response(table: Table) -> None:
-    ours = table.transaction()
+    ours = table.ledger.take(table.transaction())
     assert not table.attribution.may_be_others(ours)
     table.owner(THEIRS, unit=2)
     assert not table.attribution.may_be_others(ours)
@@ -126,7 +129,7 @@ def test_another_client_waits_until_it_has_its_response(table: Table) -> None:
 
 
 def test_whoever_waits_may_have_asked_the_unit_at_address_0(table: Table) -> None:
-    ours = table.transaction(unit=0)
+    ours = table.ledger.take(table.transaction(unit=0))
     assert not table.attribution.may_be_others(ours)
     table.owner(THEIRS, unit=2)
     assert table.attribution.may_be_others(ours)
@@ -137,7 +140,7 @@ def test_a_request_is_kept_as_long_as_its_response_may_come(table: Table, later:
     table.owner(THEIRS, at=NOW - PATIENCE - later)
     table.owner(THEIRS, at=NOW - 1.0)
     table.begin()
-    assert len(table.attribution.foreign_requests()) == 1 + is_kept
+    assert len(table.ledger.foreign()) == 1 + is_kept
 
 
 @pytest.mark.parametrize(("later", "owner"), [(0.0, "another client"), (0.001, "the request")])
@@ -152,10 +155,11 @@ def test_at_address_0_too_a_request_is_doubted_only_as_long_as_its_response_may_
 # --- late responses ---
 
 
-def overdue(table: Table, ends_at: float, since: int = 0, owed: int = 1, answers_from: int | None = 1) -> Overdue:
-    request = Overdue(1, answers_from, bytes.fromhex(READ), owed, ends_at)
-    table.windows.open(request, Expected(answers_from, request.asked, since), ends_at, owed, PATIENCE)
-    return request
+def overdue(table: Table, ends_at: float, since: int = 0, answers_from: int | None = 1) -> Exchange:
+    left = Exchange(1, answers_from, parse_request(bytes.fromhex(READ)), 0)
+    left.ends_at = ends_at
+    table.ledger.take_over([left], since, PATIENCE)
+    return table.ledger.others[-1]
 
 
 def test_a_late_response_is_for_the_oldest_request_that_it_fits(table: Table) -> None:
@@ -192,16 +196,16 @@ def test_another_client_on_a_line_that_has_sent_nothing_yet(table: Table) -> Non
     overdue(table, NOW + 5.0)
     assert table.owner(THEIRS) == "another's request"
     assert table.owner(RESPONSE) == "another client"
-    assert table.windows.next_end() == NOW + 5.0
+    assert table.ledger.next_end() == NOW + 5.0
 
 
 def test_a_window_lasts_while_the_other_of_two_responses_may_come(table: Table) -> None:
     table.begin()
-    table.attribution.end(table.position)
+    table.end()
     overdue(table, NOW + 1.0)
     assert table.owner(THEIRS, at=NOW + 0.5) == "another's request"
     assert table.owner(RESPONSE, at=NOW + 0.9) == "another client"
-    assert table.windows.next_end() == NOW + 0.5 + PATIENCE
+    assert table.ledger.next_end() == NOW + 0.5 + PATIENCE
 
 
 # --- copies of our request ---
@@ -228,7 +232,7 @@ def test_so_is_one_to_another_unit_and_one_of_another_request(table: Table) -> N
 
 def test_so_is_one_behind_the_end_of_the_request(table: Table) -> None:
     table.begin()
-    table.attribution.end(table.position)
+    table.end()
     assert table.owner(READ) == "another's request"
 
 
@@ -272,6 +276,6 @@ def test_copies_besides_the_response_are_counted_request_by_request(table: Table
         counts.append(table.attribution.echoes_in_a_row)
         for _ in range(copies):
             table.owner(READ)
-        table.attribution.end(table.position)
+        table.end()
     table.begin()
     assert [*counts, table.attribution.echoes_in_a_row] == [0, 1, 2, 0, 1, 0]

@@ -237,17 +237,17 @@ def test_the_line_that_follows_knows_of_the_other_client(shared: Bench) -> None:
     for _ in range(2):
         earlier, later = later, Bench(timing=shared.settings.timing, virtual=False)
         later.now = earlier.now + 50.0
-        later.line.await_overdue(earlier.line.overdue(later.now, 1.0), 1.0)
+        later.line.take_over(earlier.line.handed_on(later.now, 1.0), 1.0)
     ask_coils(later)
     later.respond(TWOFOLD)
     assert (later.client.answers, later.line.late_windows(later.now)) == (["81 0B"], 1)
 
 
 def test_an_earlier_line_has_heard_a_client_earlier(shared: Bench) -> None:
-    earlier = shared.line.overdue(shared.now, 1.0)
+    earlier = shared.line.handed_on(shared.now, 1.0)
     shared.pass_time(200.0)
     shared.respond(THEIRS)
-    shared.line.await_overdue([each for each in earlier if not each.owed], 1.0)
+    shared.line.take_over([each for each in earlier if not each.owed], 1.0)
     shared.pass_time(200.0)
     ask_coils(shared)
     shared.respond(TWOFOLD)
@@ -277,8 +277,8 @@ def test_the_response_to_another_clients_copy_may_be_for_our_request_and_as_late
     sent_at = bench.now
     bench.respond(READ)
     bench.respond("83 02")
-    (theirs,) = bench.line._receiver.attribution.foreign_requests()
-    assert theirs.at > sent_at + 0.003
+    (theirs,) = bench.line._ledger.foreign()
+    assert theirs.asked_at > sent_at + 0.003
 
 
 def test_a_response_to_an_earlier_sending_does_not_stand_for_another_clients() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.devices.addresses import Whereabouts
 from gateway.lines.attribution import Attribution
-from gateway.lines.late import LateWindows, Overdue, _Window
+from gateway.lines.ledger import Exchange, Ledger
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
 from gateway.modbus.scan import Expected, Token
@@ -92,7 +92,7 @@ def test_a_late_window_of_zero() -> None:
 
 @pytest.mark.interpreted
 def test_a_window_that_forbids_nothing(monkeypatch) -> None:
-    monkeypatch.setattr(LateWindows, "forbid_until", lambda windows, transaction, now: None)
+    monkeypatch.setattr(Ledger, "forbid_until", lambda windows, transaction, now: None)
     assert LIE in finds(LATE, 5).wrong[0]
 
 
@@ -100,10 +100,10 @@ def test_a_window_that_forbids_nothing(monkeypatch) -> None:
 def test_a_move_that_does_not_wait_for_the_late_answers_of_its_unit(monkeypatch) -> None:
     """They come from the new address."""
 
-    def forbids_the_same(window: _Window, other: Transaction) -> bool:
-        return window.request.asked.function == other.asked.function and window.request.unit == other.device.unit
+    def forbids_the_same(late: Exchange, other: Transaction) -> bool:
+        return late.asked.function == other.asked.function and late.unit == other.device.unit
 
-    monkeypatch.setattr(_Window, "forbids", forbids_the_same)
+    monkeypatch.setattr(Exchange, "forbids", forbids_the_same)
     found = finds("read, answer, newest answer, silence", 4, alphabet="moves")
     assert found.path[0] == "newest answer"
     assert found.path[-1] == "answer"
@@ -119,7 +119,7 @@ def test_an_unanswered_move_that_is_forgotten(monkeypatch) -> None:
 
 @pytest.mark.interpreted
 def test_other_clients_that_are_not_listened_to(monkeypatch) -> None:
-    monkeypatch.setattr(Attribution, "_doubts_about", lambda attribution, frame, asked: [])
+    monkeypatch.setattr(Attribution, "_doubt_about", lambda attribution, frame, ours: None)
     found = finds(FOREIGN, 3)
     assert found.path[-1] == "foreign answer"
     assert LIE in found.wrong[0]
@@ -134,12 +134,12 @@ def test_a_request_that_is_taken_for_coils(monkeypatch) -> None:
 
 @pytest.mark.interpreted
 def test_a_line_that_does_not_know_of_the_clients_of_an_earlier_one(monkeypatch) -> None:
-    overdue = Line.overdue
+    handed_on = Line.handed_on
 
-    def of_ours(line: Line, now: float, patience: float) -> list[Overdue]:
-        return [each for each in overdue(line, now, patience) if each.owed]
+    def of_ours(line: Line, now: float, patience: float) -> list[Exchange]:
+        return [each for each in handed_on(line, now, patience) if each.owed]
 
-    monkeypatch.setattr(Line, "overdue", of_ours)
+    monkeypatch.setattr(Line, "handed_on", of_ours)
     letters = "read coils, foreign read of coils, other foreign read of coils, foreign answer, reload"
     assert LIE in finds(letters, 5).wrong[0]
 
@@ -149,8 +149,8 @@ def test_a_client_that_asks_the_same_and_is_not_noticed(monkeypatch) -> None:
     is_request = Attribution._is_request
 
     def is_other_request(attribution: Attribution, token: Token, *, is_sure: bool) -> bool:
-        asked = attribution._asked
-        is_copy = asked is not None and asked.is_copy(token.frame)
+        ours = attribution._ledger.last
+        is_copy = ours is not None and ours.is_copy(token.frame)
         return is_request(attribution, token, is_sure=is_sure and not is_copy)
 
     monkeypatch.setattr(Attribution, "_is_request", is_other_request)

@@ -2,7 +2,7 @@
 
     .venv/bin/pip install cosmic-ray
     .venv/bin/python tests/mutation/mutants.py --sample 300 --quick --jobs 2
-    .venv/bin/python tests/mutation/mutants.py gateway/lines/late.py --jobs 2
+    .venv/bin/python tests/mutation/mutants.py gateway/lines/ledger.py --jobs 2
     .venv/bin/python tests/mutation/mutants.py gateway/lines --sample 300 --only tests/stories/lines
 
 Without `--sample` every mutant runs, which takes hours. The tests of a mutant are those of its module, then those of

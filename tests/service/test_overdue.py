@@ -3,20 +3,41 @@
 import json
 import os
 import time
+from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 from gateway.events import Event, StateDamaged
-from gateway.lines.late import Overdue
+from gateway.lines.ledger import Exchange
+from gateway.modbus.pdu import parse_sent
 from gateway.ports.port import SerialSettings, TcpSettings
 from gateway.service.overdue import FILE_NAME, LeftBehind, is_entry, place_of
 from gateway.service.shared_file import SharedFile
 
 WEEK = 7 * 86_400.0
 PORT, OTHER = "/dev/ttyS1", "/dev/ttyS2"
-READ = Overdue(unit=1, answers_from=1, pdu=bytes.fromhex("03 00 07 00 01"), owed=1, ends_at=103.0)
-MOVE = Overdue(unit=1, answers_from=None, pdu=bytes.fromhex("06 01 00 00 05"), owed=2, ends_at=101.5)
+
+
+class Open(NamedTuple):
+    """What is told of an exchange."""
+
+    unit: int
+    answers_from: int | None
+    pdu: str
+    owed: int
+    ends_at: float
+
+    def exchange(self) -> Exchange:
+        exchange = Exchange(self.unit, self.answers_from, parse_sent(bytes.fromhex(self.pdu)), 0)
+        exchange.owed = self.owed
+        exchange.ends_at = self.ends_at
+        return exchange
+
+
+READ = Open(1, 1, "03 00 07 00 01", owed=1, ends_at=103.0)
+MOVE = Open(1, None, "06 01 00 00 05", owed=2, ends_at=101.5)
 
 
 class Process:
@@ -26,34 +47,38 @@ class Process:
         self.events: list[Event] = []
         self.left_behind = LeftBehind(SharedFile(folder / FILE_NAME, is_entry, self.events.append))
 
-    def ends(self, now: float, *answers: Overdue, at: str = PORT) -> None:
-        self.left_behind.leave(at, answers, now)
+    def ends(self, now: float, *answers: Open, at: str = PORT) -> None:
+        self.left_behind.leave(at, [each.exchange() for each in answers], now)
         self.left_behind.close()
         assert self.events == []
 
 
-def found(folder: Path, now: float, at: str = PORT) -> list[Overdue]:
+def shown(exchanges: Iterable[Exchange]) -> list[Open]:
+    return [Open(each.unit, each.answers_from, each.asked.data.hex(" "), each.owed, each.ends_at) for each in exchanges]
+
+
+def found(folder: Path, now: float, at: str = PORT) -> list[Open]:
     """What the next process would find."""
-    return Process(folder).left_behind.at(at, now)
+    return shown(Process(folder).left_behind.at(at, now))
 
 
 def test_a_line_finds_what_the_one_before_it_has_left() -> None:
     left_behind = LeftBehind()
     assert left_behind.at(PORT, 90.0) == []
-    left_behind.leave(PORT, [READ, MOVE], 100.0)
+    left_behind.leave(PORT, [READ.exchange(), MOVE.exchange()], 100.0)
     assert left_behind.at(OTHER, 101.0) == []
-    assert left_behind.at(PORT, 101.0) == [READ, MOVE]
+    assert shown(left_behind.at(PORT, 101.0)) == [READ, MOVE]
 
 
 def test_what_is_past_is_not_found() -> None:
     left_behind = LeftBehind()
-    left_behind.leave(PORT, [READ, MOVE], 100.0)
-    assert left_behind.at(PORT, 102.0) == [READ]
+    left_behind.leave(PORT, [READ.exchange(), MOVE.exchange()], 100.0)
+    assert shown(left_behind.at(PORT, 102.0)) == [READ]
 
 
 def test_a_line_that_has_had_its_answers_leaves_nothing() -> None:
     left_behind = LeftBehind()
-    left_behind.leave(PORT, [READ], 100.0)
+    left_behind.leave(PORT, [READ.exchange()], 100.0)
     left_behind.leave(PORT, [], 101.0)
     assert left_behind.at(PORT, 101.0) == []
 

@@ -4,7 +4,7 @@ import pytest
 
 from gateway.devices.device import EveryDevice
 from gateway.devices.quirks import EveryQuirkyDevice, MovableDevice
-from gateway.lines.late import _Window
+from gateway.lines.ledger import Exchange
 from gateway.lines.transaction import Transaction
 from gateway.service.state import Memory
 from soak.tally import Tally
@@ -27,10 +27,10 @@ async def test_fifteen_thousand_transactions_and_no_wrong_answer() -> None:
 
 @pytest.mark.interpreted
 async def test_it_notices_what_is_asked_while_a_move_or_a_late_answer_is_awaited(monkeypatch) -> None:
-    def forbids_the_same(window: _Window, other: Transaction) -> bool:
-        return window.request.asked.function == other.asked.function and window.request.unit == other.device.unit
+    def forbids_the_same(late: Exchange, other: Transaction) -> bool:
+        return late.asked.function == other.asked.function and late.unit == other.device.unit
 
-    monkeypatch.setattr(_Window, "forbids", forbids_the_same)
+    monkeypatch.setattr(Exchange, "forbids", forbids_the_same)
     assert (await played(seed=3)).wrong_count > 0
 
 

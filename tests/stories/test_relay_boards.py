@@ -5,8 +5,9 @@ import asyncio
 import pytest
 
 from gateway.events import OtherClientHeard, WriteAudit
-from gateway.lines.late import Overdue
+from gateway.lines.ledger import Exchange
 from gateway.modbus import rtu
+from gateway.modbus.pdu import parse_request
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 
@@ -74,8 +75,9 @@ async def test_a_confirmation_of_another_value_is_none() -> None:
 async def test_a_late_confirmation_is_known_to_the_next_line_too() -> None:
     async with gateway_bench(CONFIG) as bench:
         line, client, loop = bench.gateway.lines[0], bench.client(), asyncio.get_running_loop()
-        overdue = Overdue(1, 1, bytes.fromhex("05 00 00 55 00"), 1, loop.time() + 2.0)
-        line.driver.line.await_overdue([overdue], line.patience)
+        late = Exchange(1, 1, parse_request(bytes.fromhex("05 00 00 55 00")), 0)
+        late.ends_at = loop.time() + 2.0
+        line.driver.line.take_over([late], line.patience)
         assert await client.asks(1, "05 00 00 55 00") == "85 0B"
         bench.lines["hall-a"].deliver(rtu.encode(1, bytes.fromhex("05 00 00 55 00")))
         await asyncio.sleep(0.1)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 import pytest
 
 from gateway.images.polling import PolledRange, Polling
-from gateway.lines.late import LateWindows
+from gateway.lines.ledger import Ledger
 from gateway.modbus.mbap import TcpFrame
 from gateway.service.parts import GatewayLine
 from gateway.upstreams.upstream import Upstream
@@ -47,7 +47,7 @@ def an_upstream_takes_answers_in_the_order_of_requests(patch: pytest.MonkeyPatch
 
 
 def a_line_awaits_no_late_answers(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(LateWindows, "forbid_until", lambda *_: None)
+    patch.setattr(Ledger, "forbid_until", lambda *_: None)
 
 
 def an_equal_read_overtakes_its_clients_write(patch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,323 @@
+"""The open exchanges of a line: every request, ours or another client's, of which a response may still come.
+
+RTU and ASCII frames have no transaction identifier, so a response looks like the response to the next request of the
+same shape, whoever asked. What may still come is kept in one list, and all decisions read it: whose a frame is
+(`attribution`), what must not be sent (`forbid_until`), when a connection must be renewed (`must_renew`), what the next
+line on the port has to know (`handed_on`).
+
+| an exchange is | who asked      | from                              | until                                         |
+|----------------|----------------|-----------------------------------|-----------------------------------------------|
+| current        | we             | its request is sent               | its response, its limit                       |
+| late           | we             | its limit has ended               | all it is owed has come, its late window ends |
+| held           | we             | the same, if nothing was received | a response to it or a later one, or a new     |
+|                |                | on a connection                   | connection                                    |
+| foreign        | another client | its request was heard             | its response, or `FOREIGN_LASTS` seconds      |
+
+A late exchange forbids requests with the same function to the same unit; other functions and units go on (ADR 5). A
+held one may be in a device server that stalls, or in the network, for as long as that takes: if its window ends,
+nothing more is sent on this connection.
+"""
+
+from collections.abc import Callable, Collection, Iterable
+from typing import Final, cast
+
+from gateway.lines.transaction import Transaction
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
+from gateway.modbus.frame import Frame
+from gateway.modbus.pdu import RequestPdu
+from gateway.modbus.scan import NEVER, Expected, Token
+from gateway.timing.budget import AnswerTime
+
+#: A request that a late window forbids waits if the window ends within this many seconds. Otherwise it fails at once,
+#: so that a client that polls one unit after the other is not blocked.
+WORTH_WAITING: Final = 0.250
+#: A foreign request to a unit that we send none to, and the suspicion that the line is shared, are kept this long, in
+#: seconds.
+FOREIGN_LASTS: Final = 300.0
+#: At most this many foreign requests to one unit are kept.
+FOREIGN_PER_UNIT: Final = 16
+
+#: Returns whether the other end of a connection has received all that was written to it.
+HasArrived = Callable[[], bool]
+
+
+class Exchange(Expected):
+    """A request to `unit`, and its responses: from `answers_from` (None: any unit), at the place `since` or later."""
+
+    __slots__ = (
+        "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_awaited", "is_held", "is_ours", "owed",
+        "patience", "place", "transaction", "unit",
+    )  # fmt: skip
+
+    def __init__(
+        self, unit: int, answers_from: int | None, asked: RequestPdu, place: int, transaction: Transaction | None = None
+    ) -> None:
+        super().__init__(answers_from, asked, place)
+        self.unit = unit
+        #: Where it was sent, or where another client's ended, in the bytes of the line.
+        self.place = place
+        #: The transaction that has sent it; None if an earlier line did, or another client.
+        self.transaction = transaction
+        self.is_ours = True
+        #: When its last character was on the line, and until when up to `owed` responses may come.
+        self.asked_at = 0.0
+        self.ends_at = 0.0
+        self.owed = 1
+        #: Whether the next response that fits is taken for its own, whether one was, and where that was over.
+        self.is_awaited = False
+        self.is_answered = False
+        self.ended_at = NEVER
+        #: How long after a request any response of its unit may come, in seconds, if no transaction tells.
+        self.patience = 0.0
+        #: Whether the connection may hold it back; and whether all of it had arrived there when its late window began.
+        self.is_held = False
+        self.had_arrived = True
+
+    @property
+    def sender(self) -> Transaction:
+        """The transaction of one of ours."""
+        return cast("Transaction", self.transaction)
+
+    def finish(self, place: int) -> None:
+        """Await it no more from this place on. Frames from before it may still follow."""
+        self.is_awaited = False
+        self.ended_at = min(self.ended_at, place)
+
+    def is_copy(self, frame: Frame) -> bool:
+        """Tell whether `frame` is a copy of the request."""
+        return frame.unit == self.unit and frame.pdu == self.asked.data
+
+    def accepts(self, frame: Frame) -> bool:
+        """Tell whether `frame` is a response to it."""
+        if self.transaction is not None:
+            return self.transaction.accepts(frame)
+        return self.answers_from in (None, frame.unit) and self.asked.accepts(frame.pdu)
+
+    def forbids(self, other: Transaction) -> bool:
+        """Tell whether a response to this one could be taken for the response to `other`.
+
+        A late exception response fits any quantity, so only unit and function count. Before and after the change of an
+        address nothing may be owed by its unit: it would come from the new address. A request to address 0 that
+        expects a response must be the only one on the line.
+        """
+        if not (self.is_ours and self.owed and other.expects_answer):
+            return False
+        if other.unit == BROADCAST_UNIT:
+            return True
+        is_same_unit = self.unit == other.device.unit
+        is_same_function = self.asked.function == other.asked.function
+        if self.answers_from is None or other.answers_from is None:
+            return is_same_unit or is_same_function
+        return is_same_unit and is_same_function
+
+    def __repr__(self) -> str:
+        who = "ours" if self.is_ours else "another client's"
+        return f"<Exchange {who} unit={self.unit} {self.asked.data.hex(' ').upper()} owed={self.owed}>"
+
+
+def foreign_request(frame: Frame, asked: RequestPdu, at: float, end: int) -> Exchange:
+    """Make the exchange of a request that another client has sent: read `at`, up to the place `end`."""
+    exchange = Exchange(frame.unit, frame.unit, asked, end)
+    exchange.is_ours = False
+    exchange.asked_at = at
+    exchange.ends_at = at + FOREIGN_LASTS
+    return exchange
+
+
+class Ledger:
+    """The exchanges of a line. Late windows last `seconds`; None: as long as the device's answer times say."""
+
+    def __init__(self, seconds: float | None) -> None:
+        #: The one on the line, or about to be sent again; and the last one of ours, which may be over.
+        self.current: Exchange | None = None
+        self.last: Exchange | None = None
+        #: All others that are open, in the order in which they became late or were heard.
+        self.others: list[Exchange] = []
+        #: The latest foreign request that shows another client. That may be there until it `ends_at`.
+        self.other_client: Exchange | None = None
+        self._seconds = seconds
+        self._has_arrived: HasArrived | None = None
+
+    # --- times ---
+
+    def length(self, limit: float, answer_time: AnswerTime) -> float:
+        """Return how long after its limit a response may come: twice the limit, or the device's longest time."""
+        return max(2 * limit, answer_time.slowest) if self._seconds is None else self._seconds
+
+    def end_of(self, transaction: Transaction, now: float) -> float:
+        """Return when the window of a transaction ends that fails at `now`; it begins at its limit at the earliest."""
+        ends_at = max(now, transaction.fails_at) + self.length(transaction.limit, transaction.device.answer_time)
+        return max(ends_at, transaction.ends_at + transaction.patience)
+
+    def expire(self, now: float) -> None:
+        """Close what has ended. What may be held back stays until it must have arrived."""
+        for each in self.others:
+            if each.ends_at <= now:
+                each.owed = 0
+        self._drop_closed()
+
+    # --- our requests ---
+
+    def take(self, transaction: Transaction) -> Exchange:
+        """Make a request of ours the current one: it is about to be sent, perhaps once more."""
+        transaction.unit = transaction.device.unit
+        before = self.current
+        owed = transaction.awaits_second if before is None else before.owed
+        current = Exchange(transaction.unit, transaction.answers_from, transaction.asked, 0, transaction)
+        current.owed = owed + (not transaction.is_broadcast)
+        self.current = current
+        return current
+
+    def begin(self, current: Exchange, position: int) -> None:
+        """Note that it is sent at this place: its response comes there or later."""
+        current.place = current.since = position
+        current.asked_at = current.sender.ends_at
+        current.is_awaited = current.sender.expects_answer
+        self.last = current
+
+    def end(self, now: float) -> bool:
+        """End the request on the line. If responses are owed, its late window opens: returns whether it does."""
+        current, self.current = self.current, None
+        if current is None or not current.owed:
+            return False
+        current.ends_at = self.end_of(current.sender, now)
+        self.others.append(current)
+        return True
+
+    def late(self) -> list[Exchange]:
+        """List those of ours whose responses may come late."""
+        return [each for each in self.others if each.is_ours and each.owed]
+
+    def count_late(self, now: float) -> int:
+        """Count the late windows."""
+        self.expire(now)
+        return len(self.late())
+
+    def forbid_until(self, transaction: Transaction, now: float) -> float | None:
+        """Return when `transaction` may be sent, if a late response could be taken for its own; else None."""
+        self.expire(now)
+        return max((each.ends_at for each in self.others if each.forbids(transaction)), default=None)
+
+    def next_end(self) -> float | None:
+        """Return when the next late window ends."""
+        return min((each.ends_at for each in self.late()), default=None)
+
+    def changes_until(self, units: Collection[int], now: float) -> float:
+        """Return until when a device with one of the `units` may still change its address; 0 if none may."""
+        self.expire(now)
+        changes = [each for each in self.late() if each.answers_from is None and each.unit in units]
+        return max((each.ends_at for each in changes), default=0.0)
+
+    def heads_of_others(self, unit: int) -> list[bytes]:
+        """List the first bytes of late responses from units other than `unit`."""
+        others = [each for each in self.late() if each.unit != unit]
+        return [bytes((each.unit, each.asked.function | bit)) for each in others for bit in (0, EXCEPTION_BIT)]
+
+    def take_late(self, token: Token) -> Exchange | None:
+        """Find the oldest exchange that this is a late response to, which is owed one less then."""
+        self.expire(token.at)
+        for each in self.late():
+            if token.start >= each.since and not token.is_damaged and each.accepts(token.frame):
+                each.owed -= 1
+                each.is_held = each.is_held and each.owed > 0
+                self._drop_closed()
+                return each
+        return None
+
+    def extend(self, token: Token, foreign: Exchange, patience: Callable[[AnswerTime], float]) -> None:
+        """Extend the windows that this response to a `foreign` request fits: it may have been ours.
+
+        A response to the foreign request may come for as long after that as `patience` tells of a device.
+        """
+        for each in self.late():
+            if each.accepts(token.frame):
+                device = None if each.transaction is None else each.transaction.device
+                lasts = each.patience if device is None else patience(device.answer_time)
+                each.ends_at = max(each.ends_at, foreign.asked_at + lasts)
+
+    # --- what a connection may hold back ---
+
+    def connected(self, has_arrived: HasArrived | None) -> None:
+        """Begin with a new port, which holds nothing back. `has_arrived` is None unless it is a connection."""
+        self._has_arrived = has_arrived
+        for each in self.others:
+            each.is_held = False
+        self._drop_closed()
+
+    def hold(self, exchange: Exchange) -> None:
+        """Note that nothing was received since this request was sent."""
+        if self._has_arrived is not None:
+            exchange.is_held = True
+            exchange.had_arrived = self._has_arrived()
+
+    def release(self, exchange: Exchange) -> None:
+        """Note a response: a connection keeps its order, so all requests up to this one have left the server."""
+        for each in self.others:
+            each.is_held = each.is_held and each.asked_at > exchange.asked_at
+        self._drop_closed()
+
+    def renews_at(self) -> float | None:
+        """Return when nothing more may be sent on this connection, unless a response comes; None: never."""
+        return min((each.ends_at for each in self.others if each.is_held), default=None)
+
+    def must_renew(self, now: float) -> bool:
+        """Tell whether nothing may be sent on this connection, because it may hold a request back."""
+        return any(each.is_held and each.ends_at <= now for each in self.others)
+
+    def await_arrived(self, position: int, now: float) -> None:
+        """Open the late windows again of requests that had not arrived when these began: only now their limits do."""
+        for each in [each for each in self.others if each.is_held and each.ends_at <= now and not each.had_arrived]:
+            if each.transaction is not None and self._has_arrived is not None:
+                self.others.remove(each)
+                each.ends_at = self.end_of(each.transaction, now + each.transaction.limit)
+                each.owed = 1
+                each.since = position
+                each.had_arrived = self._has_arrived()
+                self.others.append(each)
+
+    # --- other clients' requests ---
+
+    def foreign(self, unit: int | None = None) -> list[Exchange]:
+        """List other clients' requests without a response, to this unit or to all."""
+        return [each for each in self.others if not each.is_ours and unit in (None, each.unit)]
+
+    def close(self, foreign: Exchange) -> None:
+        """Forget another client's request."""
+        self.others.remove(foreign)
+
+    # --- the next line on the port ---
+
+    def handed_on(self, now: float, patience: float) -> list[Exchange]:
+        """List what may still come, for the next line on the port. Foreign responses come within `patience` seconds.
+
+        Another client that may be there is an exchange that is owed nothing.
+        """
+        self.expire(now)
+        handed = [_handed(each, each.owed, each.ends_at) for each in self.late()]
+        handed += [_handed(each, 1, each.asked_at + patience) for each in self.foreign()]
+        if self.other_client is not None:
+            handed.append(_handed(self.other_client, 0, self.other_client.ends_at))
+        return [each for each in handed if each.ends_at > now]
+
+    def take_over(self, exchanges: Iterable[Exchange], position: int, patience: float) -> None:
+        """Take over what an earlier line on the port has handed on. Any response comes within `patience` seconds."""
+        for each in exchanges:
+            if each.owed:
+                late = _handed(each, each.owed, each.ends_at)
+                late.place = late.since = position
+                late.patience = patience
+                self.others.append(late)
+            elif self.other_client is None or self.other_client.ends_at < each.ends_at:
+                self.other_client = each
+
+    def _drop_closed(self) -> None:
+        if self.others:
+            self.others = [each for each in self.others if each.owed or each.is_held]
+
+
+def _handed(exchange: Exchange, owed: int, ends_at: float) -> Exchange:
+    """Make the exchange as another line gets it: by then it does not matter who asked."""
+    handed = Exchange(exchange.unit, exchange.answers_from, exchange.asked, 0)
+    handed.owed = owed
+    handed.ends_at = ends_at
+    return handed
