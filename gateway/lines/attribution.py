@@ -27,7 +27,7 @@ from math import inf
 from typing import Final, Literal
 
 from gateway.errors import RequestError
-from gateway.lines.ledger import FOREIGN_LASTS, FOREIGN_PER_UNIT, Exchange, Ledger, foreign_request
+from gateway.lines.ledger import FOREIGN_LASTS, Exchange, Ledger, foreign_request
 from gateway.lines.overheard import Overheard
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
@@ -151,7 +151,7 @@ class Attribution:
         """Find another client's request that `frame` may answer: not one that equals ours and came later."""
         transaction = ours.sender
         for each in self._ledger.foreign():
-            if each.unit not in (frame.unit, ours.unit) or not _may_answer(frame.pdu, each.asked):
+            if each.unit not in (frame.unit, ours.unit) or not (each.is_any or _may_answer(frame.pdu, each.asked)):
                 continue
             may_come = each.asked_at + self._patience(each.asked, transaction.device.answer_time)
             is_same = each.unit == ours.unit and each.asked.data == ours.asked.data
@@ -187,6 +187,12 @@ class Attribution:
         is_ours_too = ours is not None and ours.is_awaited and ours.owed > 1 and ours.accepts(frame)
         for each in self._ledger.foreign(frame.unit):
             asked = each.asked
+            if each.is_any:
+                if response_size(frame.pdu) not in (0, len(frame.pdu)):
+                    continue
+                each.hear_again(token.at)  # it may be a request as well
+                self._ledger.extend(token, each, partial(self._patience, asked))
+                return True
             is_repeated = frame.pdu == asked.data != asked.response_head
             is_over = token.at > each.ends_at
             if not (is_repeated or is_over) and asked.accepts(frame.pdu):
@@ -256,7 +262,7 @@ class Attribution:
         elif is_sure and not self._may_be_response(frame):
             self.overheard.count_request(token.at)
         self.is_shared = True
-        self._await_response(foreign_request(frame, asked, at, token.end))
+        self._ledger.hear(foreign_request(frame, asked, at, token.end))
         may_be_response = is_copy and asked.accepts(frame.pdu)
         if is_sure and not may_be_response:
             self._ledger.other_client = foreign_request(frame, asked, token.at, token.end)
@@ -270,14 +276,6 @@ class Attribution:
         if ours is None or not ours.is_awaited or frame.unit != ours.unit:
             return False
         return explain_pdu(ours.asked, frame.pdu) != ""
-
-    def _await_response(self, request: Exchange) -> None:
-        """Remember another client's request. If there are too many, one that may be a response goes first."""
-        requests = self._ledger.foreign(request.unit)
-        if len(requests) >= FOREIGN_PER_UNIT:
-            doubtful = (each for each in requests if _is_request_and_response(each.asked.data))
-            self._ledger.close(next(doubtful, requests[0]))
-        self._ledger.others.append(request)
 
     def _count_stray_response(self, token: Token) -> None:
         """Count a frame without an owner: a second response to our last request, or one after its late window."""

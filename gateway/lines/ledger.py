@@ -34,7 +34,7 @@ WORTH_WAITING: Final = 0.250
 #: A foreign request to a unit that we send none to, and the suspicion that the line is shared, are kept this long, in
 #: seconds.
 FOREIGN_LASTS: Final = 300.0
-#: At most this many foreign requests to one unit are kept.
+#: So many foreign requests to one unit are told apart.
 FOREIGN_PER_UNIT: Final = 16
 
 #: Returns whether the other end of a connection has received all that was written to it.
@@ -45,8 +45,8 @@ class Exchange(Expected):
     """A request to `unit`, and its responses: from `answers_from` (None: any unit), at the place `since` or later."""
 
     __slots__ = (
-        "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_awaited", "is_held", "is_ours", "owed",
-        "patience", "place", "transaction", "unit",
+        "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_held", "is_ours",
+        "owed", "patience", "place", "transaction", "unit",
     )  # fmt: skip
 
     def __init__(
@@ -59,6 +59,8 @@ class Exchange(Expected):
         #: The transaction that has sent it; None if an earlier line did, or another client.
         self.transaction = transaction
         self.is_ours = True
+        #: Whether another client's stands for many, so that any response may answer it.
+        self.is_any = False
         #: When its last character was on the line, and until when up to `owed` responses may come.
         self.asked_at = 0.0
         self.ends_at = 0.0
@@ -82,6 +84,11 @@ class Exchange(Expected):
         """Await it no more from this place on. Frames from before it may still follow."""
         self.is_awaited = False
         self.ended_at = min(self.ended_at, place)
+
+    def hear_again(self, at: float) -> None:
+        """Note that another client has asked then."""
+        self.asked_at = at
+        self.ends_at = at + FOREIGN_LASTS
 
     def is_copy(self, frame: Frame) -> bool:
         """Tell whether `frame` is a copy of the request."""
@@ -119,8 +126,7 @@ def foreign_request(frame: Frame, asked: RequestPdu, at: float, end: int) -> Exc
     """Make the exchange of a request that another client has sent: read `at`, up to the place `end`."""
     exchange = Exchange(frame.unit, frame.unit, asked, end)
     exchange.is_ours = False
-    exchange.asked_at = at
-    exchange.ends_at = at + FOREIGN_LASTS
+    exchange.hear_again(at)
     return exchange
 
 
@@ -280,6 +286,15 @@ class Ledger:
     def foreign(self, unit: int | None = None) -> list[Exchange]:
         """List other clients' requests without a response, to this unit or to all."""
         return [each for each in self.others if not each.is_ours and unit in (None, each.unit)]
+
+    def hear(self, request: Exchange) -> None:
+        """Keep another client's request. None is dropped: of too many to one unit, the last one stands for the rest."""
+        kept = self.foreign(request.unit)
+        if len(kept) < FOREIGN_PER_UNIT:
+            self.others.append(request)
+        else:
+            kept[-1].is_any = True
+            kept[-1].hear_again(request.asked_at)
 
     def close(self, foreign: Exchange) -> None:
         """Forget another client's request."""
