@@ -91,7 +91,7 @@ class Lease:
         entry = self._store.entry
         return "" if entry is None or entry.is_released else entry.holder
 
-    def permits(self, now: float) -> bool:
+    def may_send(self, now: float) -> bool:
         """Whether a request may be written to the line."""
         return now < self.until
 
@@ -168,7 +168,7 @@ class Lease:
         if self.is_held and self.settings.fallback == "hold":
             self.until = self._counts_from = inf
 
-    def heard_asker(self, now: float) -> None:
+    def heard_other(self, now: float) -> None:
         """Somebody else asks on the line. Nothing is written any more, and the lease not claimed while one lasts."""
         if self.is_held:
             self._drop("another client was heard on the line")

@@ -106,7 +106,7 @@ class Standby:
         """The name of the lease."""
         return self._settings.name
 
-    def permits(self) -> bool:
+    def may_send(self) -> bool:
         """See Permission: by CLOCK_BOOTTIME, which counts while the machine sleeps and cannot be set."""
         return _now() < self.lease.until
 
@@ -114,9 +114,9 @@ class Standby:
         """See Permission."""
         return max(0.0, self.lease.silent_until - _now())
 
-    def heard_asker(self) -> None:
+    def heard_other(self) -> None:
         """See Permission."""
-        self.lease.heard_asker(_now())
+        self.lease.heard_other(_now())
         self._wake.set()
 
     async def run(self) -> None:

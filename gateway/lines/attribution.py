@@ -27,8 +27,8 @@ from math import inf
 from typing import Final, Literal
 
 from gateway.errors import RequestError
+from gateway.lines.counts import Overheard
 from gateway.lines.ledger import FOREIGN_LASTS, Exchange, Ledger, foreign_request
-from gateway.lines.overheard import Overheard
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
 from gateway.modbus.explain import explain_pdu

@@ -17,14 +17,14 @@ from gateway.ports.port import CharacterErrors, OpenAgain, Port, Wire, resolve_w
 class Permission(Protocol):
     """Leave to write to a line that others ask on too, in turn."""
 
-    def permits(self) -> bool:
+    def may_send(self) -> bool:
         """Tell whether a request may be written now."""
 
     def silence(self) -> float:
         """Return how long nothing may be written from now on, in seconds: late answers to others may come."""
 
-    def heard_asker(self) -> None:
-        """Take note that another client has asked on the line."""
+    def heard_other(self) -> None:
+        """Note that another client has asked on the line."""
 
 
 class LineDriver:
@@ -53,15 +53,15 @@ class LineDriver:
         name = f"line {line.settings.name}"
         self._permission = permission
         if permission is not None:
-            line.share(permission.permits, permission.heard_asker)
+            line.share(permission.may_send, permission.heard_other)
         self._boundary = ErrorBoundary(name, loop, emit, deadline=self._deadline, tick=self._tick, down=self._down)
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction. Bytes that wait in the port came before it, and are read first."""
         line = self.line
-        if line.is_quiet(now):
+        if line.can_send(now):
             self._read_port()
-        is_planned = line.is_busy and line.has_expiry  # then its deadline cannot come forward
+        is_planned = line.is_busy and line.queue.has_expiry  # then its deadline cannot come forward
         try:
             line.submit(transaction, now)
         except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
@@ -176,7 +176,7 @@ class LineDriver:
 
 def _write_with(permission: Permission, port: Port, data: bytes) -> None:
     """Write if it is still permitted: nothing comes between this look and the system call."""
-    if permission.permits():
+    if permission.may_send():
         port.write(data)
     else:
         port.close()

@@ -211,8 +211,11 @@ class Ledger:
     def changes_until(self, units: Collection[int], now: float) -> float:
         """Return until when a device with one of the `units` may still change its address; 0 if none may."""
         self.expire(now)
-        changes = [each for each in self.late() if each.answers_from is None and each.unit in units]
-        return max((each.ends_at for each in changes), default=0.0)
+        ends = [each.ends_at for each in self.late() if each.answers_from is None and each.unit in units]
+        current = self.current
+        if current is not None and current.answers_from is None and current.unit in units:
+            ends.append(self.end_of(current.sender, current.sender.fails_at))
+        return max(ends, default=0.0)
 
     def heads_of_others(self, unit: int) -> list[bytes]:
         """List the first bytes of late responses from units other than `unit`."""
@@ -314,12 +317,11 @@ class Ledger:
             handed.append(_handed(self.other_client, 0, self.other_client.ends_at))
         return [each for each in handed if each.ends_at > now]
 
-    def take_over(self, exchanges: Iterable[Exchange], position: int, patience: float) -> None:
+    def take_over(self, exchanges: Iterable[Exchange], patience: float) -> None:
         """Take over what an earlier line on the port has handed on. Any response comes within `patience` seconds."""
         for each in exchanges:
             if each.owed:
                 late = _handed(each, each.owed, each.ends_at)
-                late.place = late.since = position
                 late.patience = patience
                 self.others.append(late)
             elif self.other_client is None or self.other_client.ends_at < each.ends_at:

@@ -28,7 +28,7 @@ There is no I/O here: bytes, time and requests are arguments, and `deadline` is 
 own state before it answers requests, because an answer may cause the next request at once.
 """
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from math import inf, nextafter
 from typing import Final, Literal
@@ -38,9 +38,8 @@ from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.echo import EchoDetector
 from gateway.lines.ledger import Exchange, HasArrived, Ledger
-from gateway.lines.overheard import Overheard
 from gateway.lines.receiver import NOTHING, Outcome, Receiver
-from gateway.lines.scheduler import Permits, Scheduler, earliest
+from gateway.lines.scheduler import MaySend, Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.telling import Recorder, Report
 from gateway.lines.transaction import Transaction
@@ -71,12 +70,16 @@ class Line:
         self.spent = TimeSpent()
         self.observer: Observer | None = None
         self._report = Report(settings.name, settings.source, emit, settings.timing.mode)
-        recorder = Recorder(settings.name, ring or Ring())
-        self._ledger = Ledger(settings.late_window)
+        self._recorder = Recorder(settings.name, ring or Ring())
+        #: All requests whose responses may still come.
+        self.ledger = Ledger(settings.late_window)
         echo = EchoDetector(self._report, is_configured=settings.echo)
-        self._receiver = Receiver(settings, self._ledger, echo, self._report, recorder)
-        self._scheduler = Scheduler(settings, self._ledger, echo, self._report, recorder, self._limit_of)
+        self._receiver = Receiver(settings, self.ledger, echo, self._report, self._recorder)
+        self._scheduler = Scheduler(settings, self.ledger, echo, self._report, self._recorder, self._limit_of)
         self._reopening = self._scheduler.reopening
+        #: What is known of others on the line, and the requests that wait.
+        self.attribution = self._receiver.attribution
+        self.queue = self._scheduler.queue
         self._write: Write | None = None
         self._has_arrived: HasArrived | None = None
         self._is_virtual = True
@@ -86,53 +89,18 @@ class Line:
         self._quiet_at = 0.0
         self._tune(latency=0.0)
 
-    @property
-    def waiting(self) -> int:
-        """How many requests wait."""
-        return len(self._scheduler)
-
-    @property
-    def has_expiry(self) -> bool:
-        """See WaitingQueue."""
-        return self._scheduler.has_expiry
-
-    @property
-    def overheard(self) -> Overheard:
-        """Counters of frames that are not responses to its requests."""
-        return self._receiver.attribution.overheard
-
-    @property
-    def copies_in_a_row(self) -> int:
-        """Of how many requests in a row a copy was received besides the response."""
-        return self._receiver.attribution.echoes_in_a_row
-
-    def late_windows(self, now: float) -> int:
-        """Count the late windows."""
-        return self._ledger.count_late(now)
-
-    def window_end(self, transaction: Transaction) -> float:
-        """Return until when an answer to a transaction that was on the line may come late."""
-        return self._ledger.end_of(transaction, transaction.fails_at)
-
-    def changes_until(self, units: Collection[int], now: float) -> float:
-        """Return until when a device with one of the `units` may still change its address; 0 if none may."""
-        current = self._ledger.current
-        if current is not None and current.answers_from is None and current.unit in units:
-            return self.window_end(current.sender)
-        return self._ledger.changes_until(units, now)
-
     def phases(self, now: float) -> Phases:
         """How the line's time was used, including the transaction in progress."""
-        current = self._ledger.current
+        current = self.ledger.current
         if current is None or not self._is_awaiting:
             return self.spent.phases()
         asked_at = min(current.asked_at, now)
         return self.spent.phases(asked_at - current.sender.sent_at, now - asked_at)
 
-    def share(self, permits: Permits, heard_asker: Callable[[], None]) -> None:
-        """Others ask here in turn: nothing is sent without a look at `permits`. `heard_asker` is called if one asks."""
-        self._scheduler.permits = permits
-        self._receiver.attribution.heard_other = heard_asker
+    def share(self, may_send: MaySend, heard_other: Callable[[], None]) -> None:
+        """Share the line with another gateway: send only while `may_send()`. Call `heard_other` when a client asks."""
+        self._scheduler.may_send = may_send
+        self.attribution.heard_other = heard_other
 
     def be_silent(self, until: float) -> None:
         """Send nothing before then."""
@@ -151,7 +119,7 @@ class Line:
         self._tune(latency)
         self._write = write
         self._quiet_at = now + self._gap
-        self._ledger.connected(has_arrived)
+        self.ledger.connected(has_arrived)
         if self._state != "closed":
             self._scheduler.end_rests()
         self._reopening.end()
@@ -162,14 +130,14 @@ class Line:
         self._disconnect("down")
         waiting = self._scheduler.clear()
         try:
-            if self._ledger.current is not None:
-                self._finish(self._ledger.current, errors.LineLost(), now)
+            if self.ledger.current is not None:
+                self._finish(self.ledger.current, errors.LineLost(), now)
         finally:
-            self._fail_waiting(waiting, now)
+            self._scheduler.fail_unsent(waiting, now)
 
     def must_renew(self, now: float) -> bool:
         """Whether a new connection is needed: this one may hold back requests."""
-        return not self.is_busy and self._ledger.must_renew(now)
+        return not self.is_busy and self.ledger.must_renew(now)
 
     def renew(self, now: float) -> None:
         """The connection is being closed, and a new one is needed: waiting requests go on waiting."""
@@ -185,7 +153,7 @@ class Line:
         if self._state == "closed":  # by `renew`
             self._reopening.ended(open_again, is_needed=True)
         elif self._state == "idle" and (self._scheduler.is_empty or not at_once):
-            is_needed = not (self._scheduler.is_empty and (at_once or self._receiver.attribution.is_alone(now)))
+            is_needed = not (self._scheduler.is_empty and (at_once or self.attribution.is_alone(now)))
             self.renew(now)
             self._reopening.ended(open_again, is_needed=is_needed)
 
@@ -197,10 +165,10 @@ class Line:
     @property
     def is_busy(self) -> bool:
         """Whether a request is on the line, or about to be sent again."""
-        return self._ledger.current is not None
+        return self.ledger.current is not None
 
-    def is_quiet(self, now: float) -> bool:
-        """Whether a request would be sent at once."""
+    def can_send(self, now: float) -> bool:
+        """Tell whether a request would be sent at once."""
         return self._state != "awaiting" and now >= self._quiet_at
 
     def finish(self, now: float) -> None:
@@ -209,18 +177,10 @@ class Line:
         self._disconnect("last" if self.is_busy else "down")
         waiting = self._scheduler.clear()
         try:
-            if is_repeating and self._ledger.current is not None:
-                self._fail(self._ledger.current, now)
+            if is_repeating and self.ledger.current is not None:
+                self._fail(self.ledger.current, now)
         finally:
-            self._fail_waiting(waiting, now)
-
-    def handed_on(self, now: float, patience: float) -> list[Exchange]:
-        """See Ledger."""
-        return self._ledger.handed_on(now, patience)
-
-    def take_over(self, exchanges: Iterable[Exchange], patience: float) -> None:
-        """See Ledger."""
-        self._ledger.take_over(exchanges, self._receiver.position, patience)
+            self._scheduler.fail_unsent(waiting, now)
 
     def change_rate(self, baud: int, now: float) -> None:
         """Devices and port change to another rate after the transaction on the line; nothing is sent for a moment."""
@@ -233,7 +193,7 @@ class Line:
         is_down = self._write is None and self._state != "closed"
         rejection = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
         if rejection is not None:
-            self._refuse(transaction, rejection, now)
+            self._scheduler.refuse(transaction, rejection, now)
         elif self._write is None:
             self._reopening.need(transaction)
         elif not self.is_busy:
@@ -241,9 +201,9 @@ class Line:
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
         """Take bytes. A frame that contains all of `damaged` ones is no response."""
-        if self._state == "repeating" and self._ledger.current is not None:
-            self._stop_repeating(self._ledger.current, now)
-        current = self._ledger.current
+        if self._state == "repeating" and self.ledger.current is not None:
+            self._stop_repeating(self.ledger.current, now)
+        current = self.ledger.current
         if current is None:
             self._quiet_at = max(self._quiet_at, now + self._gap)
             self._receiver.received(data, now, damaged=damaged)
@@ -260,32 +220,32 @@ class Line:
 
     def deadline(self) -> float | None:
         """When to call `tick`, or None."""
-        current = self._ledger.current
+        current = self.ledger.current
         if current is not None:
-            deadline = earliest(self._next_step(current), self._scheduler.next_expiry())
+            deadline = earliest(self._next_step(current), self.queue.next_expiry())
         elif self._write is None:
-            deadline = earliest(self._reopening.until, self._scheduler.next_expiry())
+            deadline = earliest(self._reopening.until, self.queue.next_expiry())
         else:
             deadline = self._scheduler.deadline(self._quiet_at)
             if self._receiver.silent_at < inf:
                 deadline = earliest(deadline, self._receiver.silent_at)
-        return earliest(deadline, self._receiver.late_deadline()) if self._ledger.others else deadline
+        return earliest(deadline, self._receiver.late_deadline()) if self.ledger.others else deadline
 
     def read_at(self, now: float) -> float | None:
         """When to read the port again: no byte before that decides anything. None: at the next byte."""
-        return None if self._ledger.others and self._ledger.late() else self._receiver.read_at(now)
+        return None if self.ledger.others and self.ledger.late() else self._receiver.read_at(now)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence, a time limit or a late window may have ended."""
         outcome = self._receiver.tick(now)
         self._report_late(now)
-        if now >= self._receiver.silent_at:
-            self._end_idle_frames()
-        if self._ledger.others:
-            self._ledger.await_arrived(self._receiver.position, now)
+        if now >= self._receiver.silent_at:  # a frame of unknown size, of a unit that rests, is complete
+            self._scheduler.record_frames(self._receiver.ended_by_silence(self._scheduler.resting))
+        if self.ledger.others:
+            self.ledger.await_arrived(self._receiver.position, now)
         if self._reopening.until is not None:
-            self._fail_waiting(self._reopening.given_up(now), now)
-        current = self._ledger.current
+            self._scheduler.fail_unsent(self._reopening.given_up(now), now)
+        current = self.ledger.current
         if current is not None and outcome is not None:
             self._take(current, outcome, now)
         elif current is not None and self._is_awaiting and now >= self._next_step(current):
@@ -306,7 +266,7 @@ class Line:
     def _disconnect(self, state: State) -> None:
         self._state = state
         self._write = None
-        self._ledger.connected(None)
+        self.ledger.connected(None)
         self._reopening.end()
 
     def _limit_of(self, transaction: Transaction) -> float:
@@ -329,44 +289,47 @@ class Line:
 
     def _go_on(self, now: float) -> None:
         """Send the next request if the line is free and quiet, and fail those that have waited too long."""
-        late = self._scheduler.expired(now)
-        given_up = self._scheduler.given_up(now)
+        late = self.queue.expired(now)
+        given_up = self.queue.given_up(now)
         try:
             while self._write is not None and self._state != "awaiting" and now >= self._quiet_at:
-                again = self._ledger.current
+                again = self.ledger.current
                 transaction = self._scheduler.next(now) if again is None else again.transaction
                 if transaction is None:
                     break
-                rejection = self._rejection(transaction, now) if again is None else None
+                rejection = None
+                if again is None:
+                    is_wanted = transaction.is_wanted
+                    rejection = self._scheduler.rejection(transaction, now) if is_wanted else transaction.unwanted
                 if rejection is None:
                     self._send(transaction, self._write, now)
                 else:
-                    self._refuse(transaction, rejection, now)
+                    self._scheduler.refuse(transaction, rejection, now)
         finally:
             for request, name in late:
-                self._scheduler.recorder.expired(request, name, errors.WaitedTooLong(), now)
+                self._recorder.expired(request, name, errors.WaitedTooLong(), now)
                 request.fail(errors.WaitedTooLong())
             for transaction in given_up:
-                self._refuse(transaction, errors.ResponseTimeout(), now)
-
-    def _rejection(self, transaction: Transaction, now: float) -> RequestError | None:
-        """Why a transaction is not sent in its turn, or None."""
-        return self._scheduler.rejection(transaction, now) if transaction.is_wanted else transaction.unwanted
+                self._scheduler.refuse(transaction, errors.ResponseTimeout(), now)
 
     def _send(self, transaction: Transaction, write: Write, now: float) -> None:
-        permits = self._scheduler.permits
-        if permits is not None and not permits():
-            self._withhold(transaction, now)
+        may_send = self._scheduler.may_send
+        if may_send is not None and not may_send():  # repeats were sent before
+            current = self.ledger.current
+            if current is None:
+                self._scheduler.fail_unsent([transaction], now)
+            else:
+                self._finish(current, errors.LineLost(), now)
             return
         if self._receiver.silent_at < inf:
-            self._end_idle_frames()
+            self._scheduler.record_frames(self._receiver.ended_by_silence(self._scheduler.resting))
         self._state = "awaiting"
-        current = self._ledger.take(transaction)
+        current = self.ledger.take(transaction)
         try:
             transaction.start(self._budget, now)
         except RequestError as error:
-            self._ledger.current, self._state = None, "idle"
-            self._refuse(transaction, error, now)
+            self.ledger.current, self._state = None, "idle"
+            self._scheduler.refuse(transaction, error, now)
             return
         transaction.count_sent(now)
         self._scheduler.sent()
@@ -376,27 +339,19 @@ class Line:
         else:
             self._send_unanswered(current, write, now)
 
-    def _withhold(self, transaction: Transaction, now: float) -> None:
-        """Another one may ask on the line now. Repeats were sent before."""
-        if self._ledger.current is not None:
-            self._finish(self._ledger.current, errors.LineLost(), now)
-        else:
-            self._fail_waiting([transaction], now)
-
     def _send_unanswered(self, current: Exchange, write: Write, now: float) -> None:
         """Send a request without a response, and give the devices time to act."""
         transaction = current.sender
         self._state = "idle"
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
-        self.spent.add(now, transaction.ends_at, transaction.ends_at, 0, self._quiet_at)
-        self._use(transaction, self._quiet_at)
+        self._spend(transaction, 0, transaction.ends_at)
         try:
             write(self._receiver.begin(current, now))
-            self._scheduler.recorder.exchange(transaction, None, now)
+            self._recorder.exchange(transaction, None, now)
         finally:
             overdue = self._scheduler.end(now)  # a unit without a listen-only mode responds all the same
             transaction.end()
-            self._fail_overdue(overdue, now)
+            self._scheduler.fail_overdue(overdue, now)
 
     def _take_idle(self, size: int, now: float) -> None:
         self.unasked_bytes += size
@@ -405,10 +360,6 @@ class Line:
         if resting:
             self._scheduler.record_frames(self._receiver.responding(resting, now))
         self._go_on(now)
-
-    def _end_idle_frames(self) -> None:
-        """The line is silent: a frame of unknown size, of a unit that rests, is complete."""
-        self._scheduler.record_frames(self._receiver.ended_by_silence(self._scheduler.resting))
 
     def _report_late(self, now: float) -> None:
         """Report the late responses that came."""
@@ -444,22 +395,22 @@ class Line:
         self._report_late(now)
         current.owed -= self._receiver.has_damaged_response(now)
         if current.owed:  # else the response was damaged
-            self._record_failure(current, diagnosis.text, now)
-        at_once = diagnosis.verdict == "broken" and not self._receiver.attribution.may_be_others(current)
-        if not self._may_repeat(transaction, now if at_once else self._ledger.end_of(transaction, now)):
+            self._record_silence(current, diagnosis.text, now)
+        at_once = diagnosis.verdict == "broken" and not self.attribution.may_be_others(current)
+        if not self._may_repeat(transaction, now if at_once else self.ledger.end_of(transaction, now)):
             self._fail(current, now)
         elif at_once:
-            self._scheduler.recorder.failed(transaction, None, now, diagnosis.text)
+            self._recorder.failed(transaction, None, now, diagnosis.text)
             transaction.retries += 1
             self._spend(transaction, 0, now)
             self._state = "repeating"
         else:
             self._finish(current, None, now)
 
-    def _record_failure(self, current: Exchange, text: bytes, now: float) -> None:
-        """No response came, but `text`. A late response of another unit may have collided with it."""
+    def _record_silence(self, current: Exchange, text: bytes, now: float) -> None:
+        """Note that no response came, but `text`, with which a late response of another unit may have collided."""
         if not text:
-            self._ledger.hold(current)
+            self.ledger.hold(current)
         if not (current.sender.is_scan or self._receiver.may_have_collided(current.unit, text)):
             self._scheduler.record_failure(current.sender, now)
 
@@ -470,7 +421,7 @@ class Line:
         if self._write is None or not current.is_wanted:
             return False
         if not current.retries:
-            window = self._ledger.end_of(current, current.fails_at) - current.fails_at
+            window = self.ledger.end_of(current, current.fails_at) - current.fails_at
             request = current.ends_at - current.sent_at
             within = self.settings.time_for_repeats(request, current.limit, window)
             current.gives_up_at = current.sent_at + within - request - current.limit
@@ -498,12 +449,15 @@ class Line:
         transaction = current.sender
         self._receiver.stop()
         if isinstance(outcome, Frame):
-            self._scheduler.recorder.exchange(transaction, outcome.pdu, now, outcome.unit)
+            self._recorder.exchange(transaction, outcome.pdu, now, outcome.unit)
         else:
-            self._keep_failure(current, outcome, now)
+            is_told = not isinstance(outcome, errors.AmbiguousResponse | errors.LineLost)
+            late_until = self.ledger.end_of(transaction, now) if current.owed else 0.0
+            heard = self._diagnosis.text if is_told else b""
+            self._recorder.failed(transaction, outcome, now, heard, late_until)
         overdue = self._scheduler.end(now)
         if outcome is None:
-            self._scheduler.put_back(transaction.again())
+            self.queue.put_back(transaction.again())
         response = outcome if isinstance(outcome, Frame) else None
         if self._state != "repeating":
             self._spend(transaction, 0 if response is None else len(response.pdu), now)
@@ -520,43 +474,15 @@ class Line:
                 transaction.respond(response.pdu, now)
             elif isinstance(outcome, RequestError):
                 transaction.fail_sent(outcome, now)
-            self._fail_overdue(overdue, now)
+            self._scheduler.fail_overdue(overdue, now)
 
-    def _keep_failure(self, current: Exchange, error: RequestError | None, now: float) -> None:
-        """Record what came instead of a response, and until when one may come late."""
-        transaction = current.sender
-        is_given_up = error is None or isinstance(error, errors.ResponseTimeout | errors.BrokenResponse)
-        late_until = self._ledger.end_of(transaction, now) if current.owed else 0.0
-        heard = self._diagnosis.text if is_given_up else b""
-        self._scheduler.recorder.failed(transaction, error, now, heard, late_until)
-
-    def _refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
-        """Fail a request that was not sent, and record why."""
-        until = self._ledger.forbid_until(transaction, now) if self._ledger.others else None
-        self._scheduler.recorder.refused(transaction, error, now, waiting=self.waiting, late_until=until or 0.0)
-        transaction.fail(error)
-
-    def _fail_overdue(self, transactions: list[Transaction], now: float) -> None:
-        """A late response could be taken for the responses to these."""
-        for transaction in transactions:
-            self._refuse(transaction, errors.AnswerOverdue(), now)
-
-    def _fail_waiting(self, transactions: list[Transaction], now: float) -> None:
-        """The port was lost: repeats were sent before, other waiting requests were not."""
-        for transaction in transactions:
-            self._refuse(transaction, errors.LineLost() if transaction.retries else errors.LineDown(), now)
-
-    def _spend(self, current: Transaction, response: int, now: float) -> None:
-        """Account for the line's time until `now`; `response` is the size of the response PDU."""
-        self.spent.add(current.sent_at, current.ends_at, now, response, self._quiet_at)
-        self._use(current, max(now, self._quiet_at))
-
-    def _use(self, transaction: Transaction, until: float) -> None:
-        """The line was taken until then by the client that asked first for this."""
-        caller = transaction.requests[0].caller
-        client = caller.host or caller.client
-        self.spent.usage.add(client, transaction.unit, transaction.asked.function, until - transaction.sent_at)
+    def _spend(self, transaction: Transaction, response: int, now: float) -> None:
+        """Account for the line's time until `now`, for the client that asked first; `response` is a PDU's size."""
+        self.spent.add(transaction.sent_at, transaction.ends_at, now, response, self._quiet_at)
+        caller, until = transaction.requests[0].caller, max(now, self._quiet_at)
+        client, function = caller.host or caller.client, transaction.asked.function
+        self.spent.usage.add(client, transaction.unit, function, until - transaction.sent_at)
 
     def __repr__(self) -> str:
-        current = "" if self._ledger.current is None else f" {self._ledger.current.sender!r}"
-        return f"<Line {self.settings.name} {self._state}{current} waiting={self.waiting}>"
+        current = "" if self.ledger.current is None else f" {self.ledger.current.sender!r}"
+        return f"<Line {self.settings.name} {self._state}{current} waiting={len(self.queue)}>"

@@ -17,16 +17,15 @@ from gateway.lines.reopening import Reopening
 from gateway.lines.settings import LineSettings
 from gateway.lines.telling import Recorder, Report
 from gateway.lines.transaction import Destination, ScanTransaction, Transaction
-from gateway.request import Request
 
-#: Whether a request may be written now.
-Permits = Callable[[], bool]
+#: Tells whether a request may be written now.
+MaySend = Callable[[], bool]
 
 
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `recorder` is the line's, `limit_of` tells its time limits. `permits` is for a line on which others ask too.
+    `recorder` is the line's, `limit_of` tells its time limits. `may_send` is for a line on which others ask too.
     """
 
     def __init__(
@@ -41,18 +40,14 @@ class Scheduler:
         self._ledger = ledger
         self._echo = echo
         self._report = report
-        self.recorder = recorder
-        self.permits: Permits | None = None
-        self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
-        self._idle = IdleTime(self._queue, ledger)
-        self.reopening = Reopening(self._queue, settings.max_wait, limit_of)
+        self._recorder = recorder
+        self.may_send: MaySend | None = None
+        self.queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
+        self._idle = IdleTime(self.queue, ledger)
+        self.reopening = Reopening(self.queue, settings.max_wait, limit_of)
         self._longest_rest = settings.rest
         self._resting: set[Destination] = set()
         self._held_until = 0.0
-
-    def __len__(self) -> int:
-        """How many requests wait."""
-        return len(self._queue)
 
     def put(self, transaction: Transaction, now: float) -> RequestError | None:
         """Let a transaction wait for its turn, or return why it cannot be sent."""
@@ -64,45 +59,24 @@ class Scheduler:
             return rejection
         if self._ledger.others and self._is_overdue(transaction, now):
             return errors.AnswerOverdue()
-        lost = self._queue.put(transaction, now)
+        lost = self.queue.put(transaction, now)
         if lost is not None:
             self._report.queue_full(lost)
         if lost is transaction:
             return errors.QueueFull()
         self._held_until = 0.0
         if lost is not None:
-            self.recorder.refused(lost, errors.QueueFull(), now, waiting=len(self._queue))
+            self._recorder.refused(lost, errors.QueueFull(), now, waiting=len(self.queue))
             lost.fail(errors.QueueFull())
         return None
 
-    def put_back(self, transaction: Transaction) -> None:
-        """Let a transaction wait to be sent again; see WaitingQueue."""
-        self._queue.put_back(transaction)
-
-    def expired(self, now: float) -> list[tuple[Request, str]]:
-        """Remove the requests that have waited too long at `now`; see WaitingQueue."""
-        return self._queue.expired(now)
-
-    def given_up(self, now: float) -> list[Transaction]:
-        """Remove the transactions that it is too late to send again."""
-        return self._queue.given_up(now)
-
     @property
     def is_empty(self) -> bool:
-        """Whether nothing waits, no question of a scan either."""
-        return not len(self._queue) and self._idle.question is None
-
-    @property
-    def has_expiry(self) -> bool:
-        """See WaitingQueue."""
-        return self._queue.has_expiry
-
-    def next_expiry(self) -> float | None:
-        """When the next request will have waited too long, or earlier."""
-        return self._queue.next_expiry()
+        """Tell whether nothing waits, no question of a scan either."""
+        return not len(self.queue) and self._idle.question is None
 
     def sent(self) -> None:
-        """A request is sent, for the first time or again."""
+        """Note that a request is sent, for the first time or again."""
         if self._idle.question is not None:
             self._idle.others += 1
 
@@ -113,17 +87,17 @@ class Scheduler:
         question = self._idle.take(now)
         if question is not None:
             return question
-        return self._next_allowed(now) if self._ledger.others else self._queue.take()
+        return self._next_allowed(now) if self._ledger.others else self.queue.take()
 
     def _next_allowed(self, now: float) -> Transaction | None:
         """See `next`. On its own: in a function with a lambda, each call costs an object, used or not."""
-        transaction = self._queue.take(lambda waiting: self._ledger.forbid_until(waiting, now) is not None)
-        if transaction is None and len(self._queue):
+        transaction = self.queue.take(lambda waiting: self._ledger.forbid_until(waiting, now) is not None)
+        if transaction is None and len(self.queue):
             self._held_until = self._ledger.next_end() or 0.0
         return transaction
 
     def rejection(self, transaction: Transaction, now: float) -> RequestError | None:
-        """Why a transaction must not be sent, or None."""
+        """Return why a transaction must not be sent, or None."""
         if self._resting and not transaction.retries and transaction.device.breaker.is_resting(now):
             return errors.UnitResting()
         if self._echo.is_suspected and transaction.expects_answer and transaction.asked.accepts(transaction.asked.data):
@@ -131,16 +105,16 @@ class Scheduler:
         return None
 
     def deadline(self, sends_at: float) -> float | None:
-        """When the next request can be sent, on a line that is free at `sends_at`, or has waited too long."""
-        deadline = self._queue.next_expiry()
+        """Return when the next request can be sent, on a line that is free at `sends_at`, or has waited too long."""
+        deadline = self.queue.next_expiry()
         if self._ledger.others:
             deadline = earliest(deadline, self._ledger.renews_at())
         deadline = earliest(self._idle.deadline(sends_at), deadline)
-        return earliest(max(sends_at, self._held_until), deadline) if len(self._queue) else deadline
+        return earliest(max(sends_at, self._held_until), deadline) if len(self.queue) else deadline
 
     def clear(self) -> list[Transaction]:
         """Remove all that waits."""
-        return [*self._queue.clear(), *self._idle.clear()]
+        return [*self.queue.clear(), *self._idle.clear()]
 
     def end(self, now: float) -> list[Transaction]:
         """End the request on the line. If responses are owed, its late window opens.
@@ -149,10 +123,26 @@ class Scheduler:
         """
         if not self._ledger.end(now):
             return []
-        return self._queue.drop(lambda waiting: not waiting.retries and self._is_overdue(waiting, now))
+        return self.queue.drop(lambda waiting: not waiting.retries and self._is_overdue(waiting, now))
+
+    def refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
+        """Fail a request that was not sent, and record why."""
+        until = self._ledger.forbid_until(transaction, now) if self._ledger.others else None
+        self._recorder.refused(transaction, error, now, waiting=len(self.queue), late_until=until or 0.0)
+        transaction.fail(error)
+
+    def fail_overdue(self, transactions: list[Transaction], now: float) -> None:
+        """Fail these: a late response could be taken for theirs."""
+        for transaction in transactions:
+            self.refuse(transaction, errors.AnswerOverdue(), now)
+
+    def fail_unsent(self, transactions: list[Transaction], now: float) -> None:
+        """Fail these, because the port was lost: repeats were sent before, others were not."""
+        for transaction in transactions:
+            self.refuse(transaction, errors.LineLost() if transaction.retries else errors.LineDown(), now)
 
     def record_failure(self, transaction: Transaction, now: float) -> None:
-        """The unit has not responded."""
+        """Hold it against the unit that it has not responded."""
         device, window_end = transaction.device, self._ledger.end_of(transaction, now)
         failed_before = transaction.failures
         transaction.failures += 1
@@ -163,7 +153,7 @@ class Scheduler:
             self._report.resting(device, now)
 
     def record_response(self, exchange: Exchange) -> None:
-        """A valid response to it came, in time or late."""
+        """Note that a valid response to it came, in time or late."""
         self._held_until = self._idle.held_until = 0.0
         if self._ledger.others:
             self._ledger.release(exchange)
@@ -171,22 +161,22 @@ class Scheduler:
 
     @property
     def resting(self) -> set[int]:
-        """The units that rest."""
+        """Return the units that rest."""
         return {device.unit for device in self._resting}
 
     def record_frames(self, units: set[int]) -> None:
-        """Valid frames came from these units, though no request was sent."""
+        """Note that valid frames came from these units, though no request was sent."""
         for device in [each for each in self._resting if each.unit in units]:
             self._recover(device)
 
     def end_rests(self) -> None:
-        """The port was lost, so units that failed before may respond now."""
+        """Ask all units again: the port was lost, so those that failed before may respond now."""
         for device in self._resting:
             device.breaker.record_success()
         self._resting.clear()
 
     def _recover(self, device: Destination) -> None:
-        """The unit has responded: end its rest."""
+        """End the rest of a unit that has responded."""
         if device.breaker.failures and device.breaker.record_success():
             self._resting.discard(device)
             self._report.recovered(device)
@@ -197,7 +187,7 @@ class Scheduler:
 
 
 def earliest(one: float | None, other: float | None) -> float | None:
-    """The earlier of two times, each of which may be None."""
+    """Return the earlier of two times, each of which may be None."""
     if one is None or other is None:
         return other if one is None else one
     return min(one, other)

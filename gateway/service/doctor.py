@@ -218,7 +218,7 @@ async def _wait_for_late_answer(line: GatewayLine) -> None:
     now = asyncio.get_running_loop().time
     until = now() + LONGEST_WINDOW
     await asyncio.sleep(SHORTEST_WINDOW)
-    while line.driver.line.late_windows(now()) and now() < until:  # noqa: ASYNC110 - nobody tells when it is over
+    while line.driver.line.ledger.count_late(now()) and now() < until:  # noqa: ASYNC110 - nobody tells when it is over
         await asyncio.sleep(_STEP)
 
 
@@ -227,7 +227,8 @@ async def _look_for_silent_units(running: Running, line: GatewayLine, is_there: 
     silent = [device for device, unit in known if unit.is_silent and device.unit != BROADCAST_UNIT]
     if not silent or not _may_be_searched(running, line):
         return None
-    is_dead = all(unit.is_silent for _, unit in known if unit.asked) and not line.driver.line.overheard.requests
+    overheard = line.driver.line.attribution.overheard
+    is_dead = all(unit.is_silent for _, unit in known if unit.asked) and not overheard.requests
     return await search(running, line, silent, is_dead=is_dead, asked_by=is_there)
 
 

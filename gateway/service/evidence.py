@@ -3,8 +3,7 @@
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
 from gateway.diagnosis.last import NOW, Last
-from gateway.lines.counts import UnitCounts, total
-from gateway.lines.overheard import Belated, Overheard
+from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
 from gateway.ports.port import SerialSettings
 from gateway.service.build import Gateway, Listener
@@ -33,7 +32,7 @@ def line_evidence(
 ) -> LineEvidence:
     """The evidence about a line with that about its `units`; `found` is the result of a search there."""
     machine, plan = line.driver.line, line.plan
-    timing, overheard = machine.settings.timing, machine.overheard
+    timing, overheard = machine.settings.timing, machine.attribution.overheard
     rate = recent.rate(line, now)
     return LineEvidence(
         name=line.name,
@@ -47,7 +46,7 @@ def line_evidence(
         busy_share=None if rate is None else rate.busy,
         sent=line.sent,
         copies=overheard.copies,
-        copies_in_a_row=machine.copies_in_a_row,
+        copies_in_a_row=machine.attribution.echoes_in_a_row,
         last_copy=Last(now - overheard.copied_at, overheard.sent_since_copy),
         others=overheard.requests,
         last_other=Last(now - overheard.requested_at, overheard.sent_since_request),
@@ -77,7 +76,7 @@ def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEv
     whole = total(counts.values())
     times = tuple(counts.times[function] for function in counts)
     late = sum(each.late for each in times)
-    overheard = part.driver.line.overheard if isinstance(part, GatewayLine) else Overheard()
+    overheard = part.driver.line.attribution.overheard if isinstance(part, GatewayLine) else Overheard()
     belated = overheard.belated.get(device.unit, Belated())
     slowest = [(each.latest, each.latest_limit) for each in times]
     latest, latest_limit = max([(belated.longest, belated.limit), *slowest])

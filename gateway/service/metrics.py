@@ -134,7 +134,7 @@ def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
         phases = line.driver.line.phases(now)
         for phase in ("request", "wait", "response", "gap"):
             busy.add(getattr(phases, phase), line.name, phase)
-        waiting.add(line.driver.line.waiting, line.name)
+        waiting.add(len(line.driver.line.queue), line.name)
         up.add(line.reconnector.is_open, line.name)
         reopens.add(line.reconnector.reopened, line.name)
         if line.standby is not None:

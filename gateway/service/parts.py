@@ -134,7 +134,7 @@ class GatewayLine:
 
     def handed_on(self, now: float) -> list[Exchange]:
         """List what may still arrive on the port, for the next line there: see Ledger."""
-        return self.driver.line.handed_on(now, self.patience)
+        return self.driver.line.ledger.handed_on(now, self.patience)
 
     def begin(self) -> None:
         """Go on from where the line before on this port has left its devices, which it may have done just now."""
@@ -165,7 +165,7 @@ class GatewayLine:
         settings, baud = device.settings, self.plan.line.timing.baud
         if self.is_standby:
             raise WrongQuestion(f"another gateway has the lease of {self.name}: tell that one to forget")
-        wait = self.driver.line.changes_until(device.possible_units, self.now()) - self.now()
+        wait = self.driver.line.ledger.changes_until(device.possible_units, self.now()) - self.now()
         if wait > 0.0:
             raise WrongQuestion(
                 f"{settings.name} was sent a change of its address, and may act on it yet: try again in {ceil(wait)} s"

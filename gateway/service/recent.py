@@ -117,7 +117,7 @@ class Recent:
     def was_asked(self, line: GatewayLine) -> bool:
         """Whether anything was asked of its units in the last minute; since it is there, if it is new."""
         first = next((each.sent[line] for each in self._samples if line in each.sent), 0)
-        return line.driver.line.waiting > 0 or line.driver.line.is_busy or line.sent > first
+        return len(line.driver.line.queue) > 0 or line.driver.line.is_busy or line.sent > first
 
     @property
     def loop_lag(self) -> float:

@@ -171,10 +171,10 @@ class Running:
     def _take_back(self, line: GatewayLine, borrowers: Iterable[Line]) -> None:
         """Tell the lines on a port that was lent, or the next process, which responses may still come there."""
         now, place = asyncio.get_running_loop().time(), place_of(line.plan.port)
-        open_there = [each for borrower in borrowers for each in borrower.handed_on(now, line.patience)]
+        open_there = [each for borrower in borrowers for each in borrower.ledger.handed_on(now, line.patience)]
         successors = [each for each in self.gateway.lines if place_of(each.plan.port) == place]
         for successor in successors:
-            successor.driver.line.take_over(open_there, successor.patience)
+            successor.driver.line.ledger.take_over(open_there, successor.patience)
         if open_there and (self._is_ending or not successors):
             self._left_behind.leave(place, [*self._left_behind.at(place, now), *open_there], now)
 
@@ -276,7 +276,7 @@ class Running:
             if isinstance(part, GatewayLine):
                 part.begin()
                 open_there = self._left_behind.at(place_of(part.plan.port), now)
-                part.driver.line.take_over(open_there, part.patience)
+                part.driver.line.ledger.take_over(open_there, part.patience)
             self._tasks[part] = asyncio.create_task(_keep(part, self.emit), name=f"line:{part.name}")
 
     async def _retire_listener(self, listener: Listener) -> None:

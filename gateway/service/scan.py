@@ -270,7 +270,7 @@ class Scan:
             raise WrongQuestion(f"{self._line.name} is down" + (f": {reason}" if reason else ""))
         if isinstance(error, Unwanted):
             raise WrongQuestion(f"another scan of {self._line.name} has begun")
-        self._windows_end = max(self._windows_end, self._line.driver.line.window_end(question))
+        self._windows_end = max(self._windows_end, self._line.driver.line.ledger.end_of(question, question.fails_at))
         return error if error is None or isinstance(error, ResponseTimeout) else BrokenResponse()
 
 

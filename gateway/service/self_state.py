@@ -79,7 +79,7 @@ def _line(running: Watched, line: GatewayLine, now: float) -> Values:
         "state": _state(line.reconnector),
         "busy": _UNKNOWN if rate is None else round(1000 * rate.busy),
         "rate": _UNKNOWN if rate is None else round(10 * rate.per_second),
-        "waiting": line.driver.line.waiting,
+        "waiting": len(line.driver.line.queue),
         "units": len(line.devices),
         "units-failing": len(_failing(line, now)),
         "answered": _answered(counts),

@@ -86,7 +86,7 @@ class SharedPort:
         late = state.get("late")
         if late is not None and is_entry(late):
             exchanges = read_entry(late, -inf, self._line.now())
-            self._line.driver.line.take_over(exchanges, self._line.patience)
+            self._line.driver.line.ledger.take_over(exchanges, self._line.patience)
 
     def _adopt_addresses(self, moved: Mapping[str, tuple[int, ...]]) -> None:
         plan = self._line.plan

@@ -153,7 +153,7 @@ class World:
         for one in self.gateways:
             if one is not None and not one.is_stopped:
                 clock = self._clock(one)
-                if one.lease.permits(clock) and clock >= one.lease.silent_until:
+                if one.lease.may_send(clock) and clock >= one.lease.silent_until:
                     self._writes(one, self.now, self.now)
 
     def _writes(self, one: Gateway, begins: float, ends: float) -> None:
@@ -251,7 +251,7 @@ class World:
 
     def _hear(self, number: int) -> None:
         one = self._one(number)
-        one.lease.heard_asker(self._clock(one))
+        one.lease.heard_other(self._clock(one))
 
     def _release(self, number: int) -> None:
         """It stops in order: what was on the line is over, and the late answers are told."""

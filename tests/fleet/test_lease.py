@@ -63,7 +63,7 @@ def held(store: Store, name: str = "a", settings: LeaseSettings = SETTINGS) -> t
     """A lease that is held and was silent for long enough, and the time."""
     one = lease(name, settings)
     now = store.run(0.0, 15.0, one)
-    assert one.permits(now)
+    assert one.may_send(now)
     assert one.silent_until <= now
     return one, now
 
@@ -81,7 +81,7 @@ def test_a_holder_renews_and_goes_on_for_ever():
     store = Store()
     one, now = held(store)
     now = store.run(now, 200.0, one)
-    assert one.permits(now)
+    assert one.may_send(now)
     assert store.revision == pytest.approx(200 / STEP, abs=10)
 
 
@@ -105,7 +105,7 @@ def test_without_an_answer_the_holder_stops_in_time_and_says_why():
     store.is_away = True
     sent_at = one.until - WRITES_FOR
     store.run(now, sent_at + WRITES_FOR, one)
-    assert not one.permits(sent_at + WRITES_FOR)
+    assert not one.may_send(sent_at + WRITES_FOR)
     assert one.is_held, "an answer may still come, and so may a renewal"
     one.tick(sent_at + 7.5)
     assert (one.is_held, one.reason) == (False, "it could not be renewed in time: no answer")
@@ -119,7 +119,7 @@ def test_when_the_store_is_back_the_last_holder_has_it_again_at_once():
     assert not one.is_held
     store.is_away = False
     now = store.run(now, 62.0, one)
-    assert one.permits(now)
+    assert one.may_send(now)
     assert one.silent_until < now
 
 
@@ -128,11 +128,11 @@ def test_with_fallback_hold_it_goes_on_until_it_hears_of_another_holder():
     one, now = held(store, settings=replace(SETTINGS, fallback="hold"))
     store.is_away = True
     now = store.run(now, 500.0, one)
-    assert one.permits(now)
+    assert one.may_send(now)
     store.is_away = False
     store.value, store.revision = LeaseEntry("b", "process of b", 1, 10.0).encode(), store.revision + 1
     now = store.run(now, 502.5, one)
-    assert (one.permits(now), one.reason) == (False, "b holds it")
+    assert (one.may_send(now), one.reason) == (False, "b holds it")
 
 
 def test_a_lease_given_back_is_taken_at_once_with_what_was_left():
@@ -141,9 +141,9 @@ def test_a_lease_given_back_is_taken_at_once_with_what_was_left():
     other = lease("b")
     now = store.run(now, 20.0, one, other)
     one.release(0.0, {"addresses": {"press": [6, 9]}})
-    assert not one.permits(now)
+    assert not one.may_send(now)
     now = store.run(now, 21.5, one, other)
-    assert other.permits(now)
+    assert other.may_send(now)
     assert other.silent_until < now
     assert other.inherited == {"addresses": {"press": [6, 9]}}
     store.run(now, 60.0, one, other)
@@ -179,8 +179,8 @@ def test_who_held_it_itself_inherits_nothing():
 def test_who_hears_another_asker_stops_at_once_and_lets_others_go_first():
     store = Store()
     one, now = held(store)
-    one.heard_asker(now)
-    assert not one.permits(now)
+    one.heard_other(now)
+    assert not one.may_send(now)
     store.serve(one, now)
     assert (store.entry.is_released, store.entry.silent) == (True, SETTINGS.guard + SETTINGS.late)
     now = store.run(now, now + SETTINGS.ttl - 0.5, one)
@@ -192,7 +192,7 @@ def test_who_hears_another_asker_stops_at_once_and_lets_others_go_first():
 def test_a_release_that_is_written_late_is_followed_by_a_claim_at_once():
     store = Store()
     one, now = held(store)
-    one.heard_asker(now)
+    one.heard_other(now)
     now += 12.0  # for so long it was stopped
     asked = one.next(now)
     assert isinstance(asked, Write)
@@ -223,7 +223,7 @@ def test_a_renewal_whose_answer_was_lost_counts_when_it_is_found():
     store.value, store.revision = asked.value, store.revision + 1
     one.failed("the answer was lost", now + 1.0)
     store.run(round(now + 1.0, 1), now + 4.0, one)
-    assert one.permits(now + 4.0)
+    assert one.may_send(now + 4.0)
 
 
 def test_it_waits_for_what_the_holder_calls_its_time_to_live():
@@ -278,7 +278,7 @@ def test_an_older_entry_counts_as_lost_even_if_it_is_ours_or_free(is_released: b
     one, now = held(store)
     instance = "process of c" if is_released else "process of a"
     older = LeaseEntry("c", instance, 1, 10.0, is_released=is_released).encode(), store.revision
-    one.heard_asker(now)
+    one.heard_other(now)
     store.value, store.revision = LeaseEntry("b", "process of b", 1, 20.0).encode(), store.revision + 5
     now = store.run(now, now + 3.0, one)
     assert one.reason == "b holds it"
@@ -302,14 +302,14 @@ def test_a_holder_writes_its_entry_again_when_the_store_has_lost_it():
     one, now = held(store)
     store.value, store.revision = None, 0
     now = store.run(now, now + STEP + 0.2, one)
-    assert one.permits(now)
+    assert one.may_send(now)
     assert store.entry.holder == "a"
 
 
 def test_who_was_stopped_for_long_knows_it_by_its_clock():
     store = Store()
     one, now = held(store)
-    assert not one.permits(now + 60.0)
+    assert not one.may_send(now + 60.0)
     one.tick(now + 60.0)
     assert not one.is_held
 

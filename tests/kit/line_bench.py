@@ -78,10 +78,10 @@ class Bench:
         """
         self.now = before.now
         self.plug()
-        overdue = before.line.handed_on(self.now, patience)
+        overdue = before.line.ledger.handed_on(self.now, patience)
         if by_file:
             overdue = read_entry(json.loads(json.dumps(as_entry(overdue, self.now))), self.now, 0.0)
-        self.line.take_over(overdue, patience)
+        self.line.ledger.take_over(overdue, patience)
 
     def device(
         self, unit: int = 1, profile: Profile | None = None, timeout: float = 0.2, *, urgent: bool = False
@@ -156,7 +156,7 @@ def frame(unit: int, pdu: str, encoder: Callable[[int, bytes], bytes] = encode) 
 
 def is_empty(line: Line) -> bool:
     """Whether nothing is left behind in a line: no transaction, no window, nothing that waits."""
-    queue = line._scheduler._queue
+    queue = line.queue
     queue.expired(0.0)  # forgets those that wait no more
     left = (len(queue), queue._reads, queue._expiries, queue._given_up, queue._repeats)
-    return not any(left) and line._ledger.current is None
+    return not any(left) and line.ledger.current is None

@@ -73,7 +73,7 @@ class OperatorView:
 
     def _unit_is(self, device: Device, word: str) -> bool:
         now = self.bench.now
-        is_moving = self.bench.line.changes_until(device.possible_units, now) > now
+        is_moving = self.bench.line.ledger.changes_until(device.possible_units, now) > now
         is_resting = device.is_resting(now)
         return {"rests": is_resting, "awake": not is_resting, "moving": is_moving, "settled": not is_moving}[word]
 
@@ -142,14 +142,14 @@ class OperatorView:
 
     def _counts_of_line(self) -> dict[str, int]:
         line, now = self.bench.line, self.bench.now
-        others, belated = line.overheard, line.overheard.belated.values()
+        others, belated = line.attribution.overheard, line.attribution.overheard.belated.values()
         return {
-            "waiting": line.waiting,
-            "late_windows": line.late_windows(now),
+            "waiting": len(line.queue),
+            "late_windows": line.ledger.count_late(now),
             "unasked_bytes": line.unasked_bytes,
             "askers": self.bench.askers,
             "copies": others.copies,
-            "copies_in_a_row": line.copies_in_a_row,
+            "copies_in_a_row": line.attribution.echoes_in_a_row,
             "sent_since_copy": others.sent_since_copy,
             "copied_ms_ago": _ms_ago(others.copied_at, now),
             "requests": others.requests,

@@ -118,7 +118,7 @@ class Traffic(Bench):
             assert request in request.origin.answers, f"{request} has no answer"
         counts = self.counts
         assert sum(getattr(counts, result) for result in RESULTS) == len(self.serials), "each request has one result"
-        assert (self.line.late_windows(self.now), self.line.waiting) == (0, 0)
+        assert (self.line.ledger.count_late(self.now), len(self.line.queue)) == (0, 0)
         assert not self.line.is_busy
         assert self.line.deadline() is None
 

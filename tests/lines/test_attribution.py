@@ -160,7 +160,7 @@ def test_until_a_response_that_fits_it_is_heard(bench: Bench) -> None:
         bench.respond(LIE)
         bench.pass_time(0.02)
         assert is_believed(bench, response=RESPONSE)
-    assert bench.line._ledger.foreign() == []
+    assert bench.line.ledger.foreign() == []
 
 
 def test_an_exception_is_an_answer_too(bench: Bench) -> None:
@@ -193,9 +193,9 @@ def test_a_request_that_looks_like_its_own_answer_is_repeated() -> None:
     bench.respond("01 03 20 00 18")
     bench.respond("01 03 20 00 18")
     bench.respond("01 03 20 00 18")
-    assert len(bench.line._ledger.foreign(1)) == 3
+    assert len(bench.line.ledger.foreign(1)) == 3
     bench.respond("01 03 01 FF 03")
-    assert len(bench.line._ledger.foreign(1)) == 2
+    assert len(bench.line.ledger.foreign(1)) == 2
 
 
 def test_the_response_to_a_write_settles_it_and_is_no_request_itself(bench: Bench) -> None:
@@ -242,13 +242,13 @@ def test_requests_to_units_that_we_never_ask_are_forgotten_at_last(bench: Bench)
     bench.respond(THEIRS, unit=9)
     bench.pass_time(FOREIGN_LASTS + 1.0)
     is_believed(bench)
-    assert bench.line._ledger.foreign() == []
+    assert bench.line.ledger.foreign() == []
 
 
 def test_few_are_remembered(bench: Bench) -> None:
     for number in range(100):
         bench.respond(f"03 00 {number:02X} 00 01")
-    assert len(bench.line._ledger.foreign(1)) == FOREIGN_PER_UNIT
+    assert len(bench.line.ledger.foreign(1)) == FOREIGN_PER_UNIT
 
 
 # --- whose answer it is ---
@@ -558,7 +558,7 @@ def test_while_another_client_waits_nothing_is_sent_again_at_once(bench: Bench) 
     assert len(bench.written) == 1
     while len(bench.written) < 2:
         bench.pass_time(0.001)
-    assert bench.line.late_windows(bench.now) == 0
+    assert bench.line.ledger.count_late(bench.now) == 0
 
 
 def test_the_echo_of_a_write_in_two_parts_is_not_its_answer() -> None:
@@ -590,4 +590,4 @@ def test_a_damaged_answer_to_another_client_leaves_ours_owed(bench: Bench) -> No
     bench.hear(bench.frame(1, LIE)[:-2] + "00")
     while not bench.client.answers:
         bench.pass_time(0.01)
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1

@@ -158,7 +158,8 @@ def test_at_address_0_too_a_request_is_doubted_only_as_long_as_its_response_may_
 def overdue(table: Table, ends_at: float, since: int = 0, answers_from: int | None = 1) -> Exchange:
     left = Exchange(1, answers_from, parse_request(bytes.fromhex(READ)), 0)
     left.ends_at = ends_at
-    table.ledger.take_over([left], since, PATIENCE)
+    table.ledger.take_over([left], PATIENCE)
+    table.ledger.others[-1].since = since
     return table.ledger.others[-1]
 
 

@@ -367,7 +367,7 @@ def test_two_dead_units_rest_though_something_comes_each_time(comes: str) -> Non
             bench.ask(unit=unit)
             while len(bench.client.answers) == count:
                 bench.pass_time(0.005)
-                if len(bench.written) > sent and bench.line._ledger.current is not None:
+                if len(bench.written) > sent and bench.line.ledger.current is not None:
                     sent = len(bench.written)
                     bench.hear(bench.written[-1] if comes == "echo" else "00")
                     bench.pass_time(0.005)
@@ -430,7 +430,7 @@ class Plant(Bench):
                     client.poll()
 
     def _step(self) -> None:
-        current, began = self.line._ledger.current, self.now
+        current, began = self.line.ledger.current, self.now
         if current is not None and current.unit not in self.dead:
             self.pass_time(0.2)
             self.respond(unit=current.unit)

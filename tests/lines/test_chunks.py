@@ -40,7 +40,7 @@ def test_the_true_answer_that_comes_behind_an_ambiguous_one_is_late(timing: Line
     bench.respond("03 00 30 00 01")
     hear(bench, is_together, (1, "03 02 00 07"), (1, RESPONSE))
     assert (bench.client.answers, bench.counts.late_responses) == (["83 0B"], 1)
-    assert bench.line.late_windows(bench.now) == 0
+    assert bench.line.ledger.count_late(bench.now) == 0
 
 
 @MODES
@@ -149,7 +149,7 @@ def test_the_same_comes_of_them(
             bench.pass_time(seconds)
         bench.pass_time(300.0)
         line = bench.line
-        heard = line.overheard, line.unasked_bytes
+        heard = line.attribution.overheard, line.unasked_bytes
         events = sorted(type(event).__name__ for event in bench.events)
         outcomes.append((bench.client.answers, repr(bench.counts), repr(heard), events, bench.written))
     assert outcomes[0] == outcomes[1]

@@ -76,7 +76,7 @@ def test_also_if_the_answer_has_the_size_of_a_request(bench: Bench, exchanges: l
         bench.respond(response)
     assert bench.client.answers[0][3:] == "0B"
     assert bench.client.answers[1:] == [response for _, response in exchanges[1:]]
-    assert bench.line.late_windows(bench.now) == 0
+    assert bench.line.ledger.count_late(bench.now) == 0
 
 
 @pytest.mark.parametrize(("asked", "response"), [WRITES[0], COILS[0]], ids=["write", "24 coils"])
@@ -92,7 +92,7 @@ def test_not_if_another_client_was_ever_heard_that_may_have_sent_it(
     bench.hear(damaged(bench, response))
     assert not is_over(bench)
     bench.pass_time(LIMIT + 0.1)
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1
 
 
 def test_nor_where_an_echo_is_configured(bench: Bench) -> None:
@@ -110,7 +110,7 @@ def test_an_exception_to_a_request_whose_answer_has_no_known_size(bench: Bench, 
     bench.hear(damaged(bench, f"{exception} 02"))
     bench.pass_time(silence(bench) + 1e-6)
     assert bench.client.answers == [f"{exception} 0B"]
-    assert bench.line.late_windows(bench.now) == 0
+    assert bench.line.ledger.count_late(bench.now) == 0
 
 
 def test_the_same_function_of_the_unit_goes_on_and_the_unit_does_not_rest(bench: Bench) -> None:
@@ -119,7 +119,7 @@ def test_the_same_function_of_the_unit_goes_on_and_the_unit_does_not_rest(bench:
         answer_badly(bench)
         bench.pass_time(silence(bench) + 1e-3)
     assert len(bench.written) == 5
-    assert bench.line.late_windows(bench.now) == 0
+    assert bench.line.ledger.count_late(bench.now) == 0
     assert bench.told(UnitResting) == []
 
 
@@ -160,7 +160,7 @@ def test_not_while_bytes_come(bench: Bench) -> None:
     assert not is_over(bench)
     bench.pass_time(LIMIT + 0.1)
     assert bench.client.answers == ["83 0B"]
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1
 
 
 def test_not_when_the_right_answer_follows(bench: Bench) -> None:
@@ -216,7 +216,7 @@ def test_not_when_another_client_was_heard_before(bench: Bench, unit: int) -> No
     bench.hear(damaged(bench))
     assert not is_over(bench)
     bench.pass_time(LIMIT + 0.1)
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1
 
 
 def test_not_while_the_request_leaves(bench: Bench) -> None:
@@ -262,7 +262,7 @@ def test_the_limit_does_not_wait_for_the_silence(bench: Bench) -> None:
     bench.hear(damaged(bench))
     bench.pass_time(2e-4)
     assert bench.client.answers == ["83 0B"]
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1
 
 
 def test_a_character_with_a_wrong_parity_bit_spoils_the_answer(bench: Bench) -> None:
@@ -282,11 +282,11 @@ def test_a_character_with_a_wrong_parity_bit_spoils_the_answer(bench: Bench) -> 
 def test_a_late_answer_with_a_wrong_parity_bit_is_awaited_still(bench: Bench) -> None:
     bench.ask()
     bench.pass_time(LIMIT + 0.1)
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1
     bench.line.received(bytes.fromhex(bench.frame(1, RESPONSE)), bench.now, damaged=True)
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1
     bench.hear(bench.frame(1, RESPONSE))
-    assert bench.line.late_windows(bench.now) == 0
+    assert bench.line.ledger.count_late(bench.now) == 0
 
 
 def test_a_damaged_echo_costs_no_answer(bench: Bench) -> None:
@@ -313,8 +313,8 @@ def test_the_answer_to_a_write_with_a_wrong_parity_bit_is_no_copy_of_it(pdu: str
         bench.ask(pdu)
         respond_with_wrong_parity(bench, pdu)
     assert bench.client.answers == [f"8{pdu[1]} 0B"] * 2
-    assert bench.line.late_windows(bench.now) == 0
-    assert not bench.line.overheard.copies
+    assert bench.line.ledger.count_late(bench.now) == 0
+    assert not bench.line.attribution.overheard.copies
 
 
 def test_coils_with_a_wrong_parity_bit_are_no_request() -> None:

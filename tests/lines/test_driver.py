@@ -309,13 +309,13 @@ class Leave:
         self.says = [*says]
         self.heard = 0
 
-    def permits(self) -> bool:
+    def may_send(self) -> bool:
         return self.says.pop(0)
 
     def silence(self) -> float:
         return 3.0
 
-    def heard_asker(self) -> None:
+    def heard_other(self) -> None:
         self.heard += 1
 
 

@@ -405,4 +405,4 @@ def test_the_echo_of_listen_only_is_no_late_response(timing: LineTiming) -> None
     bench.hear(bench.written[-1])
     assert bench.client.answers == [None]
     assert bench.told(LateResponse) == []
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1

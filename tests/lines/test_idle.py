@@ -59,7 +59,7 @@ def test_it_takes_no_place_in_the_queue() -> None:
     bench.ask(unit=1)
     bench.scan()
     bench.ask(unit=2)
-    assert (bench.line.waiting, bench.client.answers) == (1, [])
+    assert (len(bench.line.queue), bench.client.answers) == (1, [])
 
 
 def test_silence_is_neither_told_nor_counted_and_no_unit_rests() -> None:
@@ -137,7 +137,7 @@ def test_a_unit_in_its_late_window_is_not_asked_again_before_that_ends() -> None
     question, _ = bench.scan(unit=9)
     bench.pass_time(REQUEST_TIME + LIMIT + 0.003)
     bench.scan(unit=9)
-    end = bench.line.window_end(question)
+    end = bench.line.ledger.end_of(question, question.fails_at)
     bench.pass_time(end - bench.now - 0.001)
     assert len(bench.written) == 1
     bench.pass_time(0.002)

@@ -42,7 +42,7 @@ def succeed(bench: Bench) -> Bench:
     other = Bench()
     other.now = bench.now
     other.plug()
-    other.line.take_over(bench.line.handed_on(bench.now, PATIENCE), PATIENCE)
+    other.line.ledger.take_over(bench.line.ledger.handed_on(bench.now, PATIENCE), PATIENCE)
     other.pass_time(0.01)
     return other
 
@@ -100,7 +100,7 @@ def test_while_one_waits_for_a_window_other_units_and_clients_go_on(bench: Bench
 def test_a_window_lasts_twice_the_limit(bench: Bench) -> None:
     time_out(bench)
     bench.pass_time(WINDOW - 0.001)
-    assert bench.line._ledger.forbid_until(transaction(bench), bench.now) is not None
+    assert bench.line.ledger.forbid_until(transaction(bench), bench.now) is not None
     bench.pass_time(0.002)
     assert bench.asks() is not None
     assert bench.written == [bench.frame(1, READ)]
@@ -111,7 +111,7 @@ def test_a_window_lasts_as_long_as_the_devices_slowest_answer_if_that_is_more(be
     bench.device().answer_time = AnswerTime(table, margin=1.5, timeout=0.3)
     bench.ask()
     bench.pass_time(REQUEST_TIME + LIMIT)
-    until = bench.line._ledger.forbid_until(transaction(bench), bench.now)
+    until = bench.line.ledger.forbid_until(transaction(bench), bench.now)
     assert until is not None
     assert until - bench.now == pytest.approx(1.2, abs=0.06)
 
@@ -122,7 +122,7 @@ def test_late_window_sets_the_length(length: float) -> None:
     time_out(bench)
     if length:
         bench.pass_time(length - 0.001)
-        assert bench.line._ledger.forbid_until(transaction(bench), bench.now) == pytest.approx(
+        assert bench.line.ledger.forbid_until(transaction(bench), bench.now) == pytest.approx(
             bench.now + 0.001, abs=1e-4
         )
         bench.pass_time(0.002)
@@ -150,10 +150,10 @@ def test_a_client_that_asks_one_unit_after_the_other_does_not_freeze(bench: Benc
         for unit in (1, 2, 3):
             bench.ask(unit=unit)
             bench.pass_time(0.01)
-            if bench.line._ledger.current is not None and unit != 1:
+            if bench.line.ledger.current is not None and unit != 1:
                 bench.respond(unit=unit)
             bench.pass_time(0.01)
-            while bench.line._ledger.current is not None:
+            while bench.line.ledger.current is not None:
                 bench.pass_time(0.01)
     assert rounds > 100
 
@@ -180,7 +180,7 @@ def test_a_late_exception_closes_the_window_too(bench: Bench) -> None:
     time_out(bench)
     bench.respond(EXCEPTION)
     assert bench.counts.late_responses == 1
-    assert not bench.line._ledger.late()
+    assert not bench.line.ledger.late()
 
 
 @pytest.mark.parametrize(
@@ -237,7 +237,7 @@ def test_each_request_that_timed_out_has_a_window_of_its_own() -> None:
     assert bench.client.answers == ["83 0B"]
     bench.respond()
     assert bench.counts.late_responses == 2
-    assert not bench.line._ledger.late()
+    assert not bench.line.ledger.late()
 
 
 @pytest.mark.parametrize("timing", [Bench().settings.timing, ASCII], ids=["rtu", "ascii"])
@@ -271,12 +271,12 @@ def test_the_answer_to_another_client_closes_none_of_several_windows(bench: Benc
         each.ask(unit=2)
         each.ask()
         each.pass_time(0.5)
-        assert each.line.late_windows(each.now) == 2
+        assert each.line.ledger.count_late(each.now) == 2
         each.respond(OTHER)
         each.respond("03 02 80 00")
-        assert each.line.late_windows(each.now) == 2
+        assert each.line.ledger.count_late(each.now) == 2
         each.respond()
-        assert each.line.late_windows(each.now) == 1
+        assert each.line.ledger.count_late(each.now) == 1
 
 
 def test_one_late_response_closes_one_of_two_equal_windows(bench: Bench) -> None:
@@ -284,12 +284,12 @@ def test_one_late_response_closes_one_of_two_equal_windows(bench: Bench) -> None
     time_out(bench, unit=2)
     for _ in range(2):
         successor = succeed(bench)
-        successor.line.take_over(bench.line.handed_on(bench.now, PATIENCE), PATIENCE)
-        assert successor.line.late_windows(successor.now) == 4
+        successor.line.ledger.take_over(bench.line.ledger.handed_on(bench.now, PATIENCE), PATIENCE)
+        assert successor.line.ledger.count_late(successor.now) == 4
         successor.respond()
-        assert successor.line.late_windows(successor.now) == 3
+        assert successor.line.ledger.count_late(successor.now) == 3
         successor.hear(successor.frame(1, RESPONSE) + successor.frame(2, RESPONSE) * 2)
-        assert successor.line.late_windows(successor.now) == 0
+        assert successor.line.ledger.count_late(successor.now) == 0
 
 
 @pytest.mark.parametrize("timing", [Bench().settings.timing, ASCII], ids=["rtu", "ascii"])
@@ -322,7 +322,7 @@ def test_two_late_responses_in_one_chunk(bench: Bench) -> None:
     time_out(bench, unit=2)
     bench.hear(bench.frame(1, RESPONSE) + bench.frame(2, RESPONSE))
     assert bench.counts.late_responses == 2
-    assert not bench.line._ledger.late()
+    assert not bench.line.ledger.late()
 
 
 def test_only_the_first_of_two_copies_is_late_the_other_is_nobodys(bench: Bench) -> None:
@@ -466,7 +466,7 @@ def test_a_late_confirmation_of_a_move_is_believed(bench: Bench, silo: MovableDe
 
 def test_of_several_windows_the_longest_one_counts(bench: Bench) -> None:
     bench.device()
-    windows = bench.line._ledger
+    windows = bench.line.ledger
     for ends_at in (5.0, 9.0, 7.0):
         late = Exchange(1, 1, transaction(bench).asked, 0)
         late.ends_at = ends_at
@@ -588,7 +588,7 @@ def test_windows_end_by_themselves(bench: Bench) -> None:
     bench.asks(unit=30)
     bench.pass_time(1.0)
     bench.respond()
-    assert not bench.line._ledger.late()
+    assert not bench.line.ledger.late()
     assert is_empty(bench.line)
     assert bench.told(BadFrame) == []
 
@@ -602,9 +602,9 @@ def test_a_line_tells_how_many_late_answers_it_awaits_and_how_many_requests_wait
     time_out(bench, unit=2)
     bench.ask("04 00 10 00 01")
     bench.ask("04 00 20 00 01")
-    assert (bench.line.late_windows(bench.now), bench.line.waiting) == (2, 1)
+    assert (bench.line.ledger.count_late(bench.now), len(bench.line.queue)) == (2, 1)
     bench.pass_time(10.0)
-    assert (bench.line.late_windows(bench.now), bench.line.waiting) == (0, 0)
+    assert (bench.line.ledger.count_late(bench.now), len(bench.line.queue)) == (0, 0)
 
 
 def test_what_no_window_forbids_goes_as_soon_as_a_broadcast_has_had_its_time() -> None:
@@ -626,7 +626,7 @@ def test_a_line_that_follows_awaits_what_the_earlier_one_has_awaited(bench: Benc
     time_out(bench, WRITE)
     time_out(bench)
     successor = succeed(bench)
-    assert successor.line.late_windows(successor.now) == 2
+    assert successor.line.ledger.count_late(successor.now) == 2
     successor.ask()
     assert successor.client.answers == ["83 0B"]
     successor.ask(unit=2)
@@ -634,10 +634,10 @@ def test_a_line_that_follows_awaits_what_the_earlier_one_has_awaited(bench: Benc
     successor.pass_time(0.01)
     successor.respond(unit=2)
     successor.respond(WRITE)
-    assert successor.line.late_windows(successor.now) == 1
+    assert successor.line.ledger.count_late(successor.now) == 1
     assert (successor.told(OtherClientHeard), successor.told(LateResponse)) == ([], [])
     successor.pass_time(WINDOW)
-    assert successor.line.handed_on(successor.now, PATIENCE) == []
+    assert successor.line.ledger.handed_on(successor.now, PATIENCE) == []
     successor.ask()
     assert successor.written[-1] == successor.frame(1, READ)
 
@@ -665,10 +665,10 @@ def test_a_line_that_follows_awaits_what_other_clients_are_owed(bench: Bench) ->
     assert successor.client.answers == ["83 0B"]
     assert successor.written == [successor.frame(1, READ)]
     bench.pass_time(0.31)
-    assert not any(each.owed for each in bench.line.handed_on(bench.now, PATIENCE))
+    assert not any(each.owed for each in bench.line.ledger.handed_on(bench.now, PATIENCE))
 
 
 @pytest.mark.parametrize(("later", "count"), [(PATIENCE - 1e-6, 1), (PATIENCE, 0)])
 def test_another_clients_response_is_overdue_as_long_as_it_may_come(bench: Bench, later: float, count: int) -> None:
     bench.respond(OTHER)
-    assert sum(each.owed for each in bench.line.handed_on(bench.now + later, PATIENCE)) == count
+    assert sum(each.owed for each in bench.line.ledger.handed_on(bench.now + later, PATIENCE)) == count

@@ -69,8 +69,8 @@ def test_a_line_is_quiet_when_its_silence_is_over(bench: Bench) -> None:
     bench.pass_time(0.01)
     bench.respond()
     until = bench.now + bench.settings.silence_before_request
-    assert not bench.line.is_quiet(until - 1e-6)
-    assert bench.line.is_quiet(until)
+    assert not bench.line.can_send(until - 1e-6)
+    assert bench.line.can_send(until)
 
 
 def test_noise_on_the_idle_line_starts_the_silence_anew(bench: Bench) -> None:
@@ -433,7 +433,7 @@ def test_a_second_response_is_dropped_and_counted_as_one(bench: Bench, chunks: l
         bench.hear(chunk)
     assert bench.client.answers == [RESPONSE]
     assert (bench.counts.responses, bench.counts.foreign_frames) == (1, 0)
-    assert bench.line.overheard.second_responses == {1: 1}
+    assert bench.line.attribution.overheard.second_responses == {1: 1}
     assert bench.line.unasked_bytes == len(bytes.fromhex(RESPONSE_FRAME))
 
 
@@ -447,7 +447,7 @@ def test_the_next_client_does_not_get_the_second_copy_of_a_response(timing: Line
     bench.hear(2 * bench.frame(1, RESPONSE))
     assert bench.written == [bench.frame(1, READ), bench.frame(1, OTHER)]
     assert (bench.client.answers, second.answers) == ([RESPONSE], [])
-    assert bench.line.overheard.second_responses == {1: 1}
+    assert bench.line.attribution.overheard.second_responses == {1: 1}
     bench.respond("03 02 00 07")
     assert second.answers == ["03 02 00 07"]
 
@@ -726,10 +726,10 @@ def test_what_comes_behind_a_damaged_response_may_be_another_one() -> None:
     bench.pass_time(REQUEST_TIME + 0.01)
     bench.hear(RESPONSE_FRAME[:-2] + "00")
     bench.pass_time(0.1)
-    assert bench.line.late_windows(bench.now) == 0
+    assert bench.line.ledger.count_late(bench.now) == 0
     bench.hear("55")
     assert bench.client.answers == ["83 0B"]
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1
 
 
 def test_what_comes_when_the_line_should_be_quiet_is_no_answer_to_what_is_sent_next(bench: Bench) -> None:

@@ -198,7 +198,7 @@ def test_nor_is_it_the_response_that_is_late(shared: Bench) -> None:
     ask_coils(shared)
     shared.pass_time(0.3)
     shared.respond(TWOFOLD)
-    assert shared.line.late_windows(shared.now) == 1
+    assert shared.line.ledger.count_late(shared.now) == 1
 
 
 def test_it_is_answered_though_it_may_answer_an_earlier_one(shared: Bench) -> None:
@@ -237,17 +237,17 @@ def test_the_line_that_follows_knows_of_the_other_client(shared: Bench) -> None:
     for _ in range(2):
         earlier, later = later, Bench(timing=shared.settings.timing, virtual=False)
         later.now = earlier.now + 50.0
-        later.line.take_over(earlier.line.handed_on(later.now, 1.0), 1.0)
+        later.line.ledger.take_over(earlier.line.ledger.handed_on(later.now, 1.0), 1.0)
     ask_coils(later)
     later.respond(TWOFOLD)
-    assert (later.client.answers, later.line.late_windows(later.now)) == (["81 0B"], 1)
+    assert (later.client.answers, later.line.ledger.count_late(later.now)) == (["81 0B"], 1)
 
 
 def test_an_earlier_line_has_heard_a_client_earlier(shared: Bench) -> None:
-    earlier = shared.line.handed_on(shared.now, 1.0)
+    earlier = shared.line.ledger.handed_on(shared.now, 1.0)
     shared.pass_time(200.0)
     shared.respond(THEIRS)
-    shared.line.take_over([each for each in earlier if not each.owed], 1.0)
+    shared.line.ledger.take_over([each for each in earlier if not each.owed], 1.0)
     shared.pass_time(200.0)
     ask_coils(shared)
     shared.respond(TWOFOLD)
@@ -277,7 +277,7 @@ def test_the_response_to_another_clients_copy_may_be_for_our_request_and_as_late
     sent_at = bench.now
     bench.respond(READ)
     bench.respond("83 02")
-    (theirs,) = bench.line._ledger.foreign()
+    (theirs,) = bench.line.ledger.foreign()
     assert theirs.asked_at > sent_at + 0.003
 
 

@@ -17,7 +17,7 @@ def test_a_copy_of_the_request_is_counted_on_any_port(bench: Bench) -> None:
     bench.respond(READ)
     bench.pass_time(0.01)
     bench.respond()
-    assert (bench.line.overheard.copies, bench.line.overheard.requests) == (1, 0)
+    assert (bench.line.attribution.overheard.copies, bench.line.attribution.overheard.requests) == (1, 0)
 
 
 def test_a_copy_that_the_adapter_makes_is_counted() -> None:
@@ -25,7 +25,7 @@ def test_a_copy_that_the_adapter_makes_is_counted() -> None:
     bench.ask()
     bench.pass_time(0.002)
     bench.respond(READ)
-    assert (bench.line.overheard.copies, bench.line.overheard.requests) == (1, 0)
+    assert (bench.line.attribution.overheard.copies, bench.line.attribution.overheard.requests) == (1, 0)
 
 
 def test_requests_of_another_client_are_counted_also_while_nothing_is_asked(bench: Bench) -> None:
@@ -34,7 +34,7 @@ def test_requests_of_another_client_are_counted_also_while_nothing_is_asked(benc
         bench.pass_time(1.0)
         bench.respond(RESPONSE, unit=2)
         bench.pass_time(1.0)
-    assert (bench.line.overheard.copies, bench.line.overheard.requests) == (0, 3)
+    assert (bench.line.attribution.overheard.copies, bench.line.attribution.overheard.requests) == (0, 3)
 
 
 def test_who_asks_something_else_behind_our_request_is_another_client(bench: Bench) -> None:
@@ -42,7 +42,7 @@ def test_who_asks_something_else_behind_our_request_is_another_client(bench: Ben
     bench.respond()
     bench.pass_time(1.0)
     bench.respond(OTHER_READ)
-    assert (bench.line.overheard.copies, bench.line.overheard.requests) == (0, 1)
+    assert (bench.line.attribution.overheard.copies, bench.line.attribution.overheard.requests) == (0, 1)
 
 
 def test_an_answer_that_comes_once_more_is_counted_for_its_unit(bench: Bench) -> None:
@@ -54,7 +54,7 @@ def test_an_answer_that_comes_once_more_is_counted_for_its_unit(bench: Bench) ->
         bench.respond("03 02 00 07")
         bench.pass_time(1.0)
     assert bench.client.answers == [RESPONSE, RESPONSE]
-    assert bench.line.overheard.second_responses == {1: 2}
+    assert bench.line.attribution.overheard.second_responses == {1: 2}
 
 
 def test_answers_that_come_once_leave_no_trace(bench: Bench) -> None:
@@ -63,7 +63,7 @@ def test_answers_that_come_once_leave_no_trace(bench: Bench) -> None:
         bench.pass_time(0.02)
         bench.respond()
         bench.pass_time(1.0)
-    overheard = bench.line.overheard
+    overheard = bench.line.attribution.overheard
     assert (overheard.copies, overheard.requests, overheard.second_responses) == (0, 0, {})
 
 
@@ -72,7 +72,7 @@ def test_an_answer_that_comes_after_its_late_window_is_counted(bench: Bench) -> 
     bench.pass_time(30.0)
     bench.respond()
     assert bench.counts.late_responses == 0
-    belated = bench.line.overheard.belated[1]
+    belated = bench.line.attribution.overheard.belated[1]
     assert belated.count == 1
     assert 29.9 < belated.longest < 30.0
     assert belated.limit == bench.devices[1].counts.times[3].limit
@@ -84,8 +84,8 @@ def test_a_response_before_its_request_was_sent_is_not_counted_as_late() -> None
     bench.pass_time(0.001)
     bench.respond()
     bench.pass_time(2.0)
-    assert bench.line.overheard.belated == {}
-    assert bench.line.overheard.second_responses == {}
+    assert bench.line.attribution.overheard.belated == {}
+    assert bench.line.attribution.overheard.second_responses == {}
 
 
 def test_how_long_the_slowest_late_answer_took_is_kept(bench: Bench) -> None:
@@ -120,6 +120,6 @@ def test_when_copies_and_requests_of_others_were_heard_last_and_how_many_request
     bench.respond(OTHER_READ, unit=2)
     bench.pass_time(1.0)
     bench.ask()
-    overheard = bench.line.overheard
+    overheard = bench.line.attribution.overheard
     assert (overheard.sent_since_copy, overheard.sent_since_request) == (1, 1)
     assert overheard.copied_at <= copied_at < overheard.requested_at < bench.now

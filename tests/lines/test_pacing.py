@@ -231,7 +231,7 @@ def test_a_late_answer_is_not_overslept_in_noise(noisy: Bench) -> None:
     assert noisy.asks() == "83 0B"
     noisy.ask("04 00 10 00 01")
     hear_paced(noisy, noise(2 * MAX_RTU_ADU))
-    assert noisy.line.late_windows(noisy.now)
+    assert noisy.line.ledger.count_late(noisy.now)
     assert away(noisy) is None
 
 
@@ -526,7 +526,7 @@ def outcome(
             counts = {function: repr(each) for function, each in wired.device.counts.items()}
             line = wired.driver.line
             # when it was heard is when it was read
-            heard = replace(line.overheard, copied_at=0.0, requested_at=0.0), line.unasked_bytes
+            heard = replace(line.attribution.overheard, copied_at=0.0, requested_at=0.0), line.unasked_bytes
             return wired.client.answers, counts, heard, [type(event) for event in wired.events], wired.memory.written
 
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:

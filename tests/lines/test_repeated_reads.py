@@ -40,7 +40,7 @@ def test_when_its_late_window_is_over(bench: Bench) -> None:
     bench.pass_time(LIMIT + WINDOW - 0.05)
     assert (sent(bench), bench.client.answers) == (1, [])
     until_sent_again(bench)
-    assert bench.line.late_windows(bench.now) == 0
+    assert bench.line.ledger.count_late(bench.now) == 0
     bench.respond()
     assert bench.client.answers == [RESPONSE]
     counts = bench.counts

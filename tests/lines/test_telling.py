@@ -148,7 +148,7 @@ def test_what_is_refused_has_its_reason_and_until_when_it_is():
     bench.ask()
     (record,) = (each for each in ring.after(0) if isinstance(each, Refused))
     assert (record.line, record.name, record.unit, record.error.result) == ("hall-a", "unit-1", 1, "overdue")
-    assert record.until == bench.line._ledger.next_end()
+    assert record.until == bench.line.ledger.next_end()
 
 
 def test_where_an_echo_is_expected_other_frames_are_kept():

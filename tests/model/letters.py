@@ -69,7 +69,7 @@ def _end(world: World) -> None:
     world.pass_until(world.now + PATIENCE)
     world.wrong += [f"{question} has no answer" for question in world.open]
     world.open.clear()
-    if world.line.is_busy or world.line.waiting:
+    if world.line.is_busy or len(world.line.queue):
         world.wrong.append("the line is not idle in the end")
     world.pass_until(world.now + _LONG)
     if world.line.deadline() is not None:

@@ -245,9 +245,9 @@ class World:
 
     def reload(self) -> None:
         """Another line follows this one, which has finished, on the port, and takes over what may still come there."""
-        overdue = self.line.handed_on(self.now, _LONGEST_WAIT)
+        overdue = self.line.ledger.handed_on(self.now, _LONGEST_WAIT)
         self._begin()
-        self.line.take_over(overdue, _LONGEST_WAIT)
+        self.line.ledger.take_over(overdue, _LONGEST_WAIT)
         self.plug()
 
     def leave(self, client: str) -> None:

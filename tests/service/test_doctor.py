@@ -496,7 +496,7 @@ async def test_what_a_borrower_leaves_overdue_is_awaited(stops):
             assert (await asking)[0].result == "line_lost"
             bench.running._is_ending = stops
         now = asyncio.get_running_loop().time()
-        assert part.driver.line.late_windows(now) == 1
+        assert part.driver.line.ledger.count_late(now) == 1
         assert len(bench.running._left_behind.at("/dev/hall", now)) == stops
         bench.running._is_ending = False
 

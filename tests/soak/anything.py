@@ -32,8 +32,9 @@ _REQUESTS: Final = (
 )
 
 
-def method(of: object, names: Sequence[str]) -> Any:
-    """The first of these methods that there is."""
+def method(line: object, names: Sequence[str]) -> Any:
+    """Find the first of these methods that there is, of a line or of its ledger."""
+    of = getattr(line, "ledger", line)
     return next(getattr(of, name) for name in names if hasattr(of, name))
 
 

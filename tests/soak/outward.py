@@ -12,6 +12,7 @@ import random
 import re
 import sys
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any, Final
@@ -107,8 +108,13 @@ def watch_lines(*, with_deadlines: bool) -> None:
         port_up(line, write_and_note, *args, **more)
 
     Line.port_up = port_up_and_note
-    name = anything.method(Line, anything.HANDS_ON).__name__
-    watch_result(Line, name, lambda line, entries: f"{_name(line)} hands on {sorted(map(_entry, entries))}")
+    keeper: Any = Line
+    with suppress(ImportError):
+        from gateway.lines.ledger import Ledger  # noqa: PLC0415 - earlier versions have none
+
+        keeper = Ledger
+    name = next(name for name in anything.HANDS_ON if hasattr(keeper, name))
+    watch_result(keeper, name, lambda _, entries: f"hands on {sorted(map(_entry, entries))}")
     tick = Line.tick
 
     def tick_and_count(line: Line, now: float) -> None:
@@ -218,7 +224,7 @@ class _World(World):
 def _ended(world: World) -> None:
     drain(world)
     units = {unit: [str(each) for each in device.counts.values()] for unit, device in world.devices.items()}
-    overheard = list(_slots(world.line.overheard))
+    overheard = list(_slots(world.line.attribution.overheard))
     note(f"counts {units}, overheard {overheard}, unasked {world.line.unasked_bytes}, wrong: {world.wrong}")
 
 

@@ -48,7 +48,7 @@ async def fills(bench: GatewayBench, client: Client, *requests: tuple[int, str])
     await keep_busy(bench)
     for request in requests:
         client.ask(*request)
-    assert bench.gateway.lines[0].driver.line.waiting == 2
+    assert len(bench.gateway.lines[0].driver.line.queue) == 2
 
 
 @pytest.mark.parametrize(
@@ -97,6 +97,6 @@ async def test_a_client_of_rtu_over_tcp_has_asked_something_else() -> None:
         bench.client("10.0.0.8:1").ask(1, READ)
         client = OverTcpClient(bench.gateway.listeners[1])
         client.ask(READ, 2)
-        assert bench.gateway.lines[0].driver.line.waiting == 2
+        assert len(bench.gateway.lines[0].driver.line.queue) == 2
         client.session.closed()
         assert not is_refused(bench, 1)

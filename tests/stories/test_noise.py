@@ -107,7 +107,7 @@ def test_a_line_on_which_a_late_answer_is_awaited_and_something_is_asked(timing:
     bench.asks()
     bench.ask("04 00 10 00 01")
     assert costs_little(on_line(bench), size)
-    assert bench.line.late_windows(bench.now) == 1
+    assert bench.line.ledger.count_late(bench.now) == 1
 
 
 @pytest.mark.interpreted

@@ -77,7 +77,7 @@ async def test_a_late_confirmation_is_known_to_the_next_line_too() -> None:
         line, client, loop = bench.gateway.lines[0], bench.client(), asyncio.get_running_loop()
         late = Exchange(1, 1, parse_request(bytes.fromhex("05 00 00 55 00")), 0)
         late.ends_at = loop.time() + 2.0
-        line.driver.line.take_over([late], line.patience)
+        line.driver.line.ledger.take_over([late], line.patience)
         assert await client.asks(1, "05 00 00 55 00") == "85 0B"
         bench.lines["hall-a"].deliver(rtu.encode(1, bytes.fromhex("05 00 00 55 00")))
         await asyncio.sleep(0.1)

@@ -239,7 +239,7 @@ async def test_a_late_answer_to_the_other_one_is_not_believed(store: KeyValues) 
             await one.running._end([one.gateway.lines[0]])
             await asyncio.sleep(0.6)
             assert is_open(other)
-            assert other.gateway.lines[0].driver.line.late_windows(asyncio.get_running_loop().time()) == 1
+            assert other.gateway.lines[0].driver.line.ledger.count_late(asyncio.get_running_loop().time()) == 1
             asker = other.client()
             assert await asker.asks(41, READ_7) == "83 0B", "the same function of that unit is not asked meanwhile"
             assert not other.lines["hall-a"].take_written()
