@@ -16,10 +16,15 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from itertools import takewhile
-from typing import Any
+from typing import Any, Final
 
 from gateway.lines.transaction import Destination, Transaction
 from gateway.request import Caller, Request
+
+#: When a member has its next turn: in the round that is under way, or in the next one. Of a new one it is not known.
+UNKNOWN: Final = 0
+NOW: Final = 1
+LATER: Final = 2
 
 #: Tells whether a transaction must not be sent yet.
 Held = Callable[[Transaction], bool]
@@ -50,12 +55,16 @@ class Place:
 class Member(ABC):
     """One that takes turns; `waiting` requests are there. `has_passed`: it had nothing to send in its last turn."""
 
-    __slots__ = ("has_passed", "name", "waiting")
+    __slots__ = ("after", "before", "has_passed", "name", "turn", "waiting")
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.waiting = 0
         self.has_passed = False
+        #: When it has its next turn, and which others stand before and after it.
+        self.turn = UNKNOWN
+        self.before: Member | None = None
+        self.after: Member | None = None
 
     @property
     @abstractmethod
@@ -131,41 +140,31 @@ class Row(Member):
             self.address.above.waiting += more
 
 
-class Round:
-    """Those who have a turn in one round, in order, and the urgent ones: of these, and one who was let in."""
-
-    __slots__ = ("members", "urgent")
-
-    def __init__(self) -> None:
-        self.members: dict[Member, None] = {}
-        self.urgent: dict[Member, None] = {}
-
-    def remove(self, member: Member) -> None:
-        """Take a member out."""
-        self.members.pop(member, None)
-        if self.urgent:
-            self.urgent.pop(member, None)
-
-
 class Turns(Member):
-    """Members by name, and their rounds: addresses, or the connections of one, which has its turns in those `above`."""
+    """Members by name, and their rounds: addresses, or the connections of one, which has its turns in those `above`.
 
-    __slots__ = ("_has_let_in", "_later", "_now", "above", "members")
+    They stand in a line: those with a turn in this round, then those with one in the next. After its turn a member goes
+    to the end. The line is linked, because every request moves two members.
+    """
+
+    __slots__ = ("_first", "_has_let_in", "_last", "_urgent", "_urgent_later", "above", "members")
 
     def __init__(self, name: str = "", above: "Turns | None" = None) -> None:
         super().__init__(name)
         self.above = above
         self.members: dict[str, Any] = {}
-        #: The round that is under way, and the next one.
-        self._now = Round()
-        self._later = Round()
-        #: Whether one that came since the round began may go with its urgent ones. Its place is in the next round.
+        self._first: Member | None = None
+        self._last: Member | None = None
+        #: Whether one that came since the round began has a turn in it.
         self._has_let_in = False
+        #: The urgent ones, in this round and in the next one.
+        self._urgent: dict[str, Member] = {}
+        self._urgent_later: dict[str, Member] = {}
 
     @property
     def is_urgent(self) -> bool:
         """See Member."""
-        return bool(self._now.urgent)
+        return bool(self._urgent)
 
     def next(self, is_held: Held | None) -> Place | None:
         """Choose what is sent next, by the rules above. `is_held` is None if nothing is held."""
@@ -177,21 +176,23 @@ class Turns(Member):
             place = self._next_urgent(is_held) or self._next_in_order(is_held)
         return place
 
+    def add(self, member: Member) -> None:
+        """Give a new member its place, the last one."""
+        self.members[member.name] = member
+        self._append(member)
+
     def sort(self, member: Member) -> None:
-        """Give a new member its first turn, and look anew who is urgent: another request may be the oldest of it."""
+        """Look anew when a member has its turn: another request may be the oldest of it."""
         member.has_passed = False
-        is_urgent = member.is_urgent
-        now, later = self._now, self._later
-        its = now if member in now.members or member in now.urgent else later
-        if its is later and member not in later.members:
-            later.members[member] = None
-            if is_urgent and not self._has_let_in and self.waiting > member.waiting:
-                its, self._has_let_in = now, True
-        if is_urgent:
-            its.urgent[member] = None
-        elif its.urgent:
-            its.urgent.pop(member, None)
-        if self.waiting and not now.members and next(iter(later.members)) not in now.urgent:
+        if member.turn == UNKNOWN:
+            self._let_in(member)
+        if member.is_urgent:
+            (self._urgent if member.turn == NOW else self._urgent_later)[member.name] = member
+        elif self._urgent or self._urgent_later:
+            self._urgent.pop(member.name, None)
+            self._urgent_later.pop(member.name, None)
+        first = self._first
+        if self.waiting and first is not None and first.turn == LATER:
             self._begin_round()
         if self.above is not None:
             self.above.sort(self)
@@ -199,38 +200,42 @@ class Turns(Member):
     def forget(self, member: Member) -> None:
         """Forget a member, unless something of it waits."""
         if not member.waiting:
-            self._now.remove(member)
-            self._later.remove(member)
+            self._remove(member)
             del self.members[member.name]
             if self.above is not None:
                 self.above.forget(self)
 
     def _next_urgent(self, is_held: Held | None) -> Place | None:
-        for member in self._now.urgent:
-            place = member.next(is_held)
-            if place is not None:
-                self._had_turn(member)
-                return place
+        if self._urgent:
+            for member in self._urgent.values():
+                place = member.next(is_held)
+                if place is not None:
+                    self._had_turn(member)
+                    return place
         return None
 
     def _next_in_order(self, is_held: Held | None) -> Place | None:
         """Choose of all in their order. One that is held keeps its turn; one that has nothing to send has had it."""
-        place = None
-        over: list[Member] = []
-        for member in self._now.members:
-            if member.waiting:
-                place = member.next(is_held)
-                if place is None:
-                    continue
-            over.append(member)
+        each = self._first
+        while each is not None and each.turn == NOW:
+            after = each.after
+            place = each.next(is_held) if each.waiting else None
+            if place is not None or not each.waiting:
+                self._had_turn(each)
             if place is not None:
-                break
-        for member in over:
-            self._had_turn(member)
-        return place
+                return place
+            each = after
+        return None
+
+    def _let_in(self, member: Member) -> None:
+        """Give a new member its first turn: in the next round, or in this one."""
+        member.turn = LATER
+        if self.waiting > member.waiting and member.is_urgent and not self._has_let_in:
+            self._has_let_in = True
+            member.turn = NOW
 
     def _had_turn(self, member: Member) -> None:
-        """Move a member to the next round.
+        """Move a member to the end, for the next round.
 
         One that had nothing to send is forgotten the second time: one that asks again at once keeps its place.
         """
@@ -238,20 +243,43 @@ class Turns(Member):
             self.forget(member)
             return
         member.has_passed = not member.waiting
-        self._now.remove(member)
-        self._later.members.pop(member, None)
-        self._later.members[member] = None
+        if self._urgent:
+            self._urgent.pop(member.name, None)
+        member.turn = LATER
+        if member is not self._last:
+            self._remove(member)
+            self._append(member)
 
     def _begin_round(self) -> None:
-        """Begin the next round, in which those who are left of this one come first."""
         self._has_let_in = False
-        now, later = self._now, self._later
-        if now.members or now.urgent:
-            now.members.update(later.members)
-            now.urgent.update(later.urgent)
-            self._later = Round()
+        each = self._first
+        while each is not None:
+            each.turn = NOW
+            each = each.after
+        if self._urgent_later:
+            self._urgent.update(self._urgent_later)
+            self._urgent_later.clear()
+
+    def _append(self, member: Member) -> None:
+        last = self._last
+        member.before = last
+        if last is None:
+            self._first = member
         else:
-            self._now, self._later = later, now
+            last.after = member
+        self._last = member
+
+    def _remove(self, member: Member) -> None:
+        before, after = member.before, member.after
+        if before is None:
+            self._first = after
+        else:
+            before.after = after
+        if after is None:
+            self._last = before
+        else:
+            after.before = before
+        member.before = member.after = None
 
 
 class Clients(Turns):
@@ -263,10 +291,12 @@ class Clients(Turns):
         """Find the row of a client, which may be new: then something is to be added to it."""
         address: Turns | None = self.members.get(caller.share_key)
         if address is None:
-            address = self.members[caller.share_key] = Turns(caller.share_key, self)
+            address = Turns(caller.share_key, self)
+            self.add(address)
         row: Row | None = address.members.get(caller.client)
         if row is None:
-            row = address.members[caller.client] = Row(caller.client, address)
+            row = Row(caller.client, address)
+            address.add(row)
         return row
 
     def rows(self) -> Iterator[Row]:
