@@ -10,7 +10,7 @@ from gateway import events
 from gateway.listeners.admission import MADE_ROOM, NO_RIGHTS, NOT_MEANT, Admission
 from gateway.listeners.client_counts import ClientCounts
 from gateway.listeners.datagram import PeerAddress, receive, request_local_address, send_arguments
-from gateway.listeners.peer import Path, Peer
+from gateway.listeners.sessions.peer import Path, Peer
 from gateway.listeners.settings import ListenSettings
 from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import (

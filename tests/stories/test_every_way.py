@@ -11,7 +11,7 @@ from random import Random
 
 import pytest
 
-from gateway.listeners.peer import Path, Peer
+from gateway.listeners.sessions.peer import Path, Peer
 from gateway.modbus import rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode

@@ -3,7 +3,7 @@
 import asyncio
 
 from gateway.events import RequestTimeout, WriteAudit
-from gateway.listeners.peer import Path, Peer
+from gateway.listeners.sessions.peer import Path, Peer
 from gateway.modbus import mbap, rtu
 from gateway.request import Caller
 from kit.conversation import Conversation, Stage

@@ -15,7 +15,7 @@ from gateway.errors import ListenError
 from gateway.events import AccessDenied, ClientClosed, ClientConnected, ClientRejected, Event, ListenerUp, PartFailed
 from gateway.listeners import udp as udp_module
 from gateway.listeners.admission import NO_RIGHTS, NOT_MEANT
-from gateway.listeners.peer import Peer
+from gateway.listeners.sessions.peer import Peer
 from gateway.listeners.settings import ListenSettings
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tcp import TcpListener

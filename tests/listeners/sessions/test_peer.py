@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from gateway.errors import AccessDenied, IllegalDataValue, LineDown, QueueFull, RequestError, ResponseTimeout
-from gateway.listeners.peer import Path, Peer
+from gateway.listeners.sessions.peer import Path, Peer
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus.mbap import TcpFrame, encode
 from gateway.request import Caller, Request
