@@ -2,6 +2,7 @@
 
 import asyncio
 from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 
@@ -125,6 +126,18 @@ async def test_who_may_write_is_audited_with_the_client_that_its_site_names(nats
         assert await a.client("10.9.9.9:4711").asks(41, WRITE) == WRITE
         [audit] = [each for each in b.events if isinstance(each, WriteAudit)]
         assert (audit.client, audit.subject, audit.listener, audit.result) == ("a:1", "10.9.9.9:4711", "fleet", "ok")
+
+
+async def test_another_site_is_told_the_role_of_a_client_with_its_reads_and_writes(nats):
+    async with sites(ASKER + LOCAL, OWNER) as (a, b):
+        on_line(b)
+        client = a.client()
+        client.session.caller = replace(client.session.caller, subject="CN=anna", role="operator")
+        assert await client.asks(41, READ) == "03 02 00 00"
+        assert await client.asks(41, WRITE) == "86 01"
+        assert [sent.headers["Role"] for sent in nats.sent if ".unit." in sent.subject] == ["operator"] * 2
+        [denied] = [each for each in b.events if isinstance(each, AccessDenied)]
+        assert denied.role == "operator"
 
 
 async def test_rights_of_one_site_are_not_those_of_another(nats):
