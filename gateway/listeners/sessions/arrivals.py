@@ -54,7 +54,7 @@ class Arrivals:
         self._looked_at = now
         #: The last bytes have arrived between these two times.
         self._heard_since = self._heard_at = now
-        #: The incomplete frame, and the frames that were found last, have not arrived before these times.
+        #: The bytes since there was no incomplete frame, and the frames that were found last, came after these times.
         self._begun_since = self._found_since = now
         #: Until when a request was certainly sent together with the one before, and after when it certainly was not.
         self._together_until = self._later_after = now
@@ -111,8 +111,7 @@ class Arrivals:
         framer.heard_noise = False
         frames = framer.received(data, _ALWAYS)
         self.ends_at = None if framer.deadline() is None else now + SILENCE
-        if frames and not framer.heard_noise:  # else they may have arrived before this piece, hidden by the noise
-            self._begun_since = self._heard_since
+        # noise may have hidden frames that arrived before these bytes
         self._found_since = self._begun_since if framer.heard_noise else self._heard_since
         return self._found(frames)
 
