@@ -61,19 +61,19 @@ class Acceptor:
             try:
                 sock, address = await loop.sock_accept(listening)
             except OSError as error:
-                await self._refuse(listening, explain(error))
+                await self._reject_next(listening, explain(error))
             else:
                 await self._connect(sock, listening, *address[:2])
             await asyncio.sleep(self._pause)
 
-    async def _refuse(self, listening: socket.socket, reason: str) -> None:
+    async def _reject_next(self, listening: socket.socket, reason: str) -> None:
         """Reject the waiting clients: accepting has failed, probably for lack of descriptors."""
-        client = self._send_away(listening)
+        client = self._close_next(listening)
         self._rejected(client or "unknown", reason)
         if client is None:
             await asyncio.sleep(PAUSE)
 
-    def _send_away(self, listening: socket.socket) -> str | None:
+    def _close_next(self, listening: socket.socket) -> str | None:
         """Accept and close the first waiting connection; return its peer, or None if that failed."""
         self._release()
         try:

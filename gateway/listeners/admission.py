@@ -112,10 +112,10 @@ class Admission(Generic[AnyClient]):
         rights: Rights,
         settings: ListenSettings,
         now: float,
-        dismiss: Callable[[AnyClient], None],
+        reject: Callable[[AnyClient], None],
         role: str | None = None,
     ) -> str:
-        """Make room for a client, perhaps by `dismiss`; return why it is rejected, empty if it is not.
+        """Make room for a client, perhaps by `reject`; return why it is rejected, empty if it is not.
 
         `role` is that in its certificate, None if it has shown none.
         """
@@ -128,7 +128,7 @@ class Admission(Generic[AnyClient]):
         first = self._choose_candidate(candidates, caller.share_key, now)
         if first is None:
             return NONE_REPLACEABLE if any(client.is_idle for client in candidates) else ALL_BUSY
-        dismiss(first)
+        reject(first)
         return ""
 
     def _find_candidates(

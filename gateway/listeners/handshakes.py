@@ -58,13 +58,13 @@ class _Handshake:
 
 
 class Handshakes:
-    """The handshakes of one listener. `secured` is told of each that is done, `refused` of each that is not."""
+    """The handshakes of one listener. `secured` is told of each that is done, `rejected` of each that is not."""
 
     def __init__(
-        self, secured: Callable[[TlsStream, ConnectingClient], None], refused: Callable[[ConnectingClient, str], None]
+        self, secured: Callable[[TlsStream, ConnectingClient], None], rejected: Callable[[ConnectingClient, str], None]
     ) -> None:
         self._secured = secured
-        self._refused = refused
+        self._rejected = rejected
         #: By stream, in the order in which they began.
         self._pending: dict[TlsStream, _Handshake] = {}
         self._worker: ThreadPoolExecutor | None = None
@@ -89,7 +89,7 @@ class Handshakes:
         slowest = max(delays, key=delays.__getitem__)
         if most <= share[share_key] + 1 and delays[slowest] < SLOW:
             return TOO_MANY
-        slowest.refuse(MADE_ROOM)
+        slowest.reject(MADE_ROOM)
         return ""
 
     def begin(self, stream: TlsStream, connecting: ConnectingClient, now: float) -> None:
@@ -102,7 +102,7 @@ class Handshakes:
         for stream, handshake in list(self._pending.items()):
             if now - handshake.began_at < DEADLINE:
                 return
-            stream.refuse(TOO_SLOW)
+            stream.reject(TOO_SLOW)
 
     def close(self) -> None:
         """End all of them."""
@@ -134,7 +134,7 @@ class Handshakes:
         handshake = self._pending.pop(stream, None)
         if handshake is not None:
             self._turns.drop(stream, handshake.connecting.caller.share_key)
-            self._refused(handshake.connecting, reason)
+            self._rejected(handshake.connecting, reason)
 
     def _go_on(self) -> None:
         """Begin the next step, if none is under way and it is time for one."""

@@ -189,7 +189,7 @@ class TcpListener:
 
     def _make_room(self, caller: Caller, now: float) -> str:
         """Make room for a client, perhaps by closing another one; return why it is rejected, empty if it is not."""
-        return self.connections.make_room(caller, self.router.rights, self.settings, now, self._dismiss)
+        return self.connections.make_room(caller, self.router.rights, self.settings, now, self._reject_replaced)
 
     async def _serve(self, sock: socket.socket, caller: Caller) -> None:
         loop = asyncio.get_running_loop()
@@ -198,7 +198,7 @@ class TcpListener:
         connection.connection_made(stream)
         stream.resume_reading()
 
-    def _dismiss(self, connection: TcpConnection) -> None:
+    def _reject_replaced(self, connection: TcpConnection) -> None:
         connection.reject(MADE_ROOM)
 
     def _sweep_later(self) -> None:

@@ -22,7 +22,7 @@ from gateway.tls.contexts import Loaded, stop_resuming
 from gateway.tls.settings import ServerTls
 from gateway.tls.store import TlsStore
 
-#: Why a client is refused that goes on with an earlier session.
+#: Why a client is rejected that goes on with an earlier session.
 OUTLIVED: Final = "its session is older than the end of an authority's certificate, or of a revocation list"
 
 
@@ -38,7 +38,7 @@ class TlsListener(TcpListener):
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit, store: TlsStore) -> None:
         super().__init__(settings, router, emit)
         self._store = store
-        self._handshakes = Handshakes(self._secured, self._refused)
+        self._handshakes = Handshakes(self._secured, self._rejected)
         self._trust = b""
         self._kept = KeptSessions(self._files, lambda: self._loaded, partial(store.renew, self._files))
 
@@ -95,28 +95,28 @@ class TlsListener(TcpListener):
         """Serve a client that has shown a certificate of the authority, if it can be kept."""
         now = asyncio.get_running_loop().time()
         if stream.is_resumed and time.time() > connecting.resumable_until:
-            self._turn_away(stream, connecting, OUTLIVED)
+            self._reject(stream, connecting, OUTLIVED)
             return
         try:
             certificate = _parsed(stream.peer_certificate)
             caller = _identify(connecting.caller, certificate)
         except ValueError as wrong:
-            self._turn_away(stream, connecting, f"its certificate cannot be used: {wrong}")
+            self._reject(stream, connecting, f"its certificate cannot be used: {wrong}")
             return
         rights, role = self.router.rights, caller.role
-        why_not = self.connections.make_room(caller, rights, self.settings, now, self._dismiss, role)
+        why_not = self.connections.make_room(caller, rights, self.settings, now, self._reject_replaced, role)
         if why_not:
-            self._turn_away(stream, connecting, why_not)
+            self._reject(stream, connecting, why_not)
             return
         connection = SecuredConnection(self, caller, asyncio.get_running_loop().time, self.router)
         connection.valid_until, connection.role = certificate.not_after, role
         stream.begin(connection)
 
-    def _turn_away(self, stream: TlsStream, connecting: ConnectingClient, reason: str) -> None:
-        self._refused(connecting, reason)
+    def _reject(self, stream: TlsStream, connecting: ConnectingClient, reason: str) -> None:
+        self._rejected(connecting, reason)
         stream.close()
 
-    def _refused(self, connecting: ConnectingClient, reason: str) -> None:
+    def _rejected(self, connecting: ConnectingClient, reason: str) -> None:
         self.rejected(connecting.caller.client, reason)
 
     def _sweep(self) -> None:

@@ -65,7 +65,7 @@ class HandshakeOwner(Protocol):
         """Call `step` in any thread, then `stepped`: bytes have arrived. Until then nothing more is received."""
 
     def secured(self, stream: TlsStream) -> None:
-        """Call `begin`, or `refuse`: the handshake is done."""
+        """Call `begin`, or `reject`: the handshake is done."""
 
     def not_secured(self, stream: TlsStream, reason: str) -> None:
         """Forget the stream: the handshake has failed, and the connection is closed."""
@@ -127,7 +127,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._owner.step_due(self)
 
     def stepped(self, outcome: str | None) -> None:
-        """Act on the outcome of a step: send what it has for the client, and go on, begin or refuse."""
+        """Act on the outcome of a step: send what it has for the client, and go on, begin or reject."""
         self._is_stepping = False
         if self.is_closing():
             return
@@ -135,12 +135,12 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         if outcome is None:
             self._transport.resume_reading()
         elif outcome:
-            self.refuse(outcome)
+            self.reject(outcome)
         else:
             self._is_secured = True
             self._owner.secured(self)
 
-    def refuse(self, reason: str) -> None:
+    def reject(self, reason: str) -> None:
         """Close the connection before anything of the client is looked at."""
         self._owner.not_secured(self, reason)
         self.close()
@@ -185,7 +185,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._incoming.write(_BUFFER[:nbytes])
         self._handshake_bytes += nbytes
         if self._handshake_bytes > MOST_HANDSHAKE_BYTES:
-            self.refuse(f"its handshake is longer than {MOST_HANDSHAKE_BYTES} bytes")
+            self.reject(f"its handshake is longer than {MOST_HANDSHAKE_BYTES} bytes")
             return
         if self._has_started:
             self._order_step()
@@ -193,7 +193,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
     def eof_received(self) -> bool:
         """Note that the client has closed its side, perhaps not in TLS; requests are whole by their lengths."""
         if self._application is None:
-            self.refuse("it has closed the connection in the middle of the handshake")
+            self.reject("it has closed the connection in the middle of the handshake")
             return False
         self._is_cut_off = True
         self._deliver()

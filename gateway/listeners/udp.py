@@ -248,7 +248,7 @@ class UdpListener:
         """Admit a peer, or return why it is rejected: the listener is full, or it has lost its rights."""
         client = join_host_port(key.host, key.port)
         caller = Caller(client, key.host, self._share_keys.of(key.host, now))
-        if why_not := self._admission.make_room(caller, self.router.rights, self.settings, now, self._dismiss):
+        if why_not := self._admission.make_room(caller, self.router.rights, self.settings, now, self._forget_replaced):
             return why_not
         peer = Peer(caller, router=self.router, settings=self.settings, path=self._path(sock, key))
         self._peers[key] = peer
@@ -275,7 +275,7 @@ class UdpListener:
 
         return Path(partial(self._read_first, sock), send)
 
-    def _dismiss(self, peer: Peer) -> None:
+    def _forget_replaced(self, peer: Peer) -> None:
         self._remove(next(key for key, each in self._peers.items() if each is peer), MADE_ROOM)
 
     def _remove(self, key: PeerAddress, reason: str) -> None:

@@ -44,7 +44,7 @@ class Lobby:
         host = f"192.0.2.{ord(host)}" if len(host) == 1 else host
         settings = ListenSettings("scada", "::", 502, clients=self.places, reserve=self.reserve)
         caller = Caller(f"{host}:1", host, host)
-        refusal = self.room.make_room(caller, self.rights, settings, self.now, self._dismiss, role)
+        refusal = self.room.make_room(caller, self.rights, settings, self.now, self._close_replaced, role)
         if refusal:
             return refusal
         client = Client(caller, role=role)
@@ -76,7 +76,7 @@ class Lobby:
         assert len(self.closed) == count + 1
         return self.closed[-1]
 
-    def _dismiss(self, client: Client) -> None:
+    def _close_replaced(self, client: Client) -> None:
         self.closed.append(client)
         self.room.leave(client)
 

@@ -20,7 +20,7 @@ class Stream:
 
     def __init__(self, owner: Handshakes) -> None:
         self._owner: Any = owner
-        self.refused = ""
+        self.rejected = ""
         self.has_response = False
         self.has_stepped = asyncio.Event()
         #: For how many seconds the machine stands still during a step.
@@ -38,8 +38,8 @@ class Stream:
     def abort(self) -> None:
         pass
 
-    def refuse(self, reason: str) -> None:
-        self.refused = reason
+    def reject(self, reason: str) -> None:
+        self.rejected = reason
         self._owner.not_secured(self, reason)
 
 
@@ -63,8 +63,8 @@ async def test_clients_of_one_address_that_say_nothing_make_room_for_another_one
     first, *others = begun(owner, *["10.0.0.1"] * MOST)
     assert owner.make_room("10.0.0.1", begins + SLOW - 0.01) == TOO_MANY
     assert owner.make_room("10.0.0.1", begins + SLOW) == ""
-    assert first.refused == MADE_ROOM
-    assert not any(each.refused for each in others)
+    assert first.rejected == MADE_ROOM
+    assert not any(each.rejected for each in others)
 
 
 async def test_the_address_with_most_of_them_makes_room() -> None:
@@ -73,7 +73,7 @@ async def test_the_address_with_most_of_them_makes_room() -> None:
     twice, _ = begun(owner, "10.0.1.2", "10.0.1.2")
     begun(owner, *(f"10.0.0.{number}" for number in range(MOST - 3)))
     assert owner.make_room("10.0.2.1", 0.0) == ""
-    assert (once.refused, twice.refused) == ("", MADE_ROOM)
+    assert (once.rejected, twice.rejected) == ("", MADE_ROOM)
 
 
 async def test_if_each_address_has_one_the_slowest_client_makes_room() -> None:
@@ -84,8 +84,8 @@ async def test_if_each_address_has_one_the_slowest_client_makes_room() -> None:
     owner.step_due(active)
     assert owner.make_room("10.0.2.1", begins + SLOW - 0.01) == TOO_MANY
     assert owner.make_room("10.0.2.1", begins + SLOW) == ""
-    assert (active.refused, silent.refused) == ("", MADE_ROOM)
-    assert not any(each.refused for each in others)
+    assert (active.rejected, silent.rejected) == ("", MADE_ROOM)
+    assert not any(each.rejected for each in others)
 
 
 async def test_an_address_with_many_of_them_ends_its_own_only() -> None:
@@ -97,7 +97,7 @@ async def test_an_address_with_many_of_them_ends_its_own_only() -> None:
     assert owner.make_room("10.0.1.1", asyncio.get_running_loop().time()) == TOO_MANY
     await asyncio.sleep(SLOW)
     many += begun(owner, *["10.0.1.1"] * (MOST - 2))
-    assert [each.refused for each in slow + many] == ["", "", *[MADE_ROOM] * (MOST - 2), *[""] * (MOST - 2)]
+    assert [each.rejected for each in slow + many] == ["", "", *[MADE_ROOM] * (MOST - 2), *[""] * (MOST - 2)]
 
 
 async def test_a_client_that_sends_a_byte_now_and_then_is_slow() -> None:
@@ -109,7 +109,7 @@ async def test_a_client_that_sends_a_byte_now_and_then_is_slow() -> None:
         await asyncio.sleep(0.001)
     begun(owner, *(f"10.0.1.{number}" for number in range(MOST - 1)))
     assert owner.make_room("10.0.2.1", asyncio.get_running_loop().time()) == ""
-    assert trickling.refused == MADE_ROOM
+    assert trickling.rejected == MADE_ROOM
     owner.close()
 
 
