@@ -46,7 +46,7 @@ class Exchange(Expected):
 
     __slots__ = (
         "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_held", "is_ours",
-        "owed", "patience", "place", "transaction", "unit",
+        "owed", "place", "transaction", "unit",
     )  # fmt: skip
 
     def __init__(
@@ -69,8 +69,6 @@ class Exchange(Expected):
         self.is_awaited = False
         self.is_answered = False
         self.ended_at = NEVER
-        #: How long after a request any response of its unit may come, in seconds, if no transaction tells.
-        self.patience = 0.0
         #: Whether the connection may hold it back; and whether all of it had arrived there when its late window began.
         self.is_held = False
         self.had_arrived = True
@@ -143,6 +141,8 @@ class Ledger:
         self.other_client: Exchange | None = None
         self._seconds = seconds
         self._has_arrived: HasArrived | None = None
+        #: How long after a request of an earlier line its response may come, in seconds.
+        self._patience = 0.0
 
     # --- times ---
 
@@ -241,7 +241,7 @@ class Ledger:
         for each in self.late():
             if each.accepts(token.frame):
                 device = None if each.transaction is None else each.transaction.device
-                lasts = each.patience if device is None else patience(device.answer_time)
+                lasts = self._patience if device is None else patience(device.answer_time)
                 each.ends_at = max(each.ends_at, foreign.asked_at + lasts)
 
     # --- what a connection may hold back ---
@@ -252,6 +252,10 @@ class Ledger:
         for each in self.others:
             each.is_held = False
         self._drop_closed()
+
+    def is_underway(self) -> bool:
+        """Tell whether the other end of the connection has not received all that was written to it."""
+        return self._has_arrived is not None and not self._has_arrived()
 
     def hold(self, exchange: Exchange) -> None:
         """Note that nothing was received since this request was sent."""
@@ -319,10 +323,10 @@ class Ledger:
 
     def take_over(self, exchanges: Iterable[Exchange], patience: float) -> None:
         """Take over what an earlier line on the port has handed on. Any response comes within `patience` seconds."""
+        self._patience = patience
         for each in exchanges:
             if each.owed:
                 late = _handed(each, each.owed, each.ends_at)
-                late.patience = patience
                 self.others.append(late)
             elif self.other_client is None or self.other_client.ends_at < each.ends_at:
                 self.other_client = each

@@ -76,12 +76,10 @@ class Line:
         echo = EchoDetector(self._report, is_configured=settings.echo)
         self._receiver = Receiver(settings, self.ledger, echo, self._report, self._recorder)
         self._scheduler = Scheduler(settings, self.ledger, echo, self._report, self._recorder, self._limit_of)
-        self._reopening = self._scheduler.reopening
         #: What is known of others on the line, and the requests that wait.
         self.attribution = self._receiver.attribution
         self.queue = self._scheduler.queue
         self._write: Write | None = None
-        self._has_arrived: HasArrived | None = None
         self._is_virtual = True
         self._state: State = "down"
         #: Why the request on the line was without a response when it was sent before.
@@ -115,14 +113,13 @@ class Line:
         can come before a real line could have carried the request. `has_arrived` is None unless it is a connection.
         """
         self._is_virtual = virtual
-        self._has_arrived = has_arrived
         self._tune(latency)
         self._write = write
         self._quiet_at = now + self._gap
         self.ledger.connected(has_arrived)
         if self._state != "closed":
             self._scheduler.end_rests()
-        self._reopening.end()
+        self._scheduler.reopening.end()
         self._state = "idle"
 
     def port_down(self, now: float) -> None:
@@ -142,7 +139,7 @@ class Line:
     def renew(self, now: float) -> None:
         """The connection is being closed, and a new one is needed: waiting requests go on waiting."""
         self._disconnect("closed")
-        self._reopening.begin(now)
+        self._scheduler.reopening.begin(now)
 
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
         """The connection has ended in order; `at_once` after it was opened. If nothing is under way, that is no loss.
@@ -151,11 +148,11 @@ class Line:
         it. But if requests wait for one that ends at once, they would wait in vain: that is a loss.
         """
         if self._state == "closed":  # by `renew`
-            self._reopening.ended(open_again, is_needed=True)
+            self._scheduler.reopening.ended(open_again, is_needed=True)
         elif self._state == "idle" and (self._scheduler.is_empty or not at_once):
             is_needed = not (self._scheduler.is_empty and (at_once or self.attribution.is_alone(now)))
             self.renew(now)
-            self._reopening.ended(open_again, is_needed=is_needed)
+            self._scheduler.reopening.ended(open_again, is_needed=is_needed)
 
     @property
     def is_closed(self) -> bool:
@@ -195,7 +192,7 @@ class Line:
         if rejection is not None:
             self._scheduler.refuse(transaction, rejection, now)
         elif self._write is None:
-            self._reopening.need(transaction)
+            self._scheduler.reopening.need(transaction)
         elif not self.is_busy:
             self._go_on(now)
 
@@ -212,7 +209,7 @@ class Line:
         early = not self._is_virtual and now < current.asked_at and not self.settings.echo
         if not early:
             self._quiet_at = now + self._gap
-            early = self._has_arrived is not None and not self._has_arrived()
+            early = self.ledger.is_underway()
         outcome = self._receiver.received(data, now, damaged=damaged, early=early)
         self._report_late(now)
         if outcome is not None:
@@ -224,7 +221,7 @@ class Line:
         if current is not None:
             deadline = earliest(self._next_step(current), self.queue.next_expiry())
         elif self._write is None:
-            deadline = earliest(self._reopening.until, self.queue.next_expiry())
+            deadline = earliest(self._scheduler.reopening.until, self.queue.next_expiry())
         else:
             deadline = self._scheduler.deadline(self._quiet_at)
             if self._receiver.silent_at < inf:
@@ -243,8 +240,8 @@ class Line:
             self._scheduler.record_frames(self._receiver.ended_by_silence(self._scheduler.resting))
         if self.ledger.others:
             self.ledger.await_arrived(self._receiver.position, now)
-        if self._reopening.until is not None:
-            self._scheduler.fail_unsent(self._reopening.given_up(now), now)
+        if self._scheduler.reopening.until is not None:
+            self._scheduler.fail_unsent(self._scheduler.reopening.given_up(now), now)
         current = self.ledger.current
         if current is not None and outcome is not None:
             self._take(current, outcome, now)
@@ -267,7 +264,7 @@ class Line:
         self._state = state
         self._write = None
         self.ledger.connected(None)
-        self._reopening.end()
+        self._scheduler.reopening.end()
 
     def _limit_of(self, transaction: Transaction) -> float:
         """The time limit of a transaction that has not been sent."""
