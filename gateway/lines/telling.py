@@ -15,7 +15,7 @@ from gateway.modbus.explain import Mode, explain
 from gateway.modbus.frame import Frame
 from gateway.modbus.scan import Token
 from gateway.request import Request
-from gateway.trace.records import BYTES, INCIDENT, MOST_HEARD, SHARER, Exchange, Heard, Incident
+from gateway.trace.records import BYTES, INCIDENT, MOST_HEARD, SHARER, Heard, Incident, Sent
 from gateway.trace.ring import Ring
 
 _NO_ANSWER: Final = "no valid answer"
@@ -137,7 +137,7 @@ class Recorder:
             return
         first = requests[0]
         self._ring.add(
-            Exchange(
+            Sent(
                 now,
                 self._line,
                 over.device.name,

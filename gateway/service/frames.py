@@ -3,7 +3,7 @@
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.service.build import Gateway
-from gateway.trace.records import Exchange, Incident
+from gateway.trace.records import Incident, Sent
 from gateway.trace.ring import STEP
 
 
@@ -20,10 +20,10 @@ def frames_of(gateway: Gateway, client: str, pdu: bytes, received_at: float) -> 
     return {"sent": sent.hex(" ").upper(), "received": received.hex(" ").upper()}
 
 
-def _exchange(gateway: Gateway, client: str, pdu: bytes, received_at: float) -> Exchange | None:
+def _exchange(gateway: Gateway, client: str, pdu: bytes, received_at: float) -> Sent | None:
     ring = gateway.ring
     for record in reversed(ring.after(max(0, ring.added - STEP))):
-        if isinstance(record, Exchange) and record.request == pdu:
+        if isinstance(record, Sent) and record.request == pdu:
             sharers = record.others if isinstance(record, Incident) else ()
             asked = ((record.client, record.received_at), *((who, at) for who, _, at in sharers))
             if (client, received_at) in asked:

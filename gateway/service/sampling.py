@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from gateway.trace.records import Exchange, Incident, Record
+from gateway.trace.records import Incident, Record, Sent
 
 
 class Sample:
@@ -42,7 +42,7 @@ def _chosen(records: Sequence[Record], room: int) -> Sequence[Record]:
 
 
 def _is_ordinary(record: Record) -> bool:
-    return isinstance(record, Exchange) and not isinstance(record, Incident)
+    return isinstance(record, Sent) and not isinstance(record, Incident)
 
 
 def _spread(places: list[int], most: int) -> list[int]:

@@ -22,12 +22,12 @@ from gateway.trace.records import (
     MOST_STORIES,
     RESULTS,
     Answered,
-    Exchange,
     Heard,
     Incident,
     PortChanged,
     Record,
     Refused,
+    Sent,
 )
 from gateway.trace.ring import STEP
 
@@ -280,14 +280,14 @@ def _asked_by_any(who: str) -> Callable[[Record], bool]:
 
 def _clients(record: Record) -> list[str]:
     others = [client for client, _, _ in record.others] if isinstance(record, Incident) else []
-    return [record.client, *others] if isinstance(record, Exchange | Refused) else others
+    return [record.client, *others] if isinstance(record, Sent | Refused) else others
 
 
 def _story(gateway: Gateway, record: Record, clock: Clock, names: UnitNames) -> Fact:
     """A failure with what else there is to know of it: what it waited behind, and why its line is down."""
     told = fact(record, clock, names)
-    if isinstance(record, Exchange | Refused):
-        end = record.sent_at if isinstance(record, Exchange) else record.at
+    if isinstance(record, Sent | Refused):
+        end = record.sent_at if isinstance(record, Sent) else record.at
         others = _on_line_between(gateway, record.line, record.received_at, end, record)
         behind = [(each.unit, names.of(each)) for each in others]
         told["behind"] = [{"unit": unit, "name": name} for unit, name in dict.fromkeys(behind)]
@@ -299,20 +299,18 @@ def _story(gateway: Gateway, record: Record, clock: Clock, names: UnitNames) -> 
     return told
 
 
-def _on_line_between(
-    gateway: Gateway, line: str, begin: float, end: float, than: Exchange | Refused
-) -> Iterator[Exchange]:
+def _on_line_between(gateway: Gateway, line: str, begin: float, end: float, than: Sent | Refused) -> Iterator[Sent]:
     """What was asked on this line meanwhile, but for what was sent of this request itself."""
     if end <= begin:
         return
     ring = gateway.ring
     number = max(ring.number_at(begin), ring.first)
     for record in ring.after(number, _LOOK_BACK):
-        if isinstance(record, Exchange) and record.line == line and record.sent_at < end and not _is_same(record, than):
+        if isinstance(record, Sent) and record.line == line and record.sent_at < end and not _is_same(record, than):
             yield record
 
 
-def _is_same(record: Exchange, other: Exchange | Refused) -> bool:
+def _is_same(record: Sent, other: Sent | Refused) -> bool:
     """Whether both are of the same request, which was sent again, then."""
     return (record.client, record.received_at, record.request) == (other.client, other.received_at, other.request)
 
@@ -333,7 +331,7 @@ def _error(error: RequestError | None) -> Fact:
     return {} if error is None else {"result": error.result, "code": f"{error.code:02X}", "reason": str(error)}
 
 
-def _exchange(record: Exchange, clock: Clock) -> Fact:
+def _exchange(record: Sent, clock: Clock) -> Fact:
     return {
         "client": record.client,
         "address": record.address,
@@ -393,7 +391,7 @@ def _port(record: PortChanged, _: Clock) -> Fact:
 #: The kinds of facts, subclasses first.
 _FACTS: Final[Iterable[tuple[type[Record], str, Callable[[Any, Clock], Fact]]]] = (
     (Incident, "exchange", _incident),
-    (Exchange, "exchange", _exchange),
+    (Sent, "exchange", _exchange),
     (Refused, "refused", _refused),
     (Answered, "answered", _answered),
     (Heard, "heard", _heard),

@@ -18,7 +18,7 @@ from gateway.service.sampling import Sample
 from gateway.service.trace import Clock, Fact, clocks, fact, lines, page, wanted
 from gateway.service.unit_names import UnitNames
 from gateway.trace.pcapng import Writer
-from gateway.trace.records import FAILURES, Exchange, Heard, PortChanged, Record
+from gateway.trace.records import FAILURES, Heard, PortChanged, Record, Sent
 from gateway.trace.ring import STEP, Ring
 
 #: How often to look for what is new, after how long for more of what there is, how often the time is told, in seconds.
@@ -218,7 +218,7 @@ def what_is_seen(gateway: Gateway, host: str) -> MaySee:
         if isinstance(record, Heard):
             name = "" if record.kind == "noise" else places.get((record.line, record.frame[0]), "")
             return name in units and _may_read(rights[units[name]], record.frame[1:])
-        name = record.name if isinstance(record, Exchange) else names.of(record)
+        name = record.name if isinstance(record, Sent) else names.of(record)
         return name in units and _may_read(rights[units[name]], getattr(record, "request", b""))
 
     return is_seen

@@ -9,7 +9,7 @@ from typing import Final
 
 from gateway.config.plan import Plan
 from gateway.service.operator import find_unit, names
-from gateway.trace.records import Answered, Exchange, Record, Refused
+from gateway.trace.records import Answered, Record, Refused, Sent
 
 
 class UnitNames:
@@ -24,7 +24,7 @@ class UnitNames:
 
     def of(self, record: Record) -> str:
         """The name of the unit that a record is about; empty if it is about none."""
-        if isinstance(record, Exchange | Refused):
+        if isinstance(record, Sent | Refused):
             return self._mirrors.get((record.unit, record.name), record.name)
         if isinstance(record, Answered):
             return record.name or self.shared.get(record.unit, "")

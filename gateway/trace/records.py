@@ -59,7 +59,7 @@ class Record:
         return found == result or (result == "failed" and found not in ("", "ok", "exception"))
 
 
-class Exchange(Record):
+class Sent(Record):
     """A request that was sent, and its `response`; None if nobody answers it.
 
     `unit` is the client's number for the device called `name`, which is asked at `address`. The limit counts from
@@ -108,7 +108,7 @@ class Exchange(Record):
         return self.request[0]
 
 
-class Incident(Exchange):
+class Incident(Sent):
     """One with more to tell: that failed with `error`, or is sent again for want of an answer, or has been before.
 
     `heard` is what came instead of the answer, and until `late_until` that may still come. `answered_by` is the unit

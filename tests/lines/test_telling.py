@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.modbus.rtu import encode
-from gateway.trace.records import Exchange, Heard, Incident, Record, Refused
+from gateway.trace.records import Heard, Incident, Record, Refused, Sent
 from gateway.trace.ring import Ring
 from kit.asker import Asker
 from kit.line_bench import READ, REQUEST_TIME, RESPONSE, Bench, frame
@@ -29,7 +29,7 @@ def test_a_transaction_has_its_times_and_the_limit():
     bench.now += 0.05
     bench.respond()
     (record,) = ring.after(0)
-    assert isinstance(record, Exchange)
+    assert isinstance(record, Sent)
     assert (record.line, record.client, record.unit, record.address) == ("hall-a", "10.0.0.9:49152", 1, 1)
     assert (record.request, record.response) == (bytes.fromhex(READ), bytes.fromhex(RESPONSE))
     assert (record.sent_at, record.at) == (asked_at, bench.now)
@@ -54,7 +54,7 @@ def test_a_broadcast_is_there_without_a_response():
     bench, ring = bench_with_ring()
     bench.broadcast("06 00 01 00 05")
     (record,) = ring.after(0)
-    assert type(record) is Exchange
+    assert type(record) is Sent
     assert (record.address, record.response) == (0, None)
 
 
@@ -76,7 +76,7 @@ def test_noise_before_an_answer():
     bench.hear("00 FF")
     bench.respond()
     assert heard(ring) == [("noise", "00 FF", 2)]
-    assert kinds(ring)[-1] is Exchange
+    assert kinds(ring)[-1] is Sent
 
 
 def test_frames_of_others_while_nothing_is_asked():

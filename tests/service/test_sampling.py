@@ -2,11 +2,11 @@
 
 from gateway.errors import Busy
 from gateway.service.sampling import Sample
-from gateway.trace.records import Exchange, Incident, Refused
+from gateway.trace.records import Incident, Refused, Sent
 
 
-def exchange(at: float) -> Exchange:
-    return Exchange(at, "hall", "silo", "c", 1, 1, b"\x03", b"\x03", at, at, at, 1.0)
+def exchange(at: float) -> Sent:
+    return Sent(at, "hall", "silo", "c", 1, 1, b"\x03", b"\x03", at, at, at, 1.0)
 
 
 def incident(at: float) -> Incident:

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.errors import NoRoute
 from gateway.lines.telling import Recorder
-from gateway.trace.records import Exchange, Record
+from gateway.trace.records import Record, Sent
 from gateway.trace.ring import FAILURES_SHARE, STEP, Ring
 from kit.asker import Asker
 from kit.line_bench import READ, Bench
@@ -14,11 +14,11 @@ from kit.line_bench import READ, Bench
 KIB = 1024
 
 
-def exchange(number: int, size: int = 20) -> Exchange:
+def exchange(number: int, size: int = 20) -> Sent:
     """One whose PDUs nobody else holds, as those of writes."""
     request = bytes((16, *number.to_bytes(4, "big"), *bytes(size)))
     times = [1e6 + number + each / 8 for each in range(4)]
-    return Exchange(
+    return Sent(
         times[3],
         "hall-a",
         "silo",
@@ -133,7 +133,7 @@ def test_records_hold_no_session():
     bench.ask()
     bench.respond()
     (record,) = ring.after(0)
-    assert isinstance(record, Exchange)
+    assert isinstance(record, Sent)
     names = {name for kind in type(record).__mro__ for name in vars(kind) if not name.startswith("__")}
     held = [each for each in (getattr(record, name) for name in names) if not callable(each)]
     assert {type(each) for each in held} == {float, str, int, bytes}
