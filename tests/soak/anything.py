@@ -142,7 +142,7 @@ class _Line:
     def leave(self) -> None:
         at = self._dice.randrange(len(self._clients))
         self._clients[at].gone = True
-        self._clients[at] = Asker(self._clients[at].client, host=self._clients[at].host)
+        self._clients[at] = Asker(self._clients[at].caller.client, host=self._clients[at].caller.host)
 
     def lose_port(self) -> None:
         self.bench.unplug()
