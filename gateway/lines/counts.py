@@ -177,28 +177,28 @@ class Overheard:
     belated: dict[int, Belated] = field(default_factory=dict)
 
     def count_sent(self) -> None:
-        """The line sends a request."""
+        """Count a request that the line sends."""
         self.sent_since_copy += 1
         self.sent_since_request += 1
 
     def count_copy(self, now: float) -> None:
-        """A copy of the line's own request came."""
+        """Count a copy of the line's own request."""
         self.copies += 1
         self.copied_at = now
         self.sent_since_copy = 0
 
     def count_request(self, now: float) -> None:
-        """A request of another client was heard."""
+        """Count a request of another client."""
         self.requests += 1
         self.requested_at = now
         self.sent_since_request = 0
 
     def count_second_response(self, unit: int) -> None:
-        """A response of `unit` came once more."""
+        """Count a response of `unit` that came once more."""
         self.second_responses[unit] = self.second_responses.get(unit, 0) + 1
 
     def count_belated(self, unit: int, seconds: float, limit: float) -> None:
-        """A response of `unit` came this long after its request, which had this limit."""
+        """Count a response of `unit` that came this long after its request, which had this limit."""
         belated = self.belated.setdefault(unit, Belated())
         belated.count += 1
         if seconds > belated.longest:

@@ -29,12 +29,12 @@ class EchoDetector:
 
     @property
     def echoes(self) -> bool:
-        """Whether a copy of a request is the adapter's, whenever it comes."""
+        """True if a copy of a request is the adapter's, whenever it comes."""
         return self.is_configured or self.is_suspected
 
     @property
     def has_no_wire(self) -> bool:
-        """Whether the port is known to have no wire."""
+        """True if the port is known to have no wire."""
         return self._early_responses >= EARLY_ANSWERS
 
     def tune(self, *, virtual: bool) -> None:
@@ -47,16 +47,16 @@ class EchoDetector:
             self.record_echo(transaction)
 
     def record_echo(self, transaction: Transaction) -> None:
-        """A copy of the request came from the adapter."""
+        """Note that a copy of the request came from the adapter."""
         if not (self.is_virtual or self.has_no_wire or self.is_configured):
             self._report.echo(transaction, first=not self.is_suspected)
             self.is_suspected = True
 
     def record_response(self) -> None:
-        """A response came in time."""
+        """Note that a response came in time."""
         self._early_responses = 0
 
     def record_early_response(self, transaction: Transaction) -> None:
-        """The response came before all of the request can have been sent. On a connection that proves nothing."""
+        """Note a response that came before all of the request can have been sent: on a connection no proof."""
         self._early_responses += not self.is_virtual
         self._report.too_early(transaction, proven=self._early_responses == EARLY_ANSWERS)

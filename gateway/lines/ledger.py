@@ -75,7 +75,7 @@ class Exchange(Expected):
 
     @property
     def sender(self) -> Transaction:
-        """The transaction of one of ours."""
+        """The transaction that has sent it; only one of ours has one."""
         return cast("Transaction", self.transaction)
 
     def finish(self, place: int) -> None:

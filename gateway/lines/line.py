@@ -88,7 +88,7 @@ class Line:
         self._tune(latency=0.0)
 
     def phases(self, now: float) -> Phases:
-        """How the line's time was used, including the transaction in progress."""
+        """Return how the line's time was used, including the transaction in progress."""
         current = self.ledger.current
         if current is None or not self._is_awaiting:
             return self.spent.phases()
@@ -107,7 +107,7 @@ class Line:
     def port_up(
         self, write: Write, latency: float, now: float, *, virtual: bool = True, has_arrived: HasArrived | None = None
     ) -> None:
-        """The port is open: requests are sent with `write`.
+        """Begin to send: the port is open, and requests are sent with `write`.
 
         `latency` is what it may add to a response, in seconds. A `virtual` port carries bytes at once, so a response
         can come before a real line could have carried the request. `has_arrived` is None unless it is a connection.
@@ -123,7 +123,7 @@ class Line:
         self._state = "idle"
 
     def port_down(self, now: float) -> None:
-        """The port was lost: the unit may have acted on the request on the line (0B); others were not sent (0A)."""
+        """Fail all: the port was lost. The unit may have acted on what was sent (0B), others were not sent (0A)."""
         self._disconnect("down")
         waiting = self._scheduler.clear()
         try:
@@ -133,16 +133,16 @@ class Line:
             self._scheduler.fail_unsent(waiting, now)
 
     def must_renew(self, now: float) -> bool:
-        """Whether a new connection is needed: this one may hold back requests."""
+        """Tell whether a new connection is needed: this one may hold back requests."""
         return not self.is_busy and self.ledger.must_renew(now)
 
     def renew(self, now: float) -> None:
-        """The connection is being closed, and a new one is needed: waiting requests go on waiting."""
+        """Wait for a new connection, because this one is being closed. Waiting requests go on waiting."""
         self._disconnect("closed")
         self._scheduler.reopening.begin(now)
 
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
-        """The connection has ended in order; `at_once` after it was opened. If nothing is under way, that is no loss.
+        """Do without a connection that has ended in order; `at_once` after it was opened. That is no loss if nothing is sent.
 
         It is opened again for what waits, or for the next request; while another client may be there, at once, to hear
         it. But if requests wait for one that ends at once, they would wait in vain: that is a loss.
@@ -156,12 +156,12 @@ class Line:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the line has no connection because none is needed."""
+        """True if the line has no connection because none is needed."""
         return self._state == "closed"
 
     @property
     def is_busy(self) -> bool:
-        """Whether a request is on the line, or about to be sent again."""
+        """True if a request is on the line, or about to be sent again."""
         return self.ledger.current is not None
 
     def can_send(self, now: float) -> bool:
@@ -216,7 +216,7 @@ class Line:
             self._take(current, outcome, now)
 
     def deadline(self) -> float | None:
-        """When to call `tick`, or None."""
+        """Return when to call `tick`, or None."""
         current = self.ledger.current
         if current is not None:
             deadline = earliest(self._next_step(current), self.queue.next_expiry())
@@ -229,7 +229,7 @@ class Line:
         return earliest(deadline, self._receiver.late_deadline()) if self.ledger.others else deadline
 
     def read_at(self, now: float) -> float | None:
-        """When to read the port again: no byte before that decides anything. None: at the next byte."""
+        """Return when to read the port again: no byte before that decides anything. None: at the next byte."""
         return None if self.ledger.others and self.ledger.late() else self._receiver.read_at(now)
 
     def tick(self, now: float) -> None:
@@ -267,7 +267,7 @@ class Line:
         self._scheduler.reopening.end()
 
     def _limit_of(self, transaction: Transaction) -> float:
-        """The time limit of a transaction that has not been sent."""
+        """Return the time limit of a transaction that has not been sent."""
         return self._budget.limit(transaction.asked, transaction.device.answer_time)
 
     def _follow_rate(self, now: float) -> None:
@@ -275,7 +275,7 @@ class Line:
         self._quiet_at = max(self._quiet_at, now + RATE_CHANGE_PAUSE)
 
     def _next_step(self, current: Exchange) -> float:
-        """When the state ends without an event. A response of unknown size that has begun may be completed."""
+        """Return when the state ends without an event. A response of unknown size that has begun may be completed."""
         if self._state == "repeating":
             return self._quiet_at
         silence, fails_at = self._receiver.deadline(), current.sender.fails_at
@@ -372,7 +372,7 @@ class Line:
                 transaction.device.finished(transaction, frame)
 
     def _take(self, current: Exchange, outcome: Outcome, now: float) -> None:
-        """The response came, or an ambiguous one."""
+        """End the transaction with the response, or with an ambiguous one."""
         if isinstance(outcome, Frame):
             current.sender.count_response(now)
             current.owed -= 1
@@ -382,7 +382,7 @@ class Line:
         self._finish(current, outcome, now)
 
     def _give_up(self, current: Exchange, now: float) -> None:
-        """No response came: send the request again if it may be, or fail it.
+        """Send the request again if it may be, or fail it: no response came.
 
         A damaged response is repeated at once; after silence, and if it may be another client's, the late window comes
         first.
@@ -412,7 +412,7 @@ class Line:
             self._scheduler.record_failure(current.sender, now)
 
     def _may_repeat(self, current: Transaction, at: float) -> bool:
-        """Whether the request may be sent once more, not before `at`."""
+        """Tell whether the request may be sent once more, not before `at`."""
         if current.retries >= self.settings.retries or not current.asked.only_reads or current.is_scan:
             return False
         if self._write is None or not current.is_wanted:
@@ -425,13 +425,13 @@ class Line:
         return at <= current.gives_up_at
 
     def _stop_repeating(self, current: Exchange, now: float) -> None:
-        """Bytes came that may be the response: the request is not sent again, nor another one now."""
+        """Fail a request that was to be sent again: bytes came that may be its response. Nothing else is sent now."""
         current.owed = max(1, current.owed)
         self._quiet_at = max(self._quiet_at, nextafter(now, inf))
         self._fail(current, now)
 
     def _fail(self, current: Exchange, now: float) -> None:
-        """The transaction has failed."""
+        """Fail the transaction, and tell why."""
         verdict, text = self._diagnosis
         transaction = current.sender
         if not transaction.is_scan:
@@ -442,7 +442,7 @@ class Line:
         self._finish(current, errors.BrokenResponse() if text else errors.ResponseTimeout(), now)
 
     def _finish(self, current: Exchange, outcome: Frame | RequestError | None, now: float) -> None:
-        """The transaction is over; without an outcome it waits to be sent again."""
+        """End the transaction; without an outcome it waits to be sent again."""
         transaction = current.sender
         self._receiver.stop()
         if isinstance(outcome, Frame):

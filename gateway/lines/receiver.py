@@ -137,29 +137,29 @@ class Receiver:
         return self._attribute(self._scanner.tick(now))
 
     def deadline(self) -> float | None:
-        """When silence ends a response of unknown size that has begun."""
+        """Return when silence ends a response of unknown size that has begun."""
         awaited = self._awaited
         return None if awaited is None else self._scanner.deadline(awaited)
 
     def late_deadline(self) -> float | None:
-        """When silence ends a late response."""
+        """Return when silence ends a late response."""
         deadlines = [self._scanner.deadline(late) for late in self._ledger.late()]
         return min((each for each in deadlines if each is not None), default=None)
 
     def read_at(self, now: float) -> float | None:
-        """When to read the port again: no byte before that decides anything. None: at the next byte."""
+        """Return when to read the port again: no byte before that decides anything. None: at the next byte."""
         if self._awaited is None:
             return self._pace.read_idle_at(now)
         return self._pace.read_at(self._scanner.missing, now)
 
     def responding(self, units: set[int], now: float) -> set[int]:
-        """Those of `units` whose responses the last bytes on the idle line, read `now`, complete."""
+        """Return those of `units` whose responses the last bytes on the idle line, read `now`, complete."""
         self.silent_at = now + self._scanner.silence
         frames = [token.frame for token, _ in self._frames]
         return {frame.unit for frame in frames if frame.unit in units and _is_response(frame)}
 
     def ended_by_silence(self, units: set[int]) -> set[int]:
-        """Those of `units` whose responses, of unknown size, the silence after the last byte completes."""
+        """Return those of `units` whose responses, of unknown size, the silence after the last byte completes."""
         self.silent_at = inf
         return {frame.unit for frame in self._scanner.ended_by_silence(units) if _is_response(frame)}
 
@@ -204,11 +204,11 @@ class Receiver:
         return 0 if ours is None else self._scanner.position - ours.ended_at
 
     def has_damaged_response(self, now: float) -> bool:
-        """Whether what was received is the response, damaged, so that no other one comes."""
+        """Tell whether what was received is the response, damaged, so that no other one comes."""
         return self.damaged_at is not None and now >= self.damaged_at
 
     def may_have_collided(self, unit: int, text: bytes) -> bool:
-        """Whether a late response of another unit came during the request, or begins in `text`."""
+        """Tell whether a late response of another unit came during the request, or begins in `text`."""
         if any(owner == "a late response" and token.frame.unit != unit for token, owner in self._frames):
             return True
         return any(self._scanner.has_begun(text, head) for head in self._ledger.heads_of_others(unit))

@@ -30,7 +30,7 @@ class Destination:
         self.times = self.counts.times
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
-        """The transaction has ended; `response` is None if none came. Must not answer requests.
+        """Learn that the transaction has ended; `response` is None if none came. Must not answer requests.
 
         Nothing follows here: only some devices have to know.
         """
@@ -74,7 +74,7 @@ class Transaction:
         self.gives_up_at = 0.0
 
     def start(self, budget: Budget, now: float) -> None:
-        """The request is written at `now`.
+        """Set the times of a request that is written at `now`.
 
         Raises:
             RequestError: it must not be sent.
@@ -84,13 +84,13 @@ class Transaction:
         self.limit = budget.limit(self.asked, self.device.answer_time)
 
     def again(self) -> "Transaction":
-        """A copy to send once more. This one stays as it is, because a late response to it may come."""
+        """Make a copy to send once more. This one stays as it is, because a late response to it may come."""
         again = self.part(self.requests)
         again.retries += 1
         return again
 
     def part(self, requests: list[Request]) -> "Transaction":
-        """A copy for these of its requests."""
+        """Make a copy for these of its requests."""
         part = type(self)(requests[0], self.asked, self.device)
         part.requests = requests
         part.yields = self.yields
@@ -105,11 +105,11 @@ class Transaction:
         return self.unit
 
     def accepts(self, frame: Frame) -> bool:
-        """Whether `frame` is the response: unit, function, size and echoed fields fit, or it is an exception."""
+        """Tell whether `frame` is the response: unit, function, size and echoed fields fit, or it is an exception."""
         return frame.unit == self.unit and self.asked.accepts(frame.pdu)
 
     def is_copy(self, frame: Frame) -> bool:
-        """Whether `frame` is a copy of the request."""
+        """Tell whether `frame` is a copy of the request."""
         return frame.unit == self.unit and frame.pdu == self.asked.data
 
     @property
@@ -119,7 +119,7 @@ class Transaction:
 
     @property
     def is_wanted(self) -> bool:
-        """Whether a client still wants the request to be sent."""
+        """True if a client still wants the request to be sent."""
         for request in self.requests:  # noqa: SIM110 - on the request path: a generator costs more than all the rest
             if request.origin.wants(request):
                 return True
@@ -127,21 +127,21 @@ class Transaction:
 
     @property
     def unwanted(self) -> RequestError:
-        """Why it is not sent if no client wants it: a repeat was sent before."""
+        """The reason why it is not sent if no client wants it: a repeat was sent before."""
         return ResponseTimeout() if self.retries else Unwanted()
 
     @property
     def patience(self) -> float:
-        """How long after the request its late window lasts at least, in seconds."""
+        """For how many seconds after the request its late window lasts at least."""
         return 0.0
 
     @property
     def fails_at(self) -> float:
-        """When its time limit ends."""
+        """The end of its time limit."""
         return self.ends_at + self.limit
 
     def count_sent(self, now: float) -> None:
-        """It is sent, for the first time or again."""
+        """Count that it is sent, for the first time or again."""
         self.counts.sent += 1
         if self.retries:
             self.counts.retries += 1
@@ -150,7 +150,7 @@ class Transaction:
             self.times.wait.add(now - request.received_at)
 
     def count_response(self, now: float) -> None:
-        """A valid response came in time."""
+        """Count a valid response that came in time."""
         self.counts.responses += 1
         self.times.answered(now, self.ends_at, self.limit)
 
@@ -247,5 +247,5 @@ class ScanTransaction(Transaction):
         return self.unit or None
 
     def accepts(self, frame: Frame) -> bool:
-        """Whether `frame` is the answer; to a question at address 0 it comes from whatever unit."""
+        """Tell whether `frame` is the answer; to a question at address 0 it comes from any unit."""
         return self.asked.accepts(frame.pdu) if self.unit == BROADCAST_UNIT else super().accepts(frame)

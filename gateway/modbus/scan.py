@@ -50,11 +50,11 @@ class Expected:
 
     @property
     def exception_head(self) -> bytes:
-        """How an exception response begins, after `skipped` bytes."""
+        """The beginning of an exception response, after `skipped` bytes."""
         return self.head[: 1 - self.skipped] + bytes((self.asked.function | EXCEPTION_BIT,))
 
     def can_be_damaged(self, pdu_size: int, *, shared: bool) -> bool:
-        """Whether a frame with a wrong check sum and a PDU of this size can be the response.
+        """Tell whether a frame with a wrong check sum and a PDU of this size can be the response.
 
         On a `shared` line it must not be a request, nor a copy of this one.
         """
@@ -62,7 +62,7 @@ class Expected:
         return pdu_size == EXCEPTION_SIZE or (pdu_size == size and not (shared and size == len(self.asked.data)))
 
     def head_of(self, pdu_size: int) -> bytes:
-        """How a response with a PDU of this size begins."""
+        """Return how a response with a PDU of this size begins."""
         return self.head if pdu_size == self.asked.response_size else self.exception_head
 
 
@@ -79,11 +79,11 @@ class Scanner:
         self.silence = silence
         self._expected: Expected | None = None
         self._sent = b""
-        #: Start and end of bytes of which at least one is not what was sent.
+        #: Ranges, start and end, with at least one damaged byte each.
         self._damage: list[tuple[int, int]] = []
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """The ADU of `pdu`."""
+        """Return the ADU of `pdu`."""
         raise NotImplementedError
 
     def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
@@ -92,7 +92,7 @@ class Scanner:
         expected.since = NEVER if echoes else self.position
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
-        """Take bytes; frames that are complete with them.
+        """Take bytes. Returns the frames that are complete with them.
 
         At least one of `damaged` ones is not what was sent: a frame that contains all of them is damaged. The response
         begins after `early` ones.
@@ -100,15 +100,15 @@ class Scanner:
         raise NotImplementedError
 
     def deadline(self, expected: Expected) -> float | None:  # noqa: ARG002 - where silence ends nothing
-        """When silence may end this response, or None."""
+        """Return when silence may end this response, or None."""
         return None
 
     def tick(self, now: float) -> list[Token]:  # noqa: ARG002 - where silence ends nothing
-        """Let time pass; frames that silence has ended."""
+        """Let time pass. Returns the frames that silence has ended."""
         return []
 
     def end(self) -> list[Token]:
-        """The request is over; frames that may have been part of its response.
+        """End the request. Returns the frames that may have been part of its response.
 
         It may still come late, even if its echo was lost.
         """
@@ -119,29 +119,29 @@ class Scanner:
 
     @property
     def missing(self) -> int:
-        """How many bytes the response still needs at least; 0 if it has not begun, or that is unknown."""
+        """The number of bytes that the response still needs at least; 0 if it has not begun, or that is unknown."""
         raise NotImplementedError
 
     def is_damaged(self, data: bytes, expected: Expected, *, shared: bool) -> bool:
-        """Whether `data` looks like this response with a wrong check sum; on a `shared` line, like no damaged request.
+        """Tell whether `data` looks like this response with a wrong check sum; on a `shared` line, like no damaged request.
 
         It begins like the response, normal or exception, and has its size.
         """
         raise NotImplementedError
 
     def has_begun(self, data: bytes, head: bytes) -> bool:
-        """Whether `data` contains the first bytes of a frame."""
+        """Tell whether `data` contains the first bytes of a frame."""
         raise NotImplementedError
 
     def ended_by_silence(self, units: set[int]) -> list[Frame]:  # noqa: ARG002 - where silence ends nothing
-        """Frames of unknown size from `units` that end with the last byte, if nothing follows."""
+        """Return frames of unknown size from `units` that end with the last byte, if nothing follows."""
         return []
 
     def _has_damage(self, start: int, end: int) -> bool:
-        """Whether all of some damaged bytes are between these places."""
+        """Tell whether all of some damaged bytes are between these places."""
         return any(start <= begin and behind <= end for begin, behind in self._damage)
 
     def _came_early(self) -> None:
-        """The response begins after all bytes up to now; if an echo is expected, after that."""
+        """Note that everything received so far is too early to be the response. An expected echo comes before it anyway."""
         if self._expected is not None and self._expected.since != NEVER:
             self._expected.since = self.position

@@ -130,7 +130,7 @@ class RtuScanner(Scanner):
         unknown = [each for each in self._awaited() if not each.asked.longest_response]
         tokens = self._scan_again() if unknown else []
         if self._expected is not None and self._expected.asked.response_size is None:
-            tokens += self._release(patient=False)
+            tokens += self._release(wait=False)
         ended = {at for each in unknown for at in self._starts(each) if self._ends_here(at)}
         self._silent_at = self.position
         return tokens + [self._token(at, len(self._buffer), self._last) for at in sorted(ended)]
@@ -186,7 +186,7 @@ class RtuScanner(Scanner):
         return self._take_alone(come, now) if len(come) == size and crc_fits(come) else self._scan_again()
 
     def _is_response(self, data: bytes) -> bool:
-        """Whether this is all of the normal response."""
+        """Tell whether this is all of the normal response."""
         expected = self._expected
         if expected is None or self._echo_size or len(data) != self._size:
             return False
@@ -212,7 +212,7 @@ class RtuScanner(Scanner):
         return [Token(start, self.position, now, Frame(adu[0], adu[1:-2]))]
 
     def _restart(self) -> None:
-        """No frame that has begun goes on."""
+        """Drop all frames that have begun."""
         self._coming, self._scanned, self._size = b"", self.position, 0
         if self._pieces:
             self._pieces.clear()
@@ -242,7 +242,7 @@ class RtuScanner(Scanner):
         tokens = [self._token(start, end, now) for end, start in sorted(ends)]
         self._found += tokens
         self._waiting += tokens
-        tokens = self._release(patient=True)
+        tokens = self._release(wait=True)
         self._buffer = self._buffer[-MAX_RTU_ADU:]
         if self._found:
             self._found = [each for each in self._found if each.end > self._offset]
@@ -277,7 +277,7 @@ class RtuScanner(Scanner):
         return ends
 
     def _exact(self, expected: Expected, known: int) -> set[tuple[int, int]]:
-        """The same for an expected response whose size is known from the request."""
+        """Find the same for an expected response whose size is known from the request."""
         if expected.asked.response_size is None:
             return set()
         size = expected.asked.response_size + OVERHEAD
@@ -285,7 +285,7 @@ class RtuScanner(Scanner):
         return {(at + size, at) for at in places if crc_fits(self._buffer[at : at + size])}
 
     def _copies(self, known: int) -> set[tuple[int, int]]:
-        """The same for a copy of the request. If an echo is expected, the response comes after the first one.
+        """Find the same for a copy of the request. If an echo is expected, the response comes after the first one.
 
         A later copy may be the beginning of a response of unknown size; else it is found like any request.
         """
@@ -299,11 +299,11 @@ class RtuScanner(Scanner):
             expected.since = self._offset + at + size
         return set() if self._offset + at >= expected.since else {(at + size, at)}
 
-    def _release(self, *, patient: bool) -> list[Token]:
-        """The frames that are not data of the response. If `patient`, those wait that may be."""
+    def _release(self, *, wait: bool) -> list[Token]:
+        """Return the frames that cannot be payload of the expected response. `wait`: keep those that still may be."""
         waiting, self._waiting = self._waiting, []
         released: list[Token] = []
-        response = self._find_response(0, patient=patient) if waiting else None
+        response = self._find_response(0, wait=wait) if waiting else None
         while response is not None:
             start, end = response
             if end > self._scanned:
@@ -311,18 +311,18 @@ class RtuScanner(Scanner):
                 return released + [each for each in waiting if each.start <= start]
             released += [each for each in waiting if each.end <= start or (each.start, each.end) == (start, end)]
             waiting = [each for each in waiting if each.end > end]
-            response = self._find_response(end, patient=patient)
+            response = self._find_response(end, wait=wait)
         return released + waiting
 
-    def _find_response(self, since: int, *, patient: bool) -> tuple[int, int] | None:
+    def _find_response(self, since: int, *, wait: bool) -> tuple[int, int] | None:
         """Start and end of the first normal response after `since`, which may be incomplete."""
         expected = self._expected
         if expected is None:
             return None
         for at in self._starts(expected, since - self._offset):
-            start, size = self._offset + at, self._size_of(expected, at, patient=patient)
+            start, size = self._offset + at, self._size_of(expected, at, wait=wait)
             if at + size > len(self._buffer):
-                if patient and not any(frame.start < start < frame.end for frame in self._found):
+                if wait and not any(frame.start < start < frame.end for frame in self._found):
                     return start, start + size
             elif expected.asked.longest_response:
                 if crc_fits(self._buffer[at : at + size]):
@@ -331,14 +331,14 @@ class RtuScanner(Scanner):
                 return start, start + size
         return None
 
-    def _size_of(self, expected: Expected, at: int, *, patient: bool) -> int:
+    def _size_of(self, expected: Expected, at: int, *, wait: bool) -> int:
         """Size of the response that begins here, as far as its bytes tell; 0 if none can."""
         if expected.asked.response_size is not None:
             return expected.asked.response_size + OVERHEAD
         longest = expected.asked.longest_response
         if not longest:
             rest = len(self._buffer) - at
-            return rest + patient if rest <= MAX_RTU_ADU else 0
+            return (rest + 1 if wait else rest) if rest <= MAX_RTU_ADU else 0
         size = response_size(self._buffer[at + 1 :])
         return size + OVERHEAD if size <= longest else 0
 
@@ -355,12 +355,12 @@ class RtuScanner(Scanner):
         return starts
 
     def _ends_here(self, at: int) -> bool:
-        """Whether all from `at` on is a frame. With a NUL at the end it is undecided: the CRC fits without it too."""
+        """Tell whether all from `at` on is a frame. With a NUL at the end it is undecided: the CRC fits without it too."""
         adu = self._buffer[at:]
         return len(adu) >= SHORTEST and adu[-1] > 0 and crc_fits(adu)
 
     def _token(self, at: int, end: int, now: float) -> Token:
-        """The frame at this place of the buffer."""
+        """Make the token of the frame at this place of the buffer."""
         buffer, offset = self._buffer, self._offset
         start, stop = offset + at, offset + end
         frame = Frame(buffer[at], buffer[at + 1 : end - 2])
@@ -376,5 +376,5 @@ class RtuScanner(Scanner):
 
 
 def _can_begin(data: bytes, head: bytes) -> bool:
-    """Whether `data` can be the beginning of something that begins with `head`."""
+    """Tell whether `data` can be the beginning of something that begins with `head`."""
     return data.startswith(head) if len(data) >= len(head) else head.startswith(data)
