@@ -142,7 +142,7 @@ class Line:
         self._scheduler.reopening.begin(now)
 
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
-        """Do without a connection that has ended in order; `at_once` after it was opened. That is no loss if nothing is sent.
+        """Do without a connection that has ended in order; `at_once` after it was opened. If idle, that is no loss.
 
         It is opened again for what waits, or for the next request; while another client may be there, at once, to hear
         it. But if requests wait for one that ends at once, they would wait in vain: that is a loss.

@@ -42,7 +42,7 @@ class Report:
     def given_up(
         self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool, is_damaged: bool = False
     ) -> None:
-        """Tell that no valid response came, but `received`: `is_echo` if that is the request, `is_damaged` if the response."""
+        """Tell that `received` came and no valid response; `is_echo`: it is the request, `is_damaged`: the response."""
         is_told = bool(received) and not is_echo
         why = explain(transaction.asked, transaction.answers_from, received, self._mode) if is_told else ""
         transaction.device.counts.record_instead(received, why)

@@ -123,7 +123,7 @@ class Scanner:
         raise NotImplementedError
 
     def is_damaged(self, data: bytes, expected: Expected, *, shared: bool) -> bool:
-        """Tell whether `data` looks like this response with a wrong check sum; on a `shared` line, like no damaged request.
+        """Tell whether `data` looks like this response with a wrong check sum; if `shared`, like no damaged request.
 
         It begins like the response, normal or exception, and has its size.
         """
@@ -142,6 +142,6 @@ class Scanner:
         return any(start <= begin and behind <= end for begin, behind in self._damage)
 
     def _came_early(self) -> None:
-        """Note that everything received so far is too early to be the response. An expected echo comes before it anyway."""
+        """Note that everything received so far is too early to be the response."""
         if self._expected is not None and self._expected.since != NEVER:
             self._expected.since = self.position
