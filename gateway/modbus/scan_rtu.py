@@ -355,7 +355,7 @@ class RtuScanner(Scanner):
         return starts
 
     def _ends_here(self, at: int) -> bool:
-        """Tell whether all from `at` on is a frame. With a NUL at the end it is undecided: the CRC fits without it too."""
+        """Tell whether all from `at` on is a frame. A NUL at the end decides nothing: the CRC fits without it too."""
         adu = self._buffer[at:]
         return len(adu) >= SHORTEST and adu[-1] > 0 and crc_fits(adu)
 
