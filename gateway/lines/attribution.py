@@ -151,10 +151,10 @@ class Attribution:
         """Find another client's request that `frame` may answer: not one that equals ours and came later."""
         transaction = ours.sender
         for each in self._ledger.foreign():
-            if each.unit not in (frame.unit, ours.unit) or not (each.is_any or _may_answer(frame.pdu, each.asked)):
+            if each.unit not in (frame.unit, ours.unit) or not _may_answer(frame.pdu, each):
                 continue
             may_come = each.asked_at + self._patience(each.asked, transaction.device.answer_time)
-            is_same = each.unit == ours.unit and each.asked.data == ours.asked.data
+            is_same = not each.is_any and each.unit == ours.unit and each.asked.data == ours.asked.data
             if may_come >= transaction.sent_at and not (is_same and each.place > ours.place):
                 return each
         return None
@@ -187,19 +187,15 @@ class Attribution:
         is_ours_too = ours is not None and ours.is_awaited and ours.owed > 1 and ours.accepts(frame)
         for each in self._ledger.foreign(frame.unit):
             asked = each.asked
-            if each.is_any:
-                if response_size(frame.pdu) not in (0, len(frame.pdu)):
-                    continue
-                each.hear_again(token.at)  # it may be a request as well
-                self._ledger.extend(token, each, partial(self._patience, asked))
-                return True
             is_repeated = frame.pdu == asked.data != asked.response_head
             is_over = token.at > each.ends_at
-            if not (is_repeated or is_over) and asked.accepts(frame.pdu):
-                if not is_ours_too:
-                    self._ledger.close(each)
-                    self._ledger.extend(token, each, partial(self._patience, asked))
-                return True
+            if is_repeated or is_over or not _answers(frame.pdu, each):
+                continue
+            if not is_ours_too:
+                self._ledger.extend(token, each, partial(self._patience, asked))
+                if not (each.is_any and self._is_request(token, is_sure=False)):
+                    self._ledger.answered(each)
+            return True
         return False
 
     def _is_late(self, token: Token) -> bool:
@@ -319,12 +315,20 @@ def _is_request_and_response(pdu: bytes) -> bool:
     return asked.data != asked.response_head
 
 
-def _may_answer(response: bytes, asked: RequestPdu) -> bool:
+def _answers(response: bytes, asked: Exchange) -> bool:
+    """Tell whether a PDU is a response to another client's request, or to one of those that it stands for."""
+    if asked.is_any:
+        return _may_answer(response, asked) and response_size(response) in (0, len(response))
+    return asked.asked.accepts(response)
+
+
+def _may_answer(response: bytes, asked: Exchange) -> bool:
     """Tell whether another client may get this response.
 
     Mostly its function alone counts: an exception fits any quantity, and another client may repeat its request with
     another one. But where the response repeats the request (05, 06), it fits no other.
     """
-    if response[0] != asked.function:
-        return response[0] == asked.function | EXCEPTION_BIT
-    return asked.data != asked.response_head or response == asked.data
+    request = asked.asked
+    if response[0] != request.function:
+        return response[0] == request.function | EXCEPTION_BIT
+    return asked.is_any or request.data != request.response_head or response == request.data

@@ -34,7 +34,7 @@ WORTH_WAITING: Final = 0.250
 #: A foreign request to a unit that we send none to, and the suspicion that the line is shared, are kept this long, in
 #: seconds.
 FOREIGN_LASTS: Final = 300.0
-#: So many foreign requests to one unit are told apart.
+#: So many foreign requests to one unit are told apart: of more, one stands for several with its function.
 FOREIGN_PER_UNIT: Final = 16
 
 #: Returns whether the other end of a connection has received all that was written to it.
@@ -59,7 +59,7 @@ class Exchange(Expected):
         #: The transaction that has sent it; None if an earlier line did, or another client.
         self.transaction = transaction
         self.is_ours = True
-        #: Whether another client's stands for many, so that any response may answer it.
+        #: Whether another client's stands for several, so that any response with its function may answer it.
         self.is_any = False
         #: When its last character was on the line, and until when up to `owed` responses may come.
         self.asked_at = 0.0
@@ -83,10 +83,10 @@ class Exchange(Expected):
         self.is_awaited = False
         self.ended_at = min(self.ended_at, place)
 
-    def hear_again(self, at: float) -> None:
-        """Note that another client has asked then."""
-        self.asked_at = at
-        self.ends_at = at + FOREIGN_LASTS
+    def join(self, earlier: "Exchange") -> None:
+        """Stand for another client's earlier request with the same function, too."""
+        self.is_any = True
+        self.owed += earlier.owed
 
     def is_copy(self, frame: Frame) -> bool:
         """Tell whether `frame` is a copy of the request."""
@@ -124,7 +124,8 @@ def foreign_request(frame: Frame, asked: RequestPdu, at: float, end: int) -> Exc
     """Make the exchange of a request that another client has sent: read `at`, up to the place `end`."""
     exchange = Exchange(frame.unit, frame.unit, asked, end)
     exchange.is_ours = False
-    exchange.hear_again(at)
+    exchange.asked_at = at
+    exchange.ends_at = at + FOREIGN_LASTS
     return exchange
 
 
@@ -295,17 +296,32 @@ class Ledger:
         return [each for each in self.others if not each.is_ours and unit in (None, each.unit)]
 
     def hear(self, request: Exchange) -> None:
-        """Keep another client's request. None is dropped: of too many to one unit, the last one stands for the rest."""
+        """Keep another client's request. None is dropped: of too many to one unit, the oldest two are joined."""
         kept = self.foreign(request.unit)
-        if len(kept) < FOREIGN_PER_UNIT:
-            self.others.append(request)
-        else:
-            kept[-1].is_any = True
-            kept[-1].hear_again(request.asked_at)
+        self.others.append(request)
+        if len(kept) >= FOREIGN_PER_UNIT:
+            self._join_oldest(kept)
+
+    def answered(self, foreign: Exchange) -> None:
+        """Note a response to another client's request."""
+        foreign.owed -= 1
+        if not foreign.owed:
+            self.close(foreign)
 
     def close(self, foreign: Exchange) -> None:
         """Forget another client's request."""
         self.others.remove(foreign)
+
+    def _join_oldest(self, requests: list[Exchange]) -> None:
+        """Join the oldest two with the same function. If there are none, there is one request for each function."""
+        of_function: dict[int, Exchange] = {}
+        for each in requests:
+            before = of_function.get(each.asked.function)
+            if before is not None:
+                each.join(before)
+                self.close(before)
+                return
+            of_function[each.asked.function] = each
 
     # --- the next line on the port ---
 
@@ -316,7 +332,7 @@ class Ledger:
         """
         self.expire(now)
         handed = [_handed(each, each.owed, each.ends_at) for each in self.late()]
-        handed += [_handed(each, 1, each.asked_at + patience) for each in self.foreign()]
+        handed += [_handed(each, each.owed, each.asked_at + patience) for each in self.foreign()]
         if self.other_client is not None:
             handed.append(_handed(self.other_client, 0, self.other_client.ends_at))
         return [each for each in handed if each.ends_at > now]
