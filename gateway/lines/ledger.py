@@ -172,6 +172,8 @@ class Ledger:
         owed = transaction.awaits_second if before is None else before.owed
         current = Exchange(transaction.unit, transaction.answers_from, transaction.asked, 0, transaction)
         current.owed = owed + (not transaction.is_broadcast)
+        if before is not None:
+            current.is_held, current.had_arrived = before.is_held, before.had_arrived
         self.current = current
         return current
 
@@ -266,6 +268,7 @@ class Ledger:
 
     def release(self, exchange: Exchange) -> None:
         """Note a response: a connection keeps its order, so all requests up to this one have left the server."""
+        exchange.is_held = False
         for each in self.others:
             each.is_held = each.is_held and each.asked_at > exchange.asked_at
         self._drop_closed()

@@ -155,8 +155,7 @@ class Scheduler:
     def record_response(self, exchange: Exchange) -> None:
         """Note that a valid response to it came, in time or late."""
         self._held_until = self._idle.held_until = 0.0
-        if self._ledger.others:
-            self._ledger.release(exchange)
+        self._ledger.release(exchange)
         self._recover(exchange.sender.device)
 
     @property
