@@ -7,7 +7,7 @@ import pytest
 from gateway.events import OtherClientHeard, WriteAudit
 from gateway.lines.ledger import Exchange
 from gateway.modbus import rtu
-from gateway.modbus.pdu import parse_request
+from gateway.modbus.pdu import parse_sent
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 
@@ -75,7 +75,7 @@ async def test_a_confirmation_of_another_value_is_none() -> None:
 async def test_a_late_confirmation_is_known_to_the_next_line_too() -> None:
     async with gateway_bench(CONFIG) as bench:
         line, client, loop = bench.gateway.lines[0], bench.client(), asyncio.get_running_loop()
-        late = Exchange(1, 1, parse_request(bytes.fromhex("05 00 00 55 00")), 0)
+        late = Exchange(1, 1, parse_sent(bytes.fromhex("05 00 00 55 00")), 0)
         late.ends_at = loop.time() + 2.0
         line.driver.line.ledger.take_over([late], line.patience)
         assert await client.asks(1, "05 00 00 55 00") == "85 0B"
