@@ -89,7 +89,7 @@ class Attribution:
         self._had_echo = False
         self.overheard.count_sent()
         self.doubt = None
-        if self._ledger.others:
+        if self._ledger.heard:
             self._forget(ours.sender)
         self._ledger.begin(ours, position)
 
@@ -109,7 +109,7 @@ class Attribution:
 
     def may_be_others(self, exchange: Exchange) -> bool:
         """Tell whether another client waits for a response of the same unit."""
-        return bool(self._ledger.foreign(None if exchange.answers_from is None else exchange.unit))
+        return bool(self._ledger.heard) if exchange.answers_from is None else exchange.unit in self._ledger.heard
 
     def _other_owner(self, token: Token, *, is_twofold: bool) -> Owner:
         """Find the owner of a frame that is not the response to our request."""
@@ -143,15 +143,16 @@ class Attribution:
             self._had_echo = True  # the scanner has removed it
         if is_twofold:
             self.doubt = foreign_request(token.frame, parse_request(token.frame.pdu), token.at, token.end)
-        if self._ledger.others:
+        if self._ledger.heard:
             self.doubt = self._doubt_about(token.frame, ours) or self.doubt
         return self.doubt is None
 
     def _doubt_about(self, frame: Frame, ours: Exchange) -> Exchange | None:
         """Find another client's request that `frame` may answer: not one that equals ours and came later."""
         transaction = ours.sender
-        for each in self._ledger.foreign():
-            if each.unit not in (frame.unit, ours.unit) or not _may_answer(frame.pdu, each):
+        same_unit = self._ledger.foreign(frame.unit)
+        for each in same_unit if frame.unit == ours.unit else [*same_unit, *self._ledger.foreign(ours.unit)]:
+            if not _may_answer(frame.pdu, each):
                 continue
             may_come = each.asked_at + self._patience(each.asked, transaction.device.answer_time)
             is_same = not each.is_any and each.unit == ours.unit and each.asked.data == ours.asked.data
@@ -181,7 +182,7 @@ class Attribution:
         If one of our late responses looks the same, this may have been that one: its window is extended. It may answer
         an earlier sending of the request on the line, too: then another client's is still awaited.
         """
-        if token.is_damaged or not self._ledger.others:
+        if token.is_damaged or token.frame.unit not in self._ledger.heard:
             return False
         frame, ours = token.frame, self._ledger.last
         is_ours_too = ours is not None and ours.is_awaited and ours.owed > 1 and ours.accepts(frame)
@@ -288,10 +289,12 @@ class Attribution:
 
     def _forget(self, asked: Transaction) -> None:
         """Forget requests that nothing can answer any more. The answer times of other units are not known here."""
-        for each in self._ledger.foreign():
-            answer_time = asked.device.answer_time
-            patience = self._patience(each.asked, answer_time) if each.unit == asked.unit else FOREIGN_LASTS
-            if each.asked_at + patience < asked.sent_at:
+        for unit, requests in list(self._ledger.heard.items()):
+            for each in list(requests):
+                answer_time = asked.device.answer_time
+                patience = self._patience(each.asked, answer_time) if unit == asked.unit else FOREIGN_LASTS
+                if each.asked_at + patience >= asked.sent_at:
+                    break
                 self._ledger.close(each)
 
 

@@ -1,7 +1,7 @@
 """The open exchanges of a line: every request, ours or another client's, of which a response may still come.
 
 RTU and ASCII frames have no transaction identifier, so a response looks like the response to the next request of the
-same shape, whoever asked. What may still come is kept in one list, and all decisions read it: whose a frame is
+same shape, whoever asked. What may still come is kept here, and all decisions read it: whose a frame is
 (`attribution`), what must not be sent (`forbid_until`), when a connection must be renewed (`must_renew`), what the next
 line on the port has to know (`handed_on`).
 
@@ -45,8 +45,8 @@ class Exchange(Expected):
     """A request to `unit`, and its responses: from `answers_from` (None: any unit), at the place `since` or later."""
 
     __slots__ = (
-        "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_held", "is_ours",
-        "owed", "place", "transaction", "unit",
+        "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_held", "owed",
+        "place", "transaction", "unit",
     )  # fmt: skip
 
     def __init__(
@@ -58,7 +58,6 @@ class Exchange(Expected):
         self.place = place
         #: The transaction that has sent it; None if an earlier line did, or another client.
         self.transaction = transaction
-        self.is_ours = True
         #: Whether another client's stands for several, so that any response with its function may answer it.
         self.is_any = False
         #: When its last character was on the line, and until when up to `owed` responses may come.
@@ -105,7 +104,7 @@ class Exchange(Expected):
         address nothing may be owed by its unit: it would come from the new address. A request to address 0 that
         expects a response must be the only one on the line.
         """
-        if not (self.is_ours and self.owed and other.expects_answer):
+        if not (self.owed and other.expects_answer):
             return False
         if other.unit == BROADCAST_UNIT:
             return True
@@ -116,14 +115,12 @@ class Exchange(Expected):
         return is_same_unit and is_same_function
 
     def __repr__(self) -> str:
-        who = "ours" if self.is_ours else "another client's"
-        return f"<Exchange {who} unit={self.unit} {self.asked.data.hex(' ').upper()} owed={self.owed}>"
+        return f"<Exchange unit={self.unit} {self.asked.data.hex(' ').upper()} owed={self.owed}>"
 
 
 def foreign_request(frame: Frame, asked: RequestPdu, at: float, end: int) -> Exchange:
     """Make the exchange of a request that another client has sent: read `at`, up to the place `end`."""
     exchange = Exchange(frame.unit, frame.unit, asked, end)
-    exchange.is_ours = False
     exchange.asked_at = at
     exchange.ends_at = at + FOREIGN_LASTS
     return exchange
@@ -136,8 +133,10 @@ class Ledger:
         #: The one on the line, or about to be sent again; and the last one of ours, which may be over.
         self.current: Exchange | None = None
         self.last: Exchange | None = None
-        #: All others that are open, in the order in which they became late or were heard.
+        #: All others of ours that are open, in the order in which they became late.
         self.others: list[Exchange] = []
+        #: Other clients' requests without a response, by unit: there may be many, and a frame concerns few of them.
+        self.heard: dict[int, list[Exchange]] = {}
         #: The latest foreign request that shows another client. That may be there until it `ends_at`.
         self.other_client: Exchange | None = None
         self._seconds = seconds
@@ -195,7 +194,7 @@ class Ledger:
 
     def late(self) -> list[Exchange]:
         """List those of ours whose responses may come late."""
-        return [each for each in self.others if each.is_ours and each.owed]
+        return [each for each in self.others if each.owed]
 
     def count_late(self, now: float) -> int:
         """Count the late windows."""
@@ -296,14 +295,16 @@ class Ledger:
 
     def foreign(self, unit: int | None = None) -> list[Exchange]:
         """List other clients' requests without a response, to this unit or to all."""
-        return [each for each in self.others if not each.is_ours and unit in (None, each.unit)]
+        if unit is not None:
+            return self.heard.get(unit, [])
+        return [each for requests in self.heard.values() for each in requests]
 
     def hear(self, request: Exchange) -> None:
         """Keep another client's request. None is dropped: of too many to one unit, the oldest two are joined."""
-        kept = self.foreign(request.unit)
-        self.others.append(request)
-        if len(kept) >= FOREIGN_PER_UNIT:
-            self._join_oldest(kept)
+        requests = self.heard.setdefault(request.unit, [])
+        requests.append(request)
+        if len(requests) > FOREIGN_PER_UNIT:
+            self._join_oldest(requests)
 
     def answered(self, foreign: Exchange) -> None:
         """Note a response to another client's request."""
@@ -313,7 +314,10 @@ class Ledger:
 
     def close(self, foreign: Exchange) -> None:
         """Forget another client's request."""
-        self.others.remove(foreign)
+        requests = self.heard[foreign.unit]
+        requests.remove(foreign)
+        if not requests:
+            del self.heard[foreign.unit]
 
     def _join_oldest(self, requests: list[Exchange]) -> None:
         """Join the oldest two with the same function. If there are none, there is one request for each function."""

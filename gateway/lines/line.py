@@ -230,7 +230,7 @@ class Line:
 
     def read_at(self, now: float) -> float | None:
         """Return when to read the port again: no byte before that decides anything. None: at the next byte."""
-        return None if self.ledger.others and self.ledger.late() else self._receiver.read_at(now)
+        return None if self.ledger.others else self._receiver.read_at(now)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence, a time limit or a late window may have ended."""

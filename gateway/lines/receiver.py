@@ -282,7 +282,7 @@ class Receiver:
         It may be another response with a damaged unit identifier while a late response, another client's, or one to an
         earlier sending may come. Where copies or other clients were ever heard, it may be a damaged request too.
         """
-        if self._ledger.others or ours.owed > 1:
+        if self._ledger.others or self._ledger.heard or ours.owed > 1:
             return False
         begin = ours.since - ours.place
         if begin and not self._echo.is_configured:
