@@ -28,7 +28,7 @@ from typing import Final, Literal
 
 from gateway.errors import RequestError
 from gateway.lines.counts import Overheard
-from gateway.lines.ledger import FOREIGN_LASTS, Exchange, Ledger, foreign_request
+from gateway.lines.ledger import Exchange, Ledger, foreign_request
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
 from gateway.modbus.explain import explain_pdu
@@ -289,13 +289,14 @@ class Attribution:
 
     def _forget(self, asked: Transaction) -> None:
         """Forget requests that nothing can answer any more. The answer times of other units are not known here."""
+        answer_time, now = asked.device.answer_time, asked.sent_at
         for unit, requests in list(self._ledger.heard.items()):
-            for each in list(requests):
-                answer_time = asked.device.answer_time
-                patience = self._patience(each.asked, answer_time) if unit == asked.unit else FOREIGN_LASTS
-                if each.asked_at + patience >= asked.sent_at:
-                    break
-                self._ledger.close(each)
+            is_same = unit == asked.unit
+            if is_same or requests[0].ends_at < now:
+                for each in list(requests):
+                    may_come = each.asked_at + self._patience(each.asked, answer_time) if is_same else each.ends_at
+                    if may_come < now:
+                        self._ledger.close(each)
 
 
 def _is_repeated(ours: Exchange, frame: Frame) -> bool:
