@@ -166,7 +166,7 @@ class Line:
 
     def can_send(self, now: float) -> bool:
         """Tell whether a request would be sent at once."""
-        return self._state != "awaiting" and now >= self._quiet_at
+        return self._state != "awaiting" and now >= self._free_at()
 
     def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones are not sent (0A), the one on the line may be answered."""
@@ -223,7 +223,7 @@ class Line:
         elif self._write is None:
             deadline = earliest(self._scheduler.reopening.until, self.queue.next_expiry())
         else:
-            deadline = self._scheduler.deadline(self._quiet_at)
+            deadline = self._scheduler.deadline(self._free_at())
             if self._receiver.silent_at < inf:
                 deadline = earliest(deadline, self._receiver.silent_at)
         return earliest(deadline, self._receiver.late_deadline()) if self.ledger.others else deadline
@@ -253,6 +253,10 @@ class Line:
     def _is_awaiting(self) -> bool:
         return self._state in ("awaiting", "last")
 
+    def _free_at(self) -> float:
+        """Return when a request may be sent: the line was silent for long enough, and no other exchange occupies it."""
+        return max(self._quiet_at, self.ledger.occupied_until()) if self.ledger.heard else self._quiet_at
+
     def _tune(self, latency: float) -> None:
         """Set what follows from the line's timing and its port's latency."""
         self._budget = Budget(self.settings.timing, latency)
@@ -277,7 +281,7 @@ class Line:
     def _next_step(self, current: Exchange) -> float:
         """Return when the state ends without an event. A response of unknown size that has begun may be completed."""
         if self._state == "repeating":
-            return self._quiet_at
+            return self._free_at()
         silence, fails_at = self._receiver.deadline(), current.sender.fails_at
         if silence is not None:
             return silence if silence <= fails_at else min(silence, fails_at + self.settings.timing.longest_frame)
@@ -289,7 +293,7 @@ class Line:
         late = self.queue.expired(now)
         given_up = self.queue.given_up(now)
         try:
-            while self._write is not None and self._state != "awaiting" and now >= self._quiet_at:
+            while self._write is not None and self._state != "awaiting" and now >= self._free_at():
                 again = self.ledger.current
                 transaction = self._scheduler.next(now) if again is None else again.transaction
                 if transaction is None:
