@@ -159,7 +159,7 @@ class Ledger:
         return max(ends_at, transaction.ends_at + transaction.patience)
 
     def expire(self, now: float) -> None:
-        """Close what has ended. What may be held back stays until it must have arrived."""
+        """Close what has ended. What a connection may hold back stays until it is released."""
         for each in self.others:
             if each.ends_at <= now:
                 each.owed = 0
@@ -233,7 +233,6 @@ class Ledger:
         for each in self.late():
             if token.start >= each.since and not token.is_damaged and each.accepts(token.frame):
                 each.owed -= 1
-                each.is_held = each.is_held and each.owed > 0
                 self._drop_closed()
                 return each
         return None

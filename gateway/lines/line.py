@@ -350,9 +350,9 @@ class Line:
             write(self._receiver.begin(current, now))
             self._recorder.exchange(transaction, None, now)
         finally:
-            overdue = self._scheduler.end(now)  # a unit without a listen-only mode responds all the same
+            forbidden = self._scheduler.end(now)  # a unit without a listen-only mode responds all the same
             transaction.end()
-            self._scheduler.fail_overdue(overdue, now)
+            self._scheduler.fail_forbidden(forbidden, now)
 
     def _take_idle(self, size: int, now: float) -> None:
         self.unasked_bytes += size
@@ -456,7 +456,7 @@ class Line:
             late_until = self.ledger.end_of(transaction, now) if current.owed else 0.0
             heard = self._diagnosis.text if is_told else b""
             self._recorder.failed(transaction, outcome, now, heard, late_until)
-        overdue = self._scheduler.end(now)
+        forbidden = self._scheduler.end(now)
         if outcome is None:
             self.queue.put_back(transaction.again())
         response = outcome if isinstance(outcome, Frame) else None
@@ -475,7 +475,7 @@ class Line:
                 transaction.respond(response.pdu, now)
             elif isinstance(outcome, RequestError):
                 transaction.fail_sent(outcome, now)
-            self._scheduler.fail_overdue(overdue, now)
+            self._scheduler.fail_forbidden(forbidden, now)
 
     def _spend(self, transaction: Transaction, response: int, now: float) -> None:
         """Account for the line's time until `now`, for the client that asked first; `response` is a PDU's size."""

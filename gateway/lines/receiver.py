@@ -118,7 +118,7 @@ class Receiver:
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> Outcome:
         """Take bytes. The response begins after `early` ones: the unit had not received the request."""
         scanner, awaited = self._scanner, self._awaited
-        self._follow_windows()
+        self._follow_ledger()
         if awaited is None:
             self._pace.add_idle(len(data), now)
             self._frames.clear()
@@ -133,7 +133,7 @@ class Receiver:
 
     def tick(self, now: float) -> Outcome:
         """Let time pass."""
-        self._follow_windows()
+        self._follow_ledger()
         return self._attribute(self._scanner.tick(now))
 
     def deadline(self) -> float | None:
@@ -219,7 +219,7 @@ class Receiver:
         ours = self._ledger.last
         return ours if ours is not None and ours.is_awaited else None
 
-    def _follow_windows(self) -> None:
+    def _follow_ledger(self) -> None:
         """Tell the scanner which late responses may come."""
         if self._ledger.others or self._scanner.late:
             self._scanner.late = self._ledger.late()

@@ -57,7 +57,7 @@ class Scheduler:
         rejection = self.rejection(transaction, now)
         if rejection is not None:
             return rejection
-        if self._ledger.others and self._is_overdue(transaction, now):
+        if self._ledger.others and self._is_forbidden(transaction, now):
             return errors.AnswerOverdue()
         lost = self.queue.put(transaction, now)
         if lost is not None:
@@ -123,7 +123,7 @@ class Scheduler:
         """
         if not self._ledger.end(now):
             return []
-        return self.queue.drop(lambda waiting: not waiting.retries and self._is_overdue(waiting, now))
+        return self.queue.drop(lambda waiting: not waiting.retries and self._is_forbidden(waiting, now))
 
     def refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
         """Fail a request that was not sent, and record why."""
@@ -131,7 +131,7 @@ class Scheduler:
         self._recorder.refused(transaction, error, now, waiting=len(self.queue), late_until=until or 0.0)
         transaction.fail(error)
 
-    def fail_overdue(self, transactions: list[Transaction], now: float) -> None:
+    def fail_forbidden(self, transactions: list[Transaction], now: float) -> None:
         """Fail these: a late response could be taken for theirs."""
         for transaction in transactions:
             self.refuse(transaction, errors.AnswerOverdue(), now)
@@ -180,7 +180,7 @@ class Scheduler:
             self._resting.discard(device)
             self._report.recovered(device)
 
-    def _is_overdue(self, transaction: Transaction, now: float) -> bool:
+    def _is_forbidden(self, transaction: Transaction, now: float) -> bool:
         until = self._ledger.forbid_until(transaction, now)
         return until is not None and until - now > WORTH_WAITING
 
