@@ -346,11 +346,11 @@ class Line:
         self._state = "idle"
         self._quiet_at = transaction.ends_at + max(self.settings.turnaround, self._gap)
         self._spend(transaction, 0, transaction.ends_at)
+        forbidden = self._scheduler.end(now)  # a unit without a listen-only mode responds all the same
         try:
             write(self._receiver.begin(current, now))
             self._recorder.exchange(transaction, None, now)
         finally:
-            forbidden = self._scheduler.end(now)  # a unit without a listen-only mode responds all the same
             transaction.end()
             self._scheduler.fail_forbidden(forbidden, now)
 

@@ -248,6 +248,20 @@ def test_a_broadcast_is_not_answered_and_a_turnaround_follows(bench: Bench) -> N
     assert bench.written[1:] == [READ_FRAME]
 
 
+@pytest.mark.parametrize(
+    ("unit", "pdu"), [(0, "06 00 10 00 01"), (1, "08 00 04 00 00")], ids=["broadcast", "unanswered"]
+)
+def test_a_port_that_is_lost_in_the_write_of_an_unanswered_request_ends_it_once(unit: int, pdu: str) -> None:
+    bench = Bench()
+    bench.line.port_up(lambda _: bench.unplug(), 0.0, bench.now)
+    bench.pass_time(0.1)
+    if unit:
+        bench.ask(pdu, unit)
+    else:
+        bench.broadcast(pdu)
+    assert bench.client.answers == [None]
+
+
 def test_an_answer_to_a_broadcast_is_dropped(bench: Bench) -> None:
     bench.broadcast("06 00 01 00 05")
     bench.pass_time(0.01)
