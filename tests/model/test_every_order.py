@@ -134,12 +134,12 @@ def test_a_request_that_is_taken_for_coils(monkeypatch) -> None:
 
 @pytest.mark.interpreted
 def test_a_line_that_does_not_know_of_the_clients_of_an_earlier_one(monkeypatch) -> None:
-    handed_on = Line.handed_on
+    handed_on = Ledger.handed_on
 
-    def of_ours(line: Line, now: float, patience: float) -> list[Exchange]:
-        return [each for each in handed_on(line, now, patience) if each.owed]
+    def without_clients(ledger: Ledger, now: float, patience: float) -> list[Exchange]:
+        return [each for each in handed_on(ledger, now, patience) if each.owed]
 
-    monkeypatch.setattr(Line, "handed_on", of_ours)
+    monkeypatch.setattr(Ledger, "handed_on", without_clients)
     letters = "read coils, foreign read of coils, other foreign read of coils, foreign answer, reload"
     assert LIE in finds(letters, 5).wrong[0]
 
