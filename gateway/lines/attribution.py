@@ -24,30 +24,19 @@ no evidence of another client.
 from collections.abc import Callable
 from functools import partial
 from math import inf
-from typing import Final, Literal
+from typing import Literal
 
 from gateway.errors import RequestError
 from gateway.lines.counts import Overheard
 from gateway.lines.ledger import Exchange, Ledger, foreign_request
 from gateway.lines.transaction import Transaction
-from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.explain import explain_pdu
 from gateway.modbus.frame import Frame
-from gateway.modbus.functions import KNOWN_FUNCTIONS, request_size, response_size
-from gateway.modbus.pdu import RequestPdu, parse_request, parse_sent
+from gateway.modbus.functions import KNOWN_FUNCTIONS, response_size
+from gateway.modbus.pdu import RequestPdu, can_be_read_both_ways, parse_request, parse_sent
 from gateway.modbus.scan import Token
 from gateway.timing.budget import AnswerTime
-
-#: Functions with frames that can be read both ways, unless the response repeats its request. A response to others has
-#: another size than any request, an even byte count (03, 04), or an odd length in place of the reference type 6 (20).
-_TWOFOLD: Final = frozenset(
-    {
-        FunctionCode.READ_COILS,
-        FunctionCode.READ_DISCRETE_INPUTS,
-        FunctionCode.DIAGNOSTICS,
-        FunctionCode.READ_WRITE_MULTIPLE_REGISTERS,
-    }
-)
 
 #: See the table above.
 Owner = Literal["the request", "another client", "a late response", "an echo", "another's request", "nobody"]
@@ -121,7 +110,7 @@ class Attribution:
                 return "a late response"
         if not (is_twofold and self._was_refused(token)) and self._is_echo(token):
             return "an echo"
-        if self._is_request(token, is_sure=not _is_request_and_response(token.frame.pdu)):
+        if self._is_request(token, is_sure=not can_be_read_both_ways(token.frame.pdu)):
             return "another's request"
         self._count_stray_response(token)
         return "nobody"
@@ -129,7 +118,7 @@ class Attribution:
     def _is_twofold(self, token: Token) -> bool:
         """Tell whether it may be a response or a request: another client is there, and it can be read both ways."""
         other = self._ledger.other_client
-        return other is not None and token.at < other.ends_at and _is_request_and_response(token.frame.pdu)
+        return other is not None and token.at < other.ends_at and can_be_read_both_ways(token.frame.pdu)
 
     def _answers_request(self, token: Token, *, is_twofold: bool) -> bool:
         ours = self._ledger.last
@@ -302,21 +291,6 @@ class Attribution:
 def _is_repeated(ours: Exchange, frame: Frame) -> bool:
     """Tell whether `frame` is a copy of the request; of a broadcast, from any unit."""
     return frame.pdu == ours.asked.data and ours.unit in (frame.unit, BROADCAST_UNIT)
-
-
-def _is_request_and_response(pdu: bytes) -> bool:
-    """Tell whether a PDU is a valid request, and may be a response that does not repeat its request.
-
-    That is so for 17 to 24 coils or discrete inputs (01, 02), a counter that is 0 (08), and five or more registers of
-    function 23.
-    """
-    if pdu[0] not in _TWOFOLD or not len(pdu) == request_size(pdu) == response_size(pdu):
-        return False
-    try:
-        asked = parse_request(pdu)
-    except RequestError:
-        return False
-    return asked.data != asked.response_head
 
 
 def _answers(response: bytes, asked: Exchange) -> bool:

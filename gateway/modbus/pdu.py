@@ -3,13 +3,23 @@
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.errors import IllegalFunction
+from gateway.errors import IllegalFunction, RequestError
 from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
-from gateway.modbus.functions import ALL, ANY_COIL, Function, Items, row_of
+from gateway.modbus.functions import ALL, ANY_COIL, Function, Items, request_size, response_size, row_of
 from gateway.modbus.shapes import need
 
 #: At most this many parsed requests are remembered.
 MOST_PARSED: Final = 2048
+#: Functions with frames that can be read both ways, unless the response repeats its request. A response to others has
+#: another size than any request, an even byte count (03, 04), or an odd length in place of the reference type 6 (20).
+_TWO_WAYS: Final = frozenset(
+    {
+        FunctionCode.READ_COILS,
+        FunctionCode.READ_DISCRETE_INPUTS,
+        FunctionCode.DIAGNOSTICS,
+        FunctionCode.READ_WRITE_MULTIPLE_REGISTERS,
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +121,21 @@ def parse_anew(pdu: bytes) -> RequestPdu:
     if not 0 < code < EXCEPTION_BIT:
         raise IllegalFunction(f"function {code} is not a request")
     return _parse(pdu, row_of(pdu))
+
+
+def can_be_read_both_ways(pdu: bytes) -> bool:
+    """Tell whether a PDU is a valid request, and may be a response that does not repeat its request.
+
+    That is so for 17 to 24 coils or discrete inputs (01, 02), a counter that is 0 (08), and five or more registers of
+    function 23. `01 03 10 00 18` is a read of 24 coils, and a response with 24 coils.
+    """
+    if pdu[0] not in _TWO_WAYS or not len(pdu) == request_size(pdu) == response_size(pdu):
+        return False
+    try:
+        asked = parse_request(pdu)
+    except RequestError:
+        return False
+    return asked.data != asked.response_head
 
 
 def _parse(pdu: bytes, row: Function) -> RequestPdu:
