@@ -114,7 +114,7 @@ def test_what_came_instead_of_an_answer_is_kept_up_to_a_bound():
 def test_so_is_what_came_before_a_read_is_sent_again():
     bench, ring = bench_with_ring(retries=1)
     bench.hear(frame(1, "03 00 30 00 01"))  # whose response it may be: the late window comes first
-    bench.pass_time(0.05)
+    bench.pass_time(FOREIGN_OCCUPIES)
     bench.ask()
     bench.hear("55 AA")
     bench.pass_time(0.5)

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gateway.events import OtherClientHeard, WriteAudit
-from gateway.lines.ledger import Exchange
+from gateway.lines.ledger import FOREIGN_OCCUPIES, Exchange
 from gateway.modbus import rtu
 from gateway.modbus.pdu import parse_sent
 from kit.device import Answer, SimulatedDevice, SimulatedLine
@@ -91,7 +91,7 @@ async def test_another_client_that_toggles_is_heard() -> None:
     async with gateway_bench(CONFIG) as bench:
         line = bench.lines["hall-a"]
         line.deliver(rtu.encode(1, bytes.fromhex("05 00 00 55 00")))
-        await asyncio.sleep(0.01)
+        await asyncio.sleep(FOREIGN_OCCUPIES + 0.01)
         client = bench.client()
         client.ask(1, "05 00 00 55 00")
         await asyncio.sleep(0.05)
