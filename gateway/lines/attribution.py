@@ -28,12 +28,13 @@ from typing import Literal
 
 from gateway.errors import RequestError
 from gateway.lines.counts import Overheard
-from gateway.lines.ledger import Exchange, Ledger, foreign_request
+from gateway.lines.exchange import Exchange, foreign_request
+from gateway.lines.ledger import Ledger
 from gateway.lines.transaction import Transaction
-from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
+from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.modbus.explain import explain_pdu
 from gateway.modbus.frame import Frame
-from gateway.modbus.functions import KNOWN_FUNCTIONS, response_size
+from gateway.modbus.functions import KNOWN_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, can_be_read_both_ways, parse_request, parse_sent
 from gateway.modbus.scan import Token
 from gateway.timing.budget import AnswerTime
@@ -141,7 +142,7 @@ class Attribution:
         transaction = ours.sender
         same_unit = self._ledger.foreign(frame.unit)
         for each in same_unit if frame.unit == ours.unit else [*same_unit, *self._ledger.foreign(ours.unit)]:
-            if not _may_answer(frame.pdu, each):
+            if not each.may_get(frame.pdu):
                 continue
             may_come = each.asked_at + self._patience(each.asked, transaction.device.answer_time)
             is_same = not each.is_any and each.unit == ours.unit and each.asked.data == ours.asked.data
@@ -179,7 +180,7 @@ class Attribution:
             asked = each.asked
             is_repeated = frame.pdu == asked.data != asked.response_head
             is_over = token.at > each.ends_at
-            if is_repeated or is_over or not _answers(frame.pdu, each):
+            if is_repeated or is_over or not each.gets(frame.pdu):
                 continue
             if not is_ours_too:
                 self._ledger.extend(token, each, partial(self._patience, asked))
@@ -291,22 +292,3 @@ class Attribution:
 def _is_repeated(ours: Exchange, frame: Frame) -> bool:
     """Tell whether `frame` is a copy of the request; of a broadcast, from any unit."""
     return frame.pdu == ours.asked.data and ours.unit in (frame.unit, BROADCAST_UNIT)
-
-
-def _answers(response: bytes, asked: Exchange) -> bool:
-    """Tell whether a PDU is a response to another client's request, or to one of those that it stands for."""
-    if asked.is_any:
-        return _may_answer(response, asked) and response_size(response) in (0, len(response))
-    return asked.asked.accepts(response)
-
-
-def _may_answer(response: bytes, asked: Exchange) -> bool:
-    """Tell whether another client may get this response.
-
-    Mostly its function alone counts: an exception fits any quantity, and another client may repeat its request with
-    another one. But where the response repeats the request (05, 06), it fits no other.
-    """
-    request = asked.asked
-    if response[0] != request.function:
-        return response[0] == request.function | EXCEPTION_BIT
-    return asked.is_any or request.data != request.response_head or response == request.data

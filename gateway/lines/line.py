@@ -37,7 +37,8 @@ from gateway import errors
 from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.echo import EchoDetector
-from gateway.lines.ledger import Exchange, HasArrived, Ledger
+from gateway.lines.exchange import Exchange
+from gateway.lines.ledger import HasArrived, Ledger
 from gateway.lines.receiver import NOTHING, Outcome, Receiver
 from gateway.lines.scheduler import MaySend, Scheduler, earliest
 from gateway.lines.settings import LineSettings

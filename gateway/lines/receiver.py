@@ -9,7 +9,8 @@ from typing import Final, Literal, NamedTuple
 from gateway.errors import AmbiguousResponse, RequestError
 from gateway.lines.attribution import Attribution, Owner
 from gateway.lines.echo import EchoDetector
-from gateway.lines.ledger import Exchange, Ledger
+from gateway.lines.exchange import Exchange
+from gateway.lines.ledger import Ledger
 from gateway.lines.pacing import Pace
 from gateway.lines.settings import LineSettings
 from gateway.lines.telling import Recorder, Report

@@ -10,8 +10,9 @@ from collections.abc import Callable
 from gateway import errors
 from gateway.errors import RequestError
 from gateway.lines.echo import EchoDetector
+from gateway.lines.exchange import Exchange
 from gateway.lines.idle import IdleTime
-from gateway.lines.ledger import WORTH_WAITING, Exchange, Ledger
+from gateway.lines.ledger import WORTH_WAITING, Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.reopening import Reopening
 from gateway.lines.settings import LineSettings

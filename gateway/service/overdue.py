@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.errors import RequestError
-from gateway.lines.ledger import Exchange
+from gateway.lines.exchange import Exchange
 from gateway.modbus.pdu import parse_sent
 from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
 from gateway.service.shared_file import Entries, SharedFile

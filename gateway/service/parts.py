@@ -17,7 +17,7 @@ from gateway.errors import WrongQuestion
 from gateway.events import Emit, Event, LineLost, LineReopened, LineUp, discard_event
 from gateway.lines.counts import UnitCounts
 from gateway.lines.driver import LineDriver
-from gateway.lines.ledger import Exchange
+from gateway.lines.exchange import Exchange
 from gateway.lines.line import Line
 from gateway.listeners.serial import SerialListener
 from gateway.modbus.codes import BROADCAST_UNIT

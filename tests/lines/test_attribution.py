@@ -6,7 +6,8 @@ import pytest
 
 from gateway.devices.quirks import AddressZeroDevice
 from gateway.events import OtherClientHeard
-from gateway.lines.ledger import FOREIGN_LASTS, FOREIGN_PER_UNIT
+from gateway.lines.exchange import FOREIGN_LASTS
+from gateway.lines.ledger import FOREIGN_PER_UNIT
 from kit.line_bench import ASCII, LATENCY, LIMIT, READ, REQUEST_TIME, RESPONSE, TIMING, Bench
 
 #: What another client asks, and its answer, which would fit our READ.

@@ -4,7 +4,8 @@ import pytest
 
 from gateway.devices.quirks import AddressZeroDevice
 from gateway.lines.attribution import Attribution
-from gateway.lines.ledger import Exchange, Ledger
+from gateway.lines.exchange import Exchange
+from gateway.lines.ledger import Ledger
 from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request

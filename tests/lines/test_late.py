@@ -5,7 +5,8 @@ import pytest
 from gateway.devices.addresses import UnitAddresses
 from gateway.devices.quirks import AddressZeroDevice, MovableDevice
 from gateway.events import BadFrame, ForeignFrame, LateResponse, OtherClientHeard, RequestTimeout
-from gateway.lines.ledger import WORTH_WAITING, Exchange
+from gateway.lines.exchange import Exchange
+from gateway.lines.ledger import WORTH_WAITING
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import Point, TimingTable

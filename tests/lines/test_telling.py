@@ -2,6 +2,7 @@
 
 import pytest
 
+from gateway.lines.ledger import FOREIGN_OCCUPIES
 from gateway.modbus.rtu import encode
 from gateway.trace.records import Heard, Incident, Record, Refused, Sent
 from gateway.trace.ring import Ring

@@ -7,7 +7,8 @@ import pytest
 
 from gateway.devices.addresses import Whereabouts
 from gateway.lines.attribution import Attribution
-from gateway.lines.ledger import Exchange, Ledger
+from gateway.lines.exchange import Exchange
+from gateway.lines.ledger import Ledger
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
 from gateway.modbus.scan import Expected, Token

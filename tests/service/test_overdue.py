@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 
 from gateway.events import Event, StateDamaged
-from gateway.lines.ledger import Exchange
+from gateway.lines.exchange import Exchange
 from gateway.modbus.pdu import parse_sent
 from gateway.ports.port import SerialSettings, TcpSettings
 from gateway.service.overdue import FILE_NAME, LeftBehind, is_entry, place_of

@@ -4,7 +4,7 @@ import pytest
 
 from gateway.devices.device import EveryDevice
 from gateway.devices.quirks import EveryQuirkyDevice, MovableDevice
-from gateway.lines.ledger import Exchange
+from gateway.lines.exchange import Exchange
 from gateway.lines.transaction import Transaction
 from gateway.service.state import Memory
 from soak.tally import Tally

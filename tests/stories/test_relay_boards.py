@@ -5,7 +5,8 @@ import asyncio
 import pytest
 
 from gateway.events import OtherClientHeard, WriteAudit
-from gateway.lines.ledger import FOREIGN_OCCUPIES, Exchange
+from gateway.lines.exchange import Exchange
+from gateway.lines.ledger import FOREIGN_OCCUPIES
 from gateway.modbus import rtu
 from gateway.modbus.pdu import parse_sent
 from kit.device import Answer, SimulatedDevice, SimulatedLine

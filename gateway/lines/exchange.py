@@ -1,0 +1,116 @@
+"""One request on a line, ours or another client's, and the responses that may still come for it."""
+
+from typing import Final, cast
+
+from gateway.lines.transaction import Transaction
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
+from gateway.modbus.frame import Frame
+from gateway.modbus.functions import response_size
+from gateway.modbus.pdu import RequestPdu
+from gateway.modbus.scan import NEVER, Expected
+
+#: A foreign request to a unit that we send none to, and the suspicion that the line is shared, are kept this long, in
+#: seconds.
+FOREIGN_LASTS: Final = 300.0
+
+
+class Exchange(Expected):
+    """A request to `unit`, and its responses: from `answers_from` (None: any unit), at the place `since` or later."""
+
+    __slots__ = (
+        "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_held", "owed",
+        "place", "transaction", "unit",
+    )  # fmt: skip
+
+    def __init__(
+        self, unit: int, answers_from: int | None, asked: RequestPdu, place: int, transaction: Transaction | None = None
+    ) -> None:
+        super().__init__(answers_from, asked, place)
+        self.unit = unit
+        #: Where it was sent, or where another client's ended, in the bytes of the line.
+        self.place = place
+        #: The transaction that has sent it; None if an earlier line did, or another client.
+        self.transaction = transaction
+        #: Whether another client's stands for several, so that any response with its function may answer it.
+        self.is_any = False
+        #: When its last character was on the line, and until when up to `owed` responses may come.
+        self.asked_at = 0.0
+        self.ends_at = 0.0
+        self.owed = 1
+        #: Whether the next response that fits is taken for its own, whether one was, and where that was over.
+        self.is_awaited = False
+        self.is_answered = False
+        self.ended_at = NEVER
+        #: Whether the connection may hold it back; and whether all of it had arrived there when its late window began.
+        self.is_held = False
+        self.had_arrived = True
+
+    @property
+    def sender(self) -> Transaction:
+        """The transaction that has sent it; only one of ours has one."""
+        return cast("Transaction", self.transaction)
+
+    def finish(self, place: int) -> None:
+        """Await it no more from this place on. Frames from before it may still follow."""
+        self.is_awaited = False
+        self.ended_at = min(self.ended_at, place)
+
+    def join(self, earlier: "Exchange") -> None:
+        """Stand for another client's earlier request with the same function, too."""
+        self.is_any = True
+        self.owed += earlier.owed
+
+    def is_copy(self, frame: Frame) -> bool:
+        """Tell whether `frame` is a copy of the request."""
+        return frame.unit == self.unit and frame.pdu == self.asked.data
+
+    def accepts(self, frame: Frame) -> bool:
+        """Tell whether `frame` is a response to it."""
+        if self.transaction is not None:
+            return self.transaction.accepts(frame)
+        return self.answers_from in (None, frame.unit) and self.asked.accepts(frame.pdu)
+
+    def forbids(self, other: Transaction) -> bool:
+        """Tell whether a response to this one could be taken for the response to `other`.
+
+        A late exception response fits any quantity, so only unit and function count. Before and after the change of an
+        address nothing may be owed by its unit: it would come from the new address. A request to address 0 that
+        expects a response must be the only one on the line.
+        """
+        if not (self.owed and other.expects_answer):
+            return False
+        if other.unit == BROADCAST_UNIT:
+            return True
+        is_same_unit = self.unit == other.device.unit
+        is_same_function = self.asked.function == other.asked.function
+        if self.answers_from is None or other.answers_from is None:
+            return is_same_unit or is_same_function
+        return is_same_unit and is_same_function
+
+    def may_get(self, pdu: bytes) -> bool:
+        """Tell whether another client's request may get this response.
+
+        Mostly its function alone counts: an exception fits any quantity, and another client may repeat its request with
+        another one. But where the response repeats the request (05, 06), it fits no other.
+        """
+        asked = self.asked
+        if pdu[0] != asked.function:
+            return pdu[0] == asked.function | EXCEPTION_BIT
+        return self.is_any or asked.data != asked.response_head or pdu == asked.data
+
+    def gets(self, pdu: bytes) -> bool:
+        """Tell whether a PDU is a response to another client's request, or to one of those that it stands for."""
+        if self.is_any:
+            return self.may_get(pdu) and response_size(pdu) in (0, len(pdu))
+        return self.asked.accepts(pdu)
+
+    def __repr__(self) -> str:
+        return f"<Exchange unit={self.unit} {self.asked.data.hex(' ').upper()} owed={self.owed}>"
+
+
+def foreign_request(frame: Frame, asked: RequestPdu, at: float, end: int) -> Exchange:
+    """Make the exchange of a request that another client has sent: read `at`, up to the place `end`."""
+    exchange = Exchange(frame.unit, frame.unit, asked, end)
+    exchange.asked_at = at
+    exchange.ends_at = at + FOREIGN_LASTS
+    return exchange
