@@ -190,7 +190,7 @@ class Attribution:
         return False
 
     def _is_late(self, token: Token) -> bool:
-        late = self._ledger.take_late(token) if self._ledger.others else None
+        late = self._ledger.take_late(token) if self._ledger.late else None
         if late is not None:
             self.late = late
         return late is not None

@@ -45,7 +45,7 @@ class IdleTime:
             return None
         if len(self._queue) and not self._has_its_turn():
             return None
-        until = self._ledger.forbid_until(question, now) if self._ledger.others else None
+        until = self._ledger.forbid_until(question, now) if self._ledger.late else None
         if until is not None:
             self.held_until = until
             return None

@@ -47,8 +47,8 @@ class Ledger:
         #: The one on the line, or about to be sent again; and the last one of ours, which may be over.
         self.current: Exchange | None = None
         self.last: Exchange | None = None
-        #: All others of ours that are open, in the order in which they became late.
-        self.others: list[Exchange] = []
+        #: Ours that are late or held, in the order in which they became that.
+        self.late: list[Exchange] = []
         #: Other clients' requests without a response, by unit: there may be many, and a frame concerns few of them.
         self.heard: dict[int, list[Exchange]] = {}
         #: The latest foreign request that shows another client. That may be there until it `ends_at`.
@@ -71,7 +71,7 @@ class Ledger:
 
     def expire(self, now: float) -> None:
         """Close what has ended. What a connection may hold back stays until it is released."""
-        for each in self.others:
+        for each in self.late:
             if each.ends_at <= now:
                 each.owed = 0
         self._drop_closed()
@@ -103,31 +103,31 @@ class Ledger:
         if current is None or not current.owed:
             return False
         current.ends_at = self.end_of(current.sender, now)
-        self.others.append(current)
+        self.late.append(current)
         return True
 
-    def late(self) -> list[Exchange]:
-        """List those of ours whose responses may come late."""
-        return [each for each in self.others if each.owed]
+    def owed(self) -> list[Exchange]:
+        """List those of ours whose responses may still come."""
+        return [each for each in self.late if each.owed]
 
     def count_late(self, now: float) -> int:
         """Count the late windows."""
         self.expire(now)
-        return len(self.late())
+        return len(self.owed())
 
     def forbid_until(self, transaction: Transaction, now: float) -> float | None:
         """Return when `transaction` may be sent, if a late response could be taken for its own; else None."""
         self.expire(now)
-        return max((each.ends_at for each in self.others if each.forbids(transaction)), default=None)
+        return max((each.ends_at for each in self.late if each.forbids(transaction)), default=None)
 
     def next_end(self) -> float | None:
         """Return when the next late window ends."""
-        return min((each.ends_at for each in self.late()), default=None)
+        return min((each.ends_at for each in self.owed()), default=None)
 
     def changes_until(self, units: Collection[int], now: float) -> float:
         """Return until when a device with one of the `units` may still change its address; 0 if none may."""
         self.expire(now)
-        ends = [each.ends_at for each in self.late() if each.answers_from is None and each.unit in units]
+        ends = [each.ends_at for each in self.owed() if each.answers_from is None and each.unit in units]
         current = self.current
         if current is not None and current.answers_from is None and current.unit in units:
             ends.append(self.end_of(current.sender, current.sender.fails_at))
@@ -135,13 +135,13 @@ class Ledger:
 
     def heads_of_others(self, unit: int) -> list[bytes]:
         """List the first bytes of late responses from units other than `unit`."""
-        others = [each for each in self.late() if each.unit != unit]
+        others = [each for each in self.owed() if each.unit != unit]
         return [bytes((each.unit, each.asked.function | bit)) for each in others for bit in (0, EXCEPTION_BIT)]
 
     def take_late(self, token: Token) -> Exchange | None:
         """Find the oldest exchange that this is a late response to, which is owed one less then."""
         self.expire(token.at)
-        for each in self.late():
+        for each in self.owed():
             if token.start >= each.since and not token.is_damaged and each.accepts(token.frame):
                 each.owed -= 1
                 self._drop_closed()
@@ -153,7 +153,7 @@ class Ledger:
 
         A response to the foreign request may come for as long after that as `patience` tells of a device.
         """
-        for each in self.late():
+        for each in self.owed():
             if each.accepts(token.frame):
                 device = None if each.transaction is None else each.transaction.device
                 lasts = self._patience if device is None else patience(device.answer_time)
@@ -164,7 +164,7 @@ class Ledger:
     def connected(self, has_arrived: HasArrived | None) -> None:
         """Begin with a new port, which holds nothing back. `has_arrived` is None unless it is a connection."""
         self._has_arrived = has_arrived
-        for each in self.others:
+        for each in self.late:
             each.is_held = False
         self._drop_closed()
 
@@ -181,28 +181,28 @@ class Ledger:
     def release(self, exchange: Exchange) -> None:
         """Note a response: a connection keeps its order, so all requests up to this one have left the server."""
         exchange.is_held = False
-        for each in self.others:
+        for each in self.late:
             each.is_held = each.is_held and each.asked_at > exchange.asked_at
         self._drop_closed()
 
     def renews_at(self) -> float | None:
         """Return when nothing more may be sent on this connection, unless a response comes; None: never."""
-        return min((each.ends_at for each in self.others if each.is_held), default=None)
+        return min((each.ends_at for each in self.late if each.is_held), default=None)
 
     def must_renew(self, now: float) -> bool:
         """Tell whether nothing may be sent on this connection, because it may hold a request back."""
-        return any(each.is_held and each.ends_at <= now for each in self.others)
+        return any(each.is_held and each.ends_at <= now for each in self.late)
 
     def await_arrived(self, position: int, now: float) -> None:
         """Open the late windows again of requests that had not arrived when these began: only now their limits do."""
-        for each in [each for each in self.others if each.is_held and each.ends_at <= now and not each.had_arrived]:
+        for each in [each for each in self.late if each.is_held and each.ends_at <= now and not each.had_arrived]:
             if each.transaction is not None and self._has_arrived is not None:
-                self.others.remove(each)
+                self.late.remove(each)
                 each.ends_at = self.end_of(each.transaction, now + each.transaction.limit)
                 each.owed = 1
                 each.since = position
                 each.had_arrived = self._has_arrived()
-                self.others.append(each)
+                self.late.append(each)
 
     # --- other clients' requests ---
 
@@ -255,7 +255,7 @@ class Ledger:
         Another client that may be there is an exchange that is owed nothing.
         """
         self.expire(now)
-        handed = [_handed(each, each.owed, each.ends_at) for each in self.late()]
+        handed = [_handed(each, each.owed, each.ends_at) for each in self.owed()]
         handed += [_handed(each, each.owed, each.asked_at + patience) for each in self.foreign()]
         if self.other_client is not None:
             handed.append(_handed(self.other_client, 0, self.other_client.ends_at))
@@ -266,14 +266,13 @@ class Ledger:
         self._patience = patience
         for each in exchanges:
             if each.owed:
-                late = _handed(each, each.owed, each.ends_at)
-                self.others.append(late)
+                self.late.append(_handed(each, each.owed, each.ends_at))
             elif self.other_client is None or self.other_client.ends_at < each.ends_at:
                 self.other_client = each
 
     def _drop_closed(self) -> None:
-        if self.others:
-            self.others = [each for each in self.others if each.owed or each.is_held]
+        if self.late:
+            self.late = [each for each in self.late if each.owed or each.is_held]
 
 
 def _handed(exchange: Exchange, owed: int, ends_at: float) -> Exchange:

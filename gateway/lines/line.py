@@ -227,11 +227,11 @@ class Line:
             deadline = self._scheduler.deadline(self._free_at())
             if self._receiver.silent_at < inf:
                 deadline = earliest(deadline, self._receiver.silent_at)
-        return earliest(deadline, self._receiver.late_deadline()) if self.ledger.others else deadline
+        return earliest(deadline, self._receiver.late_deadline()) if self.ledger.late else deadline
 
     def read_at(self, now: float) -> float | None:
         """Return when to read the port again: no byte before that decides anything. None: at the next byte."""
-        return None if self.ledger.others else self._receiver.read_at(now)
+        return None if self.ledger.late else self._receiver.read_at(now)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence, a time limit or a late window may have ended."""
@@ -239,7 +239,7 @@ class Line:
         self._report_late(now)
         if now >= self._receiver.silent_at:  # a frame of unknown size, of a unit that rests, is complete
             self._scheduler.record_frames(self._receiver.ended_by_silence(self._scheduler.resting))
-        if self.ledger.others:
+        if self.ledger.late:
             self.ledger.await_arrived(self._receiver.position, now)
         if self._scheduler.reopening.until is not None:
             self._scheduler.fail_unsent(self._scheduler.reopening.given_up(now), now)

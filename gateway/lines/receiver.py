@@ -144,7 +144,7 @@ class Receiver:
 
     def late_deadline(self) -> float | None:
         """Return when silence ends a late response."""
-        deadlines = [self._scanner.deadline(late) for late in self._ledger.late()]
+        deadlines = [self._scanner.deadline(late) for late in self._ledger.owed()]
         return min((each for each in deadlines if each is not None), default=None)
 
     def read_at(self, now: float) -> float | None:
@@ -222,8 +222,8 @@ class Receiver:
 
     def _follow_ledger(self) -> None:
         """Tell the scanner which late responses may come."""
-        if self._ledger.others or self._scanner.late:
-            self._scanner.late = self._ledger.late()
+        if self._ledger.late or self._scanner.late:
+            self._scanner.late = self._ledger.owed()
 
     def _attribute(self, tokens: list[Token]) -> Outcome:
         """Find the owners of these frames, up to the one that ends the request."""
@@ -283,7 +283,7 @@ class Receiver:
         It may be another response with a damaged unit identifier while a late response, another client's, or one to an
         earlier sending may come. Where copies or other clients were ever heard, it may be a damaged request too.
         """
-        if self._ledger.others or self._ledger.heard or ours.owed > 1:
+        if self._ledger.late or self._ledger.heard or ours.owed > 1:
             return False
         begin = ours.since - ours.place
         if begin and not self._echo.is_configured:

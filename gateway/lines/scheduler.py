@@ -58,7 +58,7 @@ class Scheduler:
         rejection = self.rejection(transaction, now)
         if rejection is not None:
             return rejection
-        if self._ledger.others and self._is_forbidden(transaction, now):
+        if self._ledger.late and self._is_forbidden(transaction, now):
             return errors.AnswerOverdue()
         lost = self.queue.put(transaction, now)
         if lost is not None:
@@ -83,12 +83,12 @@ class Scheduler:
 
     def next(self, now: float) -> Transaction | None:
         """Take out the next transaction; None if none may be sent now."""
-        if self._ledger.others and self._ledger.must_renew(now):
+        if self._ledger.late and self._ledger.must_renew(now):
             return None
         question = self._idle.take(now)
         if question is not None:
             return question
-        return self._next_allowed(now) if self._ledger.others else self.queue.take()
+        return self._next_allowed(now) if self._ledger.late else self.queue.take()
 
     def _next_allowed(self, now: float) -> Transaction | None:
         """See `next`. On its own: in a function with a lambda, each call costs an object, used or not."""
@@ -108,7 +108,7 @@ class Scheduler:
     def deadline(self, sends_at: float) -> float | None:
         """Return when the next request can be sent, on a line that is free at `sends_at`, or has waited too long."""
         deadline = self.queue.next_expiry()
-        if self._ledger.others:
+        if self._ledger.late:
             deadline = earliest(deadline, self._ledger.renews_at())
         deadline = earliest(self._idle.deadline(sends_at), deadline)
         return earliest(max(sends_at, self._held_until), deadline) if len(self.queue) else deadline
@@ -128,7 +128,7 @@ class Scheduler:
 
     def refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
         """Fail a request that was not sent, and record why."""
-        until = self._ledger.forbid_until(transaction, now) if self._ledger.others else None
+        until = self._ledger.forbid_until(transaction, now) if self._ledger.late else None
         self._recorder.refused(transaction, error, now, waiting=len(self.queue), late_until=until or 0.0)
         transaction.fail(error)
 

@@ -160,8 +160,8 @@ def overdue(table: Table, ends_at: float, since: int = 0, answers_from: int | No
     left = Exchange(1, answers_from, parse_request(bytes.fromhex(READ)), 0)
     left.ends_at = ends_at
     table.ledger.take_over([left], PATIENCE)
-    table.ledger.others[-1].since = since
-    return table.ledger.others[-1]
+    table.ledger.late[-1].since = since
+    return table.ledger.late[-1]
 
 
 def test_a_late_response_is_for_the_oldest_request_that_it_fits(table: Table) -> None:

@@ -181,7 +181,7 @@ def test_a_late_exception_closes_the_window_too(bench: Bench) -> None:
     time_out(bench)
     bench.respond(EXCEPTION)
     assert bench.counts.late_responses == 1
-    assert not bench.line.ledger.late()
+    assert not bench.line.ledger.owed()
 
 
 @pytest.mark.parametrize(
@@ -238,7 +238,7 @@ def test_each_request_that_timed_out_has_a_window_of_its_own() -> None:
     assert bench.client.answers == ["83 0B"]
     bench.respond()
     assert bench.counts.late_responses == 2
-    assert not bench.line.ledger.late()
+    assert not bench.line.ledger.owed()
 
 
 @pytest.mark.parametrize("timing", [Bench().settings.timing, ASCII], ids=["rtu", "ascii"])
@@ -323,7 +323,7 @@ def test_two_late_responses_in_one_chunk(bench: Bench) -> None:
     time_out(bench, unit=2)
     bench.hear(bench.frame(1, RESPONSE) + bench.frame(2, RESPONSE))
     assert bench.counts.late_responses == 2
-    assert not bench.line.ledger.late()
+    assert not bench.line.ledger.owed()
 
 
 def test_only_the_first_of_two_copies_is_late_the_other_is_nobodys(bench: Bench) -> None:
@@ -471,7 +471,7 @@ def test_of_several_windows_the_longest_one_counts(bench: Bench) -> None:
     for ends_at in (5.0, 9.0, 7.0):
         late = Exchange(1, 1, transaction(bench).asked, 0)
         late.ends_at = ends_at
-        windows.others.append(late)
+        windows.late.append(late)
     assert windows.forbid_until(transaction(bench), 0.0) == 9.0
 
 
@@ -589,7 +589,7 @@ def test_windows_end_by_themselves(bench: Bench) -> None:
     bench.asks(unit=30)
     bench.pass_time(1.0)
     bench.respond()
-    assert not bench.line.ledger.late()
+    assert not bench.line.ledger.owed()
     assert is_empty(bench.line)
     assert bench.told(BadFrame) == []
 
