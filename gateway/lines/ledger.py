@@ -213,8 +213,11 @@ class Ledger:
         return [each for requests in self.heard.values() for each in requests]
 
     def occupied_until(self) -> float:
-        """Return until when another client's exchange occupies the line: nothing of ours is sent into its response."""
-        return FOREIGN_OCCUPIES + max((requests[-1].asked_at for requests in self.heard.values()), default=0.0)
+        """Return until when another client's exchange occupies the line: nothing of ours is sent into its response.
+
+        Of a unit with several requests the oldest counts: one that has not answered does not occupy the line again.
+        """
+        return FOREIGN_OCCUPIES + max((requests[0].asked_at for requests in self.heard.values()), default=0.0)
 
     def hear(self, request: Exchange) -> None:
         """Keep another client's request. None is dropped: of too many to one unit, the oldest two are joined."""

@@ -116,8 +116,8 @@ class Bus:
     [
         pytest.param(0.01, 1.0, (), 0.75, 20.0, id="they ask all the time"),
         pytest.param(0.2, 1.0, (), 0.9, 4.0, id="they pause"),
-        pytest.param(0.01, 1.0, (6,), 0.88, 0.8, id="one unit in three is dead, and they ask all the time"),
-        pytest.param(0.2, 0.3, (6,), 0.75, 1.6, id="one unit in three is dead, and they pause"),
+        pytest.param(0.01, 1.0, (6,), 0.86, 0.8, id="one unit in three is dead, and they ask all the time"),
+        pytest.param(0.2, 0.3, (6,), 0.9, 1.6, id="one unit in three is dead, and they pause"),
     ],
 )
 def test_both_clients_get_their_answers(
@@ -128,4 +128,4 @@ def test_both_clients_get_their_answers(
     bus = Bus(timeout=timeout, pause=pause, dead=dead).run()
     assert bus.answered["ours"] > ours * alone
     assert bus.answered["theirs"] > theirs * SECONDS
-    assert bus.collided < 0.1 * SECONDS
+    assert bus.collided < 1.2 * SECONDS
