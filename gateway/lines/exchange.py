@@ -18,7 +18,7 @@ class Exchange(Expected):
     """A request to `unit`, and its responses: from `answers_from` (None: any unit), at the place `since` or later."""
 
     __slots__ = (
-        "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_held", "owed",
+        "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_silent", "owed",
         "place", "transaction", "unit",
     )  # fmt: skip
 
@@ -41,8 +41,9 @@ class Exchange(Expected):
         self.is_awaited = False
         self.is_answered = False
         self.ended_at = NEVER
-        #: Whether the connection may hold it back; and whether all of it had arrived there when its late window began.
-        self.is_held = False
+        #: Whether nothing was received for it, so that the connection may hold it back; and whether all of it had arrived at
+        #: the other end when its late window began.
+        self.is_silent = False
         self.had_arrived = True
 
     @property

@@ -9,12 +9,12 @@ line on the port has to know (`handed_on`).
 |----------------|----------------|-----------------------------------|-----------------------------------------------|
 | current        | we             | its request is sent               | its response, its limit                       |
 | late           | we             | its limit has ended               | all it is owed has come, its late window ends |
-| held           | we             | the same, if nothing was received | a response to it or a later one, or a new     |
+| silent         | we             | the same, if nothing was received | a response to it or a later one, or a new     |
 |                |                | on a connection                   | connection                                    |
 | foreign        | another client | its request was heard             | its response, or `FOREIGN_LASTS` seconds      |
 
 A late exchange forbids requests with the same function to the same unit; other functions and units go on (ADR 5). A
-held one may be in a device server that stalls, or in the network, for as long as that takes: if its window ends,
+silent one may be in a device server that stalls, or in the network, for as long as that takes: if its window ends,
 nothing more is sent on this connection.
 """
 
@@ -47,7 +47,7 @@ class Ledger:
         #: The one on the line, or about to be sent again; and the last one of ours, which may be over.
         self.current: Exchange | None = None
         self.last: Exchange | None = None
-        #: Ours that are late or held, in the order in which they became that.
+        #: Ours that are late or silent, in the order in which they became that.
         self.late: list[Exchange] = []
         #: Other clients' requests without a response, by unit: there may be many, and a frame concerns few of them.
         self.heard: dict[int, list[Exchange]] = {}
@@ -86,7 +86,7 @@ class Ledger:
         current = Exchange(transaction.unit, transaction.answers_from, transaction.asked, 0, transaction)
         current.owed = owed + (not transaction.is_broadcast)
         if before is not None:
-            current.is_held, current.had_arrived = before.is_held, before.had_arrived
+            current.is_silent, current.had_arrived = before.is_silent, before.had_arrived
         self.current = current
         return current
 
@@ -165,37 +165,37 @@ class Ledger:
         """Begin with a new port, which holds nothing back. `has_arrived` is None unless it is a connection."""
         self._has_arrived = has_arrived
         for each in self.late:
-            each.is_held = False
+            each.is_silent = False
         self._drop_closed()
 
     def is_underway(self) -> bool:
         """Tell whether the other end of the connection has not received all that was written to it."""
         return self._has_arrived is not None and not self._has_arrived()
 
-    def hold(self, exchange: Exchange) -> None:
+    def note_silence(self, exchange: Exchange) -> None:
         """Note that nothing was received since this request was sent."""
         if self._has_arrived is not None:
-            exchange.is_held = True
+            exchange.is_silent = True
             exchange.had_arrived = self._has_arrived()
 
     def release(self, exchange: Exchange) -> None:
         """Note a response: a connection keeps its order, so all requests up to this one have left the server."""
-        exchange.is_held = False
+        exchange.is_silent = False
         for each in self.late:
-            each.is_held = each.is_held and each.asked_at > exchange.asked_at
+            each.is_silent = each.is_silent and each.asked_at > exchange.asked_at
         self._drop_closed()
 
     def renews_at(self) -> float | None:
         """Return when nothing more may be sent on this connection, unless a response comes; None: never."""
-        return min((each.ends_at for each in self.late if each.is_held), default=None)
+        return min((each.ends_at for each in self.late if each.is_silent), default=None)
 
     def must_renew(self, now: float) -> bool:
         """Tell whether nothing may be sent on this connection, because it may hold a request back."""
-        return any(each.is_held and each.ends_at <= now for each in self.late)
+        return any(each.is_silent and each.ends_at <= now for each in self.late)
 
     def await_arrived(self, position: int, now: float) -> None:
         """Open the late windows again of requests that had not arrived when these began: only now their limits do."""
-        for each in [each for each in self.late if each.is_held and each.ends_at <= now and not each.had_arrived]:
+        for each in [each for each in self.late if each.is_silent and each.ends_at <= now and not each.had_arrived]:
             if each.transaction is not None and self._has_arrived is not None:
                 self.late.remove(each)
                 each.ends_at = self.end_of(each.transaction, now + each.transaction.limit)
@@ -275,7 +275,7 @@ class Ledger:
 
     def _drop_closed(self) -> None:
         if self.late:
-            self.late = [each for each in self.late if each.owed or each.is_held]
+            self.late = [each for each in self.late if each.owed or each.is_silent]
 
 
 def _handed(exchange: Exchange, owed: int, ends_at: float) -> Exchange:

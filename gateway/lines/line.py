@@ -412,7 +412,7 @@ class Line:
     def _record_silence(self, current: Exchange, text: bytes, now: float) -> None:
         """Note that no response came, but `text`, with which a late response of another unit may have collided."""
         if not text:
-            self.ledger.hold(current)
+            self.ledger.note_silence(current)
         if not (current.sender.is_scan or self._receiver.may_have_collided(current.unit, text)):
             self._scheduler.record_failure(current.sender, now)
 
