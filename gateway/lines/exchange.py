@@ -41,8 +41,8 @@ class Exchange(Expected):
         self.is_awaited = False
         self.is_answered = False
         self.ended_at = NEVER
-        #: Whether nothing was received for it, so that the connection may hold it back; and whether all of it had arrived at
-        #: the other end when its late window began.
+        #: Whether nothing was received for it, so that the connection may hold it back; and whether all of it had
+        #: arrived at the other end when its late window began.
         self.is_silent = False
         self.had_arrived = True
 
