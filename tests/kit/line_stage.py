@@ -38,8 +38,10 @@ shown when a conversation ends, a frame or an answer, fails it.
 | `port wanted`, `port not wanted` | the line has it opened again since then, or not                              |
 | `port renewed`, `port kept`      | the line closes its connection itself, for a new one, or needs not to        |
 | `port stuck`, `port flows`       | what is written has not arrived at the other end of the connection; it has   |
+| `port lent`, `port returned`     | meanwhile another line has the port, and what is open is handed to and fro   |
 | `lease lost`, `lease held`       | on a `shared` line: nothing is sent without the lease                        |
 | `reload`, `restart`              | another line takes over the port and what is open, from memory or by file    |
+| `3 x (line << 55; wait 1 ms)`    | these steps, so often                                                        |
 
 Steps for what the operator sees stand in `operator_view`, settings in `stage_settings`, and all that may stand for
 frames in `frames_in_text`.
@@ -48,6 +50,7 @@ A time limit is `timeout`, the answer on the wire, and 5 ms: 209.0 ms after the 
 which takes 4.6 ms (8 characters); its late window is twice as long. In ASCII 220.6 ms and 17.7 ms.
 """
 
+import re
 from collections.abc import Callable
 from functools import partial
 
@@ -67,6 +70,7 @@ from kit.stage_settings import StageSettings
 
 #: How long a step waits for what it shows, in seconds.
 _PATIENCE = 120.0
+_REPEATED = re.compile(r"(\d+) x \((.*)\)")
 
 
 class NamedClient(Asker):
@@ -95,6 +99,7 @@ class LineStage:
         self._heard: list[tuple[Frame, float]] = []
         self._questions: list[Request] = []
         self._opened = 0
+        self._lender: Bench
         self._view = OperatorView()
         self._view.bench = self._bench = self._new_bench()
 
@@ -110,6 +115,10 @@ class LineStage:
         self._nothing_is_left()
 
     def _play(self, step: str) -> None:
+        if repeated := _REPEATED.fullmatch(step):
+            for each in int(repeated[1]) * repeated[2].split("; "):
+                self._play(each)
+            return
         who, _, rest = step.partition(" ")
         rest = rest.strip()
         match who:
@@ -215,6 +224,11 @@ class LineStage:
                 bench.line.port_ended(self._open_again, bench.now)
             case "kept":
                 assert not bench.line.must_renew(bench.now)
+            case "lent":
+                self._lender = bench
+                self._hand_over()
+            case "returned":
+                self._hand_over(self._lender)
             case "stuck" | "flows":
                 bench.arrives = what == "flows"
             case _:
@@ -235,11 +249,11 @@ class LineStage:
             bench.now = max(deadline, bench.now)
             bench.line.tick(bench.now)
 
-    def _hand_over(self, *, by_file: bool) -> None:
+    def _hand_over(self, successor: Bench | None = None, *, by_file: bool = False) -> None:
         before = self._bench
         before.unplug()
         self._nothing_is_written(before)
-        self._view.bench = self._bench = self._new_bench()
+        self._view.bench = self._bench = successor or self._new_bench()
         self._bench.take_over(before, by_file=by_file)
         self._bench.events[:0] = before.events
 
