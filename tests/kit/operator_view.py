@@ -73,7 +73,7 @@ class OperatorView:
 
     def _unit_is(self, device: Device, word: str) -> bool:
         now = self.bench.now
-        is_moving = self.bench.line.ledger.changes_until(device.possible_units, now) > now
+        is_moving = self.bench.line.ledger.changes_until(device.possible_units) > now
         is_resting = device.is_resting(now)
         return {"rests": is_resting, "awake": not is_resting, "moving": is_moving, "settled": not is_moving}[word]
 
