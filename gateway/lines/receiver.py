@@ -233,7 +233,7 @@ class Receiver:
             if owner != "the request":
                 self._note(token, owner, awaited)
             if awaited is not None and not awaited.is_awaited:
-                if self._behind or len(tokens) > at + 1:
+                if len(tokens) > at + 1:
                     self._behind = tokens[at + 1 :]
                 return self._finish(awaited, token)
         return None
@@ -303,7 +303,7 @@ class Receiver:
         """
         if self._echo.is_configured:
             return False
-        if self._echo.has_no_wire and ours.asked.accepts(ours.asked.data):
+        if self._echo.has_no_wire:
             others = others + copies
         return any(_is_early(token, ours) and ours.accepts(token.frame) for token in others)
 
