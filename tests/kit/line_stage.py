@@ -29,6 +29,7 @@ shown when a conversation ends, a frame or an answer, fails it.
 | `line << damaged 01 03`          | a character of these bytes had a parity or framing error                     |
 | `line silent`                    | nothing else was put on the line                                             |
 | `line woken x 40`                | it is woken so often, though it does not want to be                          |
+| `line read in 4.6 ms`            | its port need not be read before then; `at once`: the next byte may decide   |
 | `line babbles 200 ms`            | a byte 55 comes in each millisecond                                          |
 | `line finishes`                  | the gateway ends: the line takes no more requests                            |
 | `wait 20 ms`                     | time passes, and the line is woken when it wants to be                       |
@@ -98,6 +99,7 @@ class LineStage:
         self._clients: dict[str, NamedClient] = {}
         self._heard: list[tuple[Frame, float]] = []
         self._questions: list[Request] = []
+        self._scanned: dict[int, ScannedUnit] = {}
         self._opened = 0
         self._lender: Bench
         self._view = OperatorView()
@@ -174,9 +176,11 @@ class LineStage:
         settings = {"awaits_second": True, "patience": 0.0} | self._settings.of("scan")
         request = client.ask(pdu, unit=unit, now=self._bench.now)
         self._questions.append(request)
-        asked = ScannedUnit(unit, AnswerTime(TimingTable(), margin=1.0, timeout=0.2), lambda: self._bench.now)
-        asked.heard = self._heard
-        question = ScanTransaction(request, parse_request(request.pdu), asked, **settings)
+        if unit not in self._scanned:
+            answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=0.2)
+            self._scanned[unit] = ScannedUnit(unit, answer_time, lambda: self._bench.now)
+            self._scanned[unit].heard = self._heard
+        question = ScanTransaction(request, parse_request(request.pdu), self._scanned[unit], **settings)
         self._bench.line.submit(question, self._bench.now)
 
     def _line(self, what: str, text: str) -> None:
@@ -194,6 +198,9 @@ class LineStage:
             case "woken":
                 for _ in range(int(text.removeprefix("x "))):
                     bench.line.tick(bench.now)
+            case "read":
+                at = bench.line.read_at(bench.now)
+                assert_same("at once" if at is None else f"in {1000 * (at - bench.now):.1f} ms", text)
             case "babbles":
                 self._babble(bench.now + seconds(text))
             case "finishes":
