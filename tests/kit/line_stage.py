@@ -31,6 +31,7 @@ shown when a conversation ends, a frame or an answer, fails it.
 | `line woken x 40`                | it is woken so often, though it does not want to be                          |
 | `line read in 4.6 ms`            | its port need not be read before then; `at once`: the next byte may decide   |
 | `line babbles 200 ms`            | a byte 55 comes in each millisecond                                          |
+| `line empty`                     | nothing is left behind in it: no request, no exchange                        |
 | `line finishes`                  | the gateway ends: the line takes no more requests                            |
 | `wait 20 ms`                     | time passes, and the line is woken when it wants to be                       |
 | `busy 20 ms`                     | time passes, and nobody wakes the line: the machine is busy                  |
@@ -65,7 +66,7 @@ from gateway.timing.table import TimingTable
 from kit.asker import Asker
 from kit.conversation import Conversation, seconds
 from kit.frames_in_text import read_bytes
-from kit.line_bench import Bench
+from kit.line_bench import Bench, is_empty
 from kit.operator_view import OperatorView, assert_same
 from kit.stage_settings import StageSettings
 
@@ -195,6 +196,10 @@ class LineStage:
                 bench.line.received(data, bench.now, damaged=text.startswith("damaged "))
             case "silent":
                 assert bench.written == [], bench.written
+            case "empty":
+                bench.line.ledger.expire(bench.now)
+                assert is_empty(bench.line)
+                assert bench.line.ledger.others == []
             case "woken":
                 for _ in range(int(text.removeprefix("x "))):
                     bench.line.tick(bench.now)
