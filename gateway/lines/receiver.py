@@ -271,8 +271,6 @@ class Receiver:
         at = start
         sound = [token for token, _ in self._frames if not token.is_damaged]
         for token in sorted(sound, key=lambda token: token.start):
-            if at < token.start < end:
-                return True
             if at == token.start:
                 at = token.end
         return at < end
