@@ -471,3 +471,19 @@ def test_a_dead_unit_takes_at_most_a_tenth_of_its_lines_time(timeout: float) -> 
     assert plant.healthy / hour >= 0.9 * whole.healthy / 600.0
     plant.pass_time(60)
     assert is_empty(plant.line)
+
+
+@pytest.mark.parametrize("retries", [0, 1, 3])
+def test_a_dead_unit_takes_a_tenth_with_repeats_too(retries: int) -> None:
+    bench = Bench(retries=retries, retry_within=10.0)
+    for _ in range(FAILURES):
+        bench.ask()
+        bench.pass_time(70.0)
+    bench.pass_time(1000.0)
+    bench.written.clear()
+    begin, stop = bench.now, bench.now + 3600.0
+    while bench.now < stop:
+        bench.ask()
+        bench.pass_time(0.1)
+    busy = (REQUEST_TIME + LIMIT) * len(bench.written)
+    assert busy / (bench.now - begin) <= 0.1

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.events import UnitRecovered
 from gateway.lines.breaker import FAILURES
 from gateway.timing.characters import LineTiming
 from kit.line_bench import ASCII, READ, RESPONSE, TIMING, Bench
@@ -29,92 +28,10 @@ STEPS = st.tuples(
 )
 
 
-TOGETHER = pytest.mark.parametrize("is_together", [True, False], ids=["together", "apart"])
-
-
-@MODES
-@TOGETHER
-def test_the_true_answer_that_comes_behind_an_ambiguous_one_is_late(timing: LineTiming, is_together: bool) -> None:
-    bench = Bench(timing=timing)
-    bench.ask()
-    bench.respond("03 00 30 00 01")
-    hear(bench, is_together, (1, "03 02 00 07"), (1, RESPONSE))
-    assert (bench.client.answers, bench.counts.late_responses) == (["83 0B"], 1)
-    assert bench.line.ledger.count_late(bench.now) == 0
-
-
-@MODES
-@TOGETHER
-def test_a_unit_that_rests_is_heard_behind_the_answer_of_another(timing: LineTiming, is_together: bool) -> None:
-    bench = Bench(timing=timing)
-    let_rest(bench, unit=2)
-    assert bench.asks(unit=2) == "83 0B"
-    bench.ask()
-    hear(bench, is_together, (1, RESPONSE), (2, "03 04 00 07 00 08"))
-    assert len(bench.told(UnitRecovered)) == 1
-
-
-@MODES
-@TOGETHER
-def test_a_frame_of_unknown_size_ends_with_the_last_byte_before_a_silence(
-    timing: LineTiming, is_together: bool
-) -> None:
-    bench = Bench(timing=timing)
-    let_rest(bench, unit=1)
-    hear(bench, is_together, (1, "41 01 02"), (2, RESPONSE))
-    bench.pass_time(0.02)
-    assert len(bench.told(UnitRecovered)) == (timing is ASCII)  # there CR LF ends it
-    hear(bench, is_together, (2, RESPONSE), (1, "41 01 02"))
-    bench.pass_time(0.02)
-    assert len(bench.told(UnitRecovered)) == 1
-
-
-@MODES
-@TOGETHER
-def test_what_came_before_the_end_of_a_request_ends_no_rest_behind_it(timing: LineTiming, is_together: bool) -> None:
-    bench = Bench(timing=timing)
-    let_rest(bench, unit=1)
-    bench.pass_time(5.0)
-    bench.ask()
-    data = [bench.frame(1, "03 00 30 00 01"), bench.frame(1, RESPONSE), "55"]
-    for chunk in [" ".join(data)] if is_together else data:
-        bench.hear(chunk)
-    assert bench.client.answers[-1] == "83 0B"
-    assert bench.told(UnitRecovered) == []
-
-
-EXCHANGES = [(READ, RESPONSE), ("06 00 01 00 05", "06 00 01 00 05"), (READ, "83 02"), ("41 01", "41 01 02 03")]
-
-
-@MODES
-@pytest.mark.parametrize(("asked", "response"), EXCHANGES)
-@pytest.mark.parametrize("at", [1, 5, -1])
-def test_a_response_is_whole_even_if_the_gateway_stood_still_between_two_pieces_of_it(
-    timing: LineTiming, asked: str, response: str, at: int
-) -> None:
-    """It reads first what has arrived. In ASCII, a second between two characters ends the frame (S 2.5.2.1)."""
-    bench = Bench(timing=timing)
-    bench.device(timeout=4.0)
-    bench.ask(asked)
-    bench.pass_time(0.02)
-    data = bytes.fromhex(bench.frame(1, response))
-    bench.line.received(data[:at], bench.now)
-    bench.now += 3.0 if timing is TIMING else 0.9
-    bench.line.received(data[at:], bench.now)
-    bench.pass_time(0.1)
-    assert bench.client.answers == [response]
-
-
 def let_rest(bench: Bench, unit: int) -> None:
     for _ in range(FAILURES):
         bench.ask(unit=unit)
         bench.pass_time(1.0)
-
-
-def hear(bench: Bench, is_together: bool, *frames: tuple[int, str]) -> None:
-    data = [bench.frame(unit, pdu) for unit, pdu in frames]
-    for chunk in [" ".join(data)] if is_together else data:
-        bench.hear(chunk)
 
 
 @pytest.mark.search
