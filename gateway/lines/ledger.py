@@ -124,9 +124,8 @@ class Ledger:
         """Return when the next late window ends."""
         return min((each.ends_at for each in self.owed()), default=None)
 
-    def changes_until(self, units: Collection[int], now: float) -> float:
-        """Return until when a device with one of the `units` may still change its address; 0 if none may."""
-        self.expire(now)
+    def changes_until(self, units: Collection[int]) -> float:
+        """Return until when a device with one of the `units` may still change its address, or an earlier time."""
         ends = [each.ends_at for each in self.owed() if each.answers_from is None and each.unit in units]
         current = self.current
         if current is not None and current.answers_from is None and current.unit in units:

@@ -358,9 +358,8 @@ class Line:
     def _take_idle(self, size: int, now: float) -> None:
         self.unasked_bytes += size
         self._report_late(now)
-        resting = self._scheduler.resting if size else None
-        if resting:
-            self._scheduler.record_frames(self._receiver.responding(resting, now))
+        if size and self._scheduler.resting:
+            self._scheduler.record_frames(self._receiver.responding(now))
         self._go_on(now)
 
     def _report_late(self, now: float) -> None:

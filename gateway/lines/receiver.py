@@ -153,11 +153,10 @@ class Receiver:
             return self._pace.read_idle_at(now)
         return self._pace.read_at(self._scanner.missing, now)
 
-    def responding(self, units: set[int], now: float) -> set[int]:
-        """Return those of `units` whose responses the last bytes on the idle line, read `now`, complete."""
+    def responding(self, now: float) -> set[int]:
+        """List the units whose responses the last bytes on the idle line, read `now`, complete."""
         self.silent_at = now + self._scanner.silence
-        frames = [token.frame for token, _ in self._frames]
-        return {frame.unit for frame in frames if frame.unit in units and _is_response(frame)}
+        return {token.frame.unit for token, _ in self._frames if _is_response(token.frame)}
 
     def ended_by_silence(self, units: set[int]) -> set[int]:
         """Return those of `units` whose responses, of unknown size, the silence after the last byte completes."""

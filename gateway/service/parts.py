@@ -165,7 +165,7 @@ class GatewayLine:
         settings, baud = device.settings, self.plan.line.timing.baud
         if self.is_standby:
             raise WrongQuestion(f"another gateway has the lease of {self.name}: tell that one to forget")
-        wait = self.driver.line.ledger.changes_until(device.possible_units, self.now()) - self.now()
+        wait = self.driver.line.ledger.changes_until(device.possible_units) - self.now()
         if wait > 0.0:
             raise WrongQuestion(
                 f"{settings.name} was sent a change of its address, and may act on it yet: try again in {ceil(wait)} s"

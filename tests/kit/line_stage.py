@@ -199,7 +199,7 @@ class LineStage:
             case "empty":
                 bench.line.ledger.expire(bench.now)
                 assert is_empty(bench.line)
-                assert bench.line.ledger.others == []
+                assert bench.line.ledger.late == []
             case "woken":
                 for _ in range(int(text.removeprefix("x "))):
                     bench.line.tick(bench.now)

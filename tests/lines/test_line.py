@@ -39,3 +39,17 @@ def test_an_observer_sees_each_transaction_with_its_answer_and_when(bench: Bench
     bench.pass_time(1.0)
     assert [(unit, answer and answer.pdu.hex(" ").upper()) for unit, answer, _ in seen] == [(1, RESPONSE), (2, None)]
     assert seen[0][2] == 101.0
+
+
+@pytest.mark.parametrize(
+    ("unit", "pdu"), [(0, "06 00 10 00 01"), (1, "08 00 04 00 00")], ids=["broadcast", "unanswered"]
+)
+def test_a_port_that_is_lost_in_the_write_of_an_unanswered_request_ends_it_once(unit: int, pdu: str) -> None:
+    bench = Bench()
+    bench.line.port_up(lambda _: bench.unplug(), 0.0, bench.now)
+    bench.pass_time(0.1)
+    if unit:
+        bench.ask(pdu, unit)
+    else:
+        bench.broadcast(pdu)
+    assert bench.client.answers == [None]
