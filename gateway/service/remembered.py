@@ -32,17 +32,27 @@ def rate(line: LinePlan, memory: Memory) -> int:
 def follow_names(line: LinePlan, memory: Memory) -> None:
     """Give a device that has a new name in the config what is remembered of it under a name that the line has no more.
 
-    It has the same unit in the config, and nothing is remembered of it under its own name. Else two devices that have
-    changed places would have each other's values after an edit of their names.
+    It can move, has the same unit in the config, and nothing is remembered of it under its own name. Else two devices
+    that have changed places would have each other's values after an edit of their names. But if a device of the config
+    is where that one has moved to, this was written into the config with the new name, and the unit is another's now.
     """
     names = {address_key(line, each) for each in line.devices}
     left = [key for key in memory.keys_from(f"{line.port.port} ") if key not in names]
+    follows = {each.name: key for each in line.devices for key in left if _may_follow(line, each, key, memory)}
+    taken = {
+        each.unit for each in line.devices if each.name not in follows and recall(line, each, memory) == (each.unit,)
+    }
     for each in line.devices:
-        for key in left:
-            units = memory.recall_all(key, each.unit)
-            if units != (each.unit,) and recall(line, each, memory) == (each.unit,):
-                memory.remember(address_key(line, each), each.unit, *units)
-                memory.remember(key, each.unit, each.unit)
+        units = memory.recall_all(follows.get(each.name, ""), each.unit)
+        if each.name in follows and taken.isdisjoint(units):
+            memory.remember(address_key(line, each), each.unit, *units)
+            memory.remember(follows[each.name], each.unit, each.unit)
+
+
+def _may_follow(line: LinePlan, device: DeviceSettings, key: str, memory: Memory) -> bool:
+    """Tell whether what is remembered under `key` may be about this device."""
+    has_moved = memory.recall_all(key, device.unit) != (device.unit,)
+    return bool(device.profile.quirks) and has_moved and recall(line, device, memory) == (device.unit,)
 
 
 def addresses(line: LinePlan, memory: Memory) -> Mapping[str, tuple[int, ...]]:

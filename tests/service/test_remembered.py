@@ -108,6 +108,24 @@ def test_a_new_name_does_not_take_what_is_remembered_of_a_device_that_is_still_t
     assert addresses(plan().lines[0], memory) == {"silo-1": (5,), "silo-2": (2,)}
 
 
+@pytest.mark.parametrize("profile", ["weigher", "generic"])
+def test_a_new_device_at_the_old_address_of_one_that_was_written_into_the_config_is_asked_there(profile: str) -> None:
+    """That one got its present address and a new name in one edit."""
+    memory = left_behind(("silo-1", 1, 5))
+    north = HALL.replace('unit = 1, as = 41, name = "silo-1"', 'unit = 5, as = 41, name = "north"')
+    edited = plan(
+        north.replace("devices = [", f'devices = [{{ unit = 1, as = 43, name = "new", profile = "{profile}" }},')
+    )
+    assert list(in_force(edited, memory)) == []
+    assert addresses(edited.lines[0], memory) == {"new": (1,), "north": (5,), "silo-2": (2,)}
+
+
+def test_a_device_that_cannot_move_takes_over_nothing() -> None:
+    memory = left_behind(("silo-1", 1, 5))
+    edited = plan(HALL.replace('name = "silo-1", profile = "weigher"', 'name = "drive"'))
+    assert list(in_force(edited, memory)) == []
+
+
 def test_a_device_that_may_have_moved_is_at_either_address_and_that_is_told() -> None:
     memory = left_behind(("silo-1", 1, 1, 5))
     assert addresses(plan().lines[0], memory) == {"silo-1": (1, 5), "silo-2": (2,)}
