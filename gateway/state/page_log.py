@@ -24,7 +24,7 @@ from gateway.state import files, pages
 PAGES: Final = 256
 SIZE: Final = PAGES * pages.PAGE
 #: No file may be longer, in bytes. That of forty full images is not; with more values memory ends first.
-LONGEST: Final = 64 << 20
+LONGEST: Final = 128 << 20
 
 
 class Content(NamedTuple):
