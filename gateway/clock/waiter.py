@@ -124,7 +124,7 @@ class Waiter:
         self._epoll.modify(descriptor, reading if writer is None else reading | _WRITABLE)
 
     def _end(self, descriptor: int, *going_on: asyncio.Handle | None) -> None:
-        """Never call again, even if the descriptor is ready, what waits for it, except these handles."""
+        """Stop calling what waits for the descriptor, even if that is ready, except these handles."""
         for callback in self.callbacks.get(descriptor) or ():
             if callback is not None and callback.handle not in going_on:
                 callback.is_over = True

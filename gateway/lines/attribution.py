@@ -197,7 +197,7 @@ class Attribution:
 
     def _was_refused(self, token: Token) -> bool:
         """Tell whether it has ended our request, but may be another client's, or for another client."""
-        return self.doubt is not None and self._ledger.last is not None and token.end == self._ledger.last.ended_at
+        return self.doubt is not None and self._ledger.last is not None and token.end == self._ledger.last.end_place
 
     def _is_echo(self, token: Token) -> bool:
         """Tell whether it is a copy of our request that came from the adapter, or a response to a broadcast.
@@ -211,7 +211,7 @@ class Attribution:
             return False
         may_be_response = ours.asked.accepts(token.frame.pdu)
         is_first, self._had_echo = not self._had_echo, True
-        is_over = token.start >= ours.ended_at
+        is_over = token.start >= ours.end_place
         if may_be_response and not is_over:
             return True  # it came too early for the response
         if is_over and not may_be_response:
@@ -267,7 +267,7 @@ class Attribution:
     def _count_stray_response(self, token: Token) -> None:
         """Count a frame without an owner: a second response to our last request, or one after its late window."""
         ours = self._ledger.last
-        if ours is None or token.start < ours.ended_at or token.is_damaged or not ours.accepts(token.frame):
+        if ours is None or token.start < ours.end_place or token.is_damaged or not ours.accepts(token.frame):
             return
         counts = ours.sender.device.counts
         if ours.is_answered:

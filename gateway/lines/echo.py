@@ -42,7 +42,7 @@ class EchoDetector:
         self.is_virtual = virtual
 
     def record_copies(self, count: int, transaction: Transaction) -> None:
-        """Copies of the last `count` requests in a row were received."""
+        """Note that the last `count` requests in a row were also received as copies."""
         if count >= ECHOES and not self.is_suspected:
             self.record_echo(transaction)
 

@@ -18,7 +18,7 @@ class Exchange(Expected):
     """A request to `unit`, and its responses: from `answers_from` (None: any unit), at the place `since` or later."""
 
     __slots__ = (
-        "asked_at", "ended_at", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_silent", "owed",
+        "asked_at", "end_place", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_silent", "owed",
         "place", "transaction", "unit",
     )  # fmt: skip
 
@@ -37,10 +37,11 @@ class Exchange(Expected):
         self.asked_at = 0.0
         self.ends_at = 0.0
         self.owed = 1
-        #: Whether the next response that fits is taken for its own, whether one was, and where that was over.
+        #: Whether the next response that fits is taken for its own, and whether one was.
         self.is_awaited = False
         self.is_answered = False
-        self.ended_at = NEVER
+        #: The place from which on it is awaited no more.
+        self.end_place = NEVER
         #: Whether nothing was received for it, so that the connection may hold it back; and whether all of it had
         #: arrived at the other end when its late window began.
         self.is_silent = False
@@ -54,7 +55,7 @@ class Exchange(Expected):
     def finish(self, place: int) -> None:
         """Await it no more from this place on. Frames from before it may still follow."""
         self.is_awaited = False
-        self.ended_at = min(self.ended_at, place)
+        self.end_place = min(self.end_place, place)
 
     def join(self, earlier: "Exchange") -> None:
         """Stand for another client's earlier request with the same function, too."""

@@ -11,7 +11,8 @@ line on the port has to know (`handed_on`).
 | late           | we             | its limit has ended               | all it is owed has come, its late window ends |
 | silent         | we             | the same, if nothing was received | a response to it or a later one, or a new     |
 |                |                | on a connection                   | connection                                    |
-| foreign        | another client | its request was heard             | its response, or `FOREIGN_LASTS` seconds      |
+| foreign        | another client | its request was heard             | its response, or none can come any more, at   |
+|                |                |                                   | the latest after `FOREIGN_LASTS` seconds      |
 
 A late exchange forbids requests with the same function to the same unit; other functions and units go on (ADR 5). A
 silent one may be in a device server that stalls, or in the network, for as long as that takes: if its window ends,

@@ -181,7 +181,7 @@ class Line:
             self._scheduler.fail_unsent(waiting, now)
 
     def change_rate(self, baud: int, now: float) -> None:
-        """Devices and port change to another rate after the transaction on the line; nothing is sent for a moment."""
+        """Use another rate after the transaction on the line. Nothing is sent while devices and port change to it."""
         self.settings = replace(self.settings, timing=replace(self.settings.timing, baud=baud))
         if not self.is_busy:
             self._follow_rate(now)
@@ -292,7 +292,7 @@ class Line:
     def _go_on(self, now: float) -> None:
         """Send the next request if the line is free and quiet, and fail those that have waited too long."""
         late = self.queue.expired(now)
-        given_up = self.queue.given_up(now)
+        not_repeated = self.queue.expired_repeats(now)
         try:
             while self._write is not None and self._state != "awaiting" and now >= self._free_at():
                 again = self.ledger.current
@@ -311,7 +311,7 @@ class Line:
             for request, name in late:
                 self._recorder.expired(request, name, errors.WaitedTooLong(), now)
                 request.fail(errors.WaitedTooLong())
-            for transaction in given_up:
+            for transaction in not_repeated:
                 self._scheduler.refuse(transaction, errors.ResponseTimeout(), now)
 
     def _send(self, transaction: Transaction, write: Write, now: float) -> None:

@@ -150,7 +150,7 @@ class WaitingQueue:
                 self._withdraw(place)
         return late
 
-    def given_up(self, now: float) -> list[Transaction]:
+    def expired_repeats(self, now: float) -> list[Transaction]:
         """Remove the transactions that it is too late to send again."""
         late = [transaction for transaction in self._repeats if transaction.gives_up_at <= now]
         for transaction in late:

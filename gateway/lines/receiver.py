@@ -201,7 +201,7 @@ class Receiver:
             tokens, self._behind = self._behind, []
             self._attribute(tokens)
         ours = self._ledger.last
-        return 0 if ours is None else self._scanner.position - ours.ended_at
+        return 0 if ours is None else self._scanner.position - ours.end_place
 
     def has_damaged_response(self, now: float) -> bool:
         """Tell whether what was received is the response, damaged, so that no other one comes."""

@@ -91,7 +91,7 @@ class Scheduler:
         return self._next_allowed(now) if self._ledger.late else self.queue.take()
 
     def _next_allowed(self, now: float) -> Transaction | None:
-        """See `next`. On its own: in a function with a lambda, each call costs an object, used or not."""
+        """Do the part of `next` that needs a lambda: in `next` itself, each call would create its object."""
         transaction = self.queue.take(lambda waiting: self._ledger.forbid_until(waiting, now) is not None)
         if transaction is None and len(self.queue):
             self._held_until = self._ledger.next_end() or 0.0
@@ -143,7 +143,7 @@ class Scheduler:
             self.refuse(transaction, errors.LineLost() if transaction.retries else errors.LineDown(), now)
 
     def record_failure(self, transaction: Transaction, now: float) -> None:
-        """Hold it against the unit that it has not responded."""
+        """Count a failure of the unit that has not responded; it may have to rest."""
         device, window_end = transaction.device, self._ledger.end_of(transaction, now)
         failed_before = transaction.failures
         transaction.failures += 1

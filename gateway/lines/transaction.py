@@ -30,9 +30,9 @@ class Destination:
         self.times = self.counts.times
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
-        """Learn that the transaction has ended; `response` is None if none came. Must not answer requests.
+        """Take note that a transaction has ended; `response` is None if none came. Must not answer requests.
 
-        Nothing follows here: only some devices have to know.
+        Does nothing here: some devices override it.
         """
 
 

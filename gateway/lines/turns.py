@@ -182,7 +182,7 @@ class Turns(Member):
         self._append(member)
 
     def sort(self, member: Member) -> None:
-        """Look anew when a member has its turn: another request may be the oldest of it."""
+        """Find out again when a member has its turn: its oldest request may be another one now."""
         member.has_passed = False
         if member.turn == UNKNOWN:
             self._let_in(member)

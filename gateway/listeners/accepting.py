@@ -26,7 +26,7 @@ class Acceptor:
     """
 
     def __init__(self, connect: Connect, rejected: Rejected, pause: float) -> None:
-        """`pause` is how long the next client waits at least after one was accepted, in seconds."""
+        """Accept for `connect`; after one client the next one waits for at least `pause` seconds."""
         self._connect = connect
         self._rejected = rejected
         self._pause = pause

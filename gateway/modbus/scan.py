@@ -87,7 +87,7 @@ class Scanner:
         raise NotImplementedError
 
     def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
-        """`sent` is sent, and `expected` is its response; with `echoes` it comes after a copy of `sent`."""
+        """Expect this response to `sent`, which is being sent; with `echoes` it comes after a copy of `sent`."""
         self._expected, self._sent = expected, sent
         expected.since = NEVER if echoes else self.position
 

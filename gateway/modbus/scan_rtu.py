@@ -204,7 +204,7 @@ class RtuScanner(Scanner):
         return tokens
 
     def _take_alone(self, adu: bytes, now: float) -> list[Token]:
-        """Only the response came: what seemed to begin before it was no frame."""
+        """Take a response that came alone: what seemed to begin before it was no frame."""
         self._restart()
         start = self.position - len(adu)
         if self._expected is not None:
@@ -263,7 +263,7 @@ class RtuScanner(Scanner):
                 heappush(self._begun, (offset + at + _EXCEPTION_ADU, offset + at, _RESPONSE))
 
     def _ended(self) -> set[tuple[int, int]]:
-        """Ends and beginnings of complete frames. A frame that now tells more of its size is noted again."""
+        """Find the ends and beginnings of complete frames. One that now tells more of its size is noted again."""
         ends = set()
         buffer, offset = self._buffer, self._offset
         while self._begun and self._begun[0][0] <= self._scanned:
@@ -332,7 +332,7 @@ class RtuScanner(Scanner):
         return None
 
     def _size_of(self, expected: Expected, at: int, *, wait: bool) -> int:
-        """Size of the response that begins here, as far as its bytes tell; 0 if none can."""
+        """Return the size of the response that begins here, as far as its bytes tell; 0 if none can."""
         if expected.asked.response_size is not None:
             return expected.asked.response_size + OVERHEAD
         longest = expected.asked.longest_response
@@ -343,7 +343,7 @@ class RtuScanner(Scanner):
         return size + OVERHEAD if size <= longest else 0
 
     def _starts(self, expected: Expected, at: int = 0) -> list[int]:
-        """Where this response may begin in the buffer, from `at` on; one of unknown size after the last silence."""
+        """Find where this response may begin in the buffer, from `at` on; of unknown size, after the last silence."""
         skipped, since = expected.skipped, expected.since
         if not expected.asked.longest_response:
             since = max(since, self._silent_at)

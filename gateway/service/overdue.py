@@ -47,14 +47,14 @@ class LeftBehind:
         self._entries: Entries = {} if file is None else file.read()
 
     def at(self, place: str, now: float) -> list[Exchange]:
-        """What may still arrive there."""
+        """Return what may still arrive there."""
         entry = self._entries.get(place)
         if entry is None:
             return []
         return read_entry(entry, now, -entry["at"] if entry["at"] > now else 0.0)
 
     def leave(self, place: str, answers: Sequence[Exchange], now: float) -> None:
-        """A line has stopped there, and only this may still arrive.
+        """Keep what may still arrive where a line has stopped: only this.
 
         Expired entries are deleted for ports of this process only: others may belong to another gateway, which may have
         changed them.
@@ -69,7 +69,7 @@ class LeftBehind:
             self._write(place, self._entries[place])
 
     def close(self) -> None:
-        """Returns when the file has been written."""
+        """Close the file, and return when it has been written."""
         if self._file is not None:
             self._file.close()
 

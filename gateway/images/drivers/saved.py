@@ -34,7 +34,7 @@ class SavedValues:
     """The open files. No second process can write them meanwhile."""
 
     def __init__(self, log: PageLog, old: Path | None) -> None:
-        """`old` is the file of an earlier version with these values."""
+        """Use this log; `old` is the file of an earlier version with these values."""
         self._log = log
         self._old = old
 

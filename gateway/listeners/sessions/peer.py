@@ -39,7 +39,7 @@ class Peer:
     )  # fmt: skip
 
     def __init__(self, caller: Caller, *, router: Target, settings: ListenSettings, path: Path) -> None:
-        """`router` takes the requests of `caller`."""
+        """Submit the requests of `caller` to `router`."""
         self.caller = caller
         self.gone = False
         self.last_asked = NEVER
