@@ -169,5 +169,5 @@ def _read(file: Path) -> bytes | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     if len(content) > LONGEST:
-        raise OSError(errno.EFBIG, f"{file} has more than {LONGEST} bytes, which no state has: move it away")
+        raise OSError(errno.EFBIG, f"{file} has more than {LONGEST} bytes, more than the gateway writes: move it away")
     return content
