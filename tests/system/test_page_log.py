@@ -306,7 +306,9 @@ def test_a_file_that_is_too_long_is_not_read_into_memory(name: Path, ending: str
     with closing(Kept(name)) as kept:
         kept.begin()
     os.truncate(f"{name}.{ending}", 1 << 40)  # with a hole, so it takes no room
-    with pytest.raises(OSError, match=f"has more than {page_log.LONGEST} bytes, more than the gateway writes: move it away"):
+    with pytest.raises(
+        OSError, match=f"has more than {page_log.LONGEST} bytes, more than the gateway writes: move it away"
+    ):
         PageLog(name).open()
 
 
