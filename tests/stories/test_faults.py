@@ -129,7 +129,7 @@ async def test_it_notices_a_gateway_that_keeps_connections_to_servers_that_stall
         return connect(server, user)
 
     monkeypatch.setattr(StallingServer, "open_port", as_a_port)
-    tally = await play(transactions=20_000, share=0.2, seed=2)
+    tally = await play(transactions=20_000, share=0.2, seed=4)
     assert tally.wrong_count > 0
     assert tally.events["connection_renewed"] == 0
 
