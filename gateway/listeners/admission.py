@@ -42,7 +42,7 @@ class Client(Protocol):
 
     @property
     def caller(self) -> Caller:
-        """The client of units that it is."""
+        """The caller of its requests."""
 
     @property
     def role(self) -> str | None:

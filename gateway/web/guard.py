@@ -70,7 +70,7 @@ class Visitor:
 
     @property
     def caller(self) -> Caller:
-        """The client of units that he is."""
+        """The caller of the requests of this user."""
         return Caller(self.client, self.host, share_key=self.host or self.client)
 
 
