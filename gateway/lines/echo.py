@@ -7,7 +7,7 @@ not one of every request. Valid responses that come so early mean that the port 
 
 from typing import Final
 
-from gateway.lines.telling import Report
+from gateway.lines.telling import Telling
 from gateway.lines.transaction import Transaction
 
 #: After copies of this many requests in a row, the adapter echoes.
@@ -19,11 +19,11 @@ EARLY_ANSWERS: Final = 3
 class EchoDetector:
     """What is known of a line's adapter: it `is_configured` to echo, or `is_suspected` of it."""
 
-    def __init__(self, report: Report, *, is_configured: bool) -> None:
+    def __init__(self, telling: Telling, *, is_configured: bool) -> None:
         self.is_configured = is_configured
         self.is_suspected = False
         self.is_virtual = True
-        self._report = report
+        self._telling = telling
         #: Early responses in a row, without one in time between them.
         self._early_responses = 0
 
@@ -49,7 +49,7 @@ class EchoDetector:
     def record_echo(self, transaction: Transaction) -> None:
         """Note that a copy of the request came from the adapter."""
         if not (self.is_virtual or self.has_no_wire or self.is_configured):
-            self._report.echo(transaction, first=not self.is_suspected)
+            self._telling.echo(transaction, first=not self.is_suspected)
             self.is_suspected = True
 
     def record_response(self) -> None:
@@ -59,4 +59,4 @@ class EchoDetector:
     def record_early_response(self, transaction: Transaction) -> None:
         """Note a response that came before all of the request can have been sent: on a connection no proof."""
         self._early_responses += not self.is_virtual
-        self._report.too_early(transaction, proven=self._early_responses == EARLY_ANSWERS)
+        self._telling.too_early(transaction, proven=self._early_responses == EARLY_ANSWERS)

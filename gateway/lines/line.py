@@ -42,7 +42,7 @@ from gateway.lines.ledger import HasArrived, Ledger
 from gateway.lines.receiver import NOTHING, Outcome, Receiver
 from gateway.lines.scheduler import MaySend, Scheduler, earliest
 from gateway.lines.settings import LineSettings
-from gateway.lines.telling import Recorder, Report
+from gateway.lines.telling import Telling
 from gateway.lines.transaction import Transaction
 from gateway.modbus.frame import Frame
 from gateway.ports.port import OpenAgain
@@ -70,13 +70,12 @@ class Line:
         self.unasked_bytes = 0
         self.spent = TimeSpent()
         self.observer: Observer | None = None
-        self._report = Report(settings.name, settings.source, emit, settings.timing.mode)
-        self._recorder = Recorder(settings.name, ring or Ring())
+        self._telling = Telling(settings.name, settings.source, emit, settings.timing.mode, ring)
         #: All requests whose responses may still come.
         self.ledger = Ledger(settings.late_window)
-        echo = EchoDetector(self._report, is_configured=settings.echo)
-        self._receiver = Receiver(settings, self.ledger, echo, self._report, self._recorder)
-        self._scheduler = Scheduler(settings, self.ledger, echo, self._report, self._recorder, self._limit_of)
+        echo = EchoDetector(self._telling, is_configured=settings.echo)
+        self._receiver = Receiver(settings, self.ledger, echo, self._telling)
+        self._scheduler = Scheduler(settings, self.ledger, echo, self._telling, self._limit_of)
         #: What is known of others on the line, and the requests that wait.
         self.attribution = self._receiver.attribution
         self.queue = self._scheduler.queue
@@ -309,7 +308,7 @@ class Line:
                     self._scheduler.refuse(transaction, rejection, now)
         finally:
             for request, name in late:
-                self._recorder.expired(request, name, errors.WaitedTooLong(), now)
+                self._telling.record_expired(request, name, errors.WaitedTooLong(), now)
                 request.fail(errors.WaitedTooLong())
             for transaction in not_repeated:
                 self._scheduler.refuse(transaction, errors.ResponseTimeout(), now)
@@ -350,7 +349,7 @@ class Line:
         forbidden = self._scheduler.end(now)  # a unit without a listen-only mode responds all the same
         try:
             write(self._receiver.begin(current, now))
-            self._recorder.exchange(transaction, None, now)
+            self._telling.record_sent(transaction, None, now)
         finally:
             transaction.end()
             self._scheduler.fail_forbidden(forbidden, now)
@@ -371,7 +370,7 @@ class Line:
             transaction = exchange.transaction
             if transaction is not None:
                 if not transaction.is_scan:
-                    self._report.late_response(transaction, now)
+                    self._telling.late_response(transaction, now)
                 self._scheduler.record_response(exchange)
                 transaction.device.finished(transaction, frame)
 
@@ -401,7 +400,7 @@ class Line:
         if not self._may_repeat(transaction, now if at_once else self.ledger.end_of(transaction, now)):
             self._fail(current, now)
         elif at_once:
-            self._recorder.failed(transaction, None, now, diagnosis.text)
+            self._telling.record_failed(transaction, None, now, diagnosis.text)
             transaction.retries += 1
             self._spend(transaction, 0, now)
             self._state = "repeating"
@@ -440,7 +439,7 @@ class Line:
         transaction = current.sender
         if not transaction.is_scan:
             is_echo, is_damaged = verdict == "echo", not current.owed
-            self._report.given_up(transaction, now, received=text, is_echo=is_echo, is_damaged=is_damaged)
+            self._telling.given_up(transaction, now, received=text, is_echo=is_echo, is_damaged=is_damaged)
         elif verdict != "broken":
             text = b""  # only frames of others: the unit that was asked is silent
         self._finish(current, errors.BrokenResponse() if text else errors.ResponseTimeout(), now)
@@ -450,12 +449,12 @@ class Line:
         transaction = current.sender
         self._receiver.stop()
         if isinstance(outcome, Frame):
-            self._recorder.exchange(transaction, outcome.pdu, now, outcome.unit)
+            self._telling.record_sent(transaction, outcome.pdu, now, outcome.unit)
         else:
             is_told = not isinstance(outcome, errors.AmbiguousResponse | errors.LineLost)
             late_until = self.ledger.end_of(transaction, now) if current.owed else 0.0
             heard = self._diagnosis.text if is_told else b""
-            self._recorder.failed(transaction, outcome, now, heard, late_until)
+            self._telling.record_failed(transaction, outcome, now, heard, late_until)
         forbidden = self._scheduler.end(now)
         if outcome is None:
             self.queue.put_back(transaction.again())

@@ -13,7 +13,7 @@ from gateway.lines.exchange import Exchange
 from gateway.lines.ledger import Ledger
 from gateway.lines.pacing import Pace
 from gateway.lines.settings import LineSettings
-from gateway.lines.telling import Recorder, Report
+from gateway.lines.telling import Telling
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import KNOWN_FUNCTIONS, response_size
@@ -65,9 +65,7 @@ class Receiver:
     unless it may be from a unit that rests.
     """
 
-    def __init__(
-        self, settings: LineSettings, ledger: Ledger, echo: EchoDetector, report: Report, recorder: Recorder
-    ) -> None:
+    def __init__(self, settings: LineSettings, ledger: Ledger, echo: EchoDetector, telling: Telling) -> None:
         is_ascii = settings.timing.mode == "ascii"
         self.late_responses: list[LateResponse] = []
         self.damaged_at: float | None = None
@@ -75,8 +73,7 @@ class Receiver:
         self.attribution = Attribution(ledger, self._patience)
         self._ledger = ledger
         self._echo = echo
-        self._report = report
-        self._recorder = recorder
+        self._telling = telling
         self._budget: Budget
         self._scanner: Scanner = AsciiScanner() if is_ascii else RtuScanner()
         self._pace = Pace(MAX_ASCII_ADU if is_ascii else MAX_RTU_ADU)
@@ -242,9 +239,9 @@ class Receiver:
         if owner == "a late response":
             self.late_responses.append((self.attribution.late, token.frame))
         elif awaited is not None and not (token.is_damaged or awaited.is_copy(token.frame)):
-            self._report.foreign(token.frame, awaited.sender)
+            self._telling.foreign(token.frame, awaited.sender)
         if owner != "an echo" or not self._echo.is_configured:  # else every request has one
-            self._recorder.heard(token, owner)
+            self._telling.record_heard(token, owner)
         if len(self._frames) < _FRAMES or awaited is None:
             self._frames.append((token, owner))
 
@@ -257,12 +254,12 @@ class Receiver:
             if self._has_noise(ours.place, end):
                 ours.sender.counts.noise += 1
                 count = end - ours.place
-                self._recorder.noise(self._text[:count], count, ours.asked_at)
+                self._telling.record_noise(self._text[:count], count, ours.asked_at)
             self._notice_echo(ours)
         self._behind += self._scanner.end()
         if doubt is None:
             return token.frame
-        self._report.other_client(ours.sender, Frame(doubt.unit, doubt.asked.data))
+        self._telling.other_client(ours.sender, Frame(doubt.unit, doubt.asked.data))
         return AmbiguousResponse()
 
     def _has_noise(self, start: int, end: int) -> bool:

@@ -16,7 +16,7 @@ from gateway.lines.ledger import WORTH_WAITING, Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.reopening import Reopening
 from gateway.lines.settings import LineSettings
-from gateway.lines.telling import Recorder, Report
+from gateway.lines.telling import Telling
 from gateway.lines.transaction import Destination, ScanTransaction, Transaction
 
 #: Tells whether a request may be written now.
@@ -34,14 +34,12 @@ class Scheduler:
         settings: LineSettings,
         ledger: Ledger,
         echo: EchoDetector,
-        report: Report,
-        recorder: Recorder,
+        telling: Telling,
         limit_of: Callable[[Transaction], float],
     ) -> None:
         self._ledger = ledger
         self._echo = echo
-        self._report = report
-        self._recorder = recorder
+        self._telling = telling
         self.may_send: MaySend | None = None
         self.queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._idle = IdleTime(self.queue, ledger)
@@ -62,12 +60,12 @@ class Scheduler:
             return errors.AnswerOverdue()
         lost = self.queue.put(transaction, now)
         if lost is not None:
-            self._report.queue_full(lost)
+            self._telling.queue_full(lost)
         if lost is transaction:
             return errors.QueueFull()
         self._held_until = 0.0
         if lost is not None:
-            self._recorder.refused(lost, errors.QueueFull(), now, waiting=len(self.queue))
+            self._telling.record_refused(lost, errors.QueueFull(), now, waiting=len(self.queue))
             lost.fail(errors.QueueFull())
         return None
 
@@ -129,7 +127,7 @@ class Scheduler:
     def refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
         """Fail a request that was not sent, and record why."""
         until = self._ledger.forbid_until(transaction, now) if self._ledger.late else None
-        self._recorder.refused(transaction, error, now, waiting=len(self.queue), late_until=until or 0.0)
+        self._telling.record_refused(transaction, error, now, waiting=len(self.queue), late_until=until or 0.0)
         transaction.fail(error)
 
     def fail_forbidden(self, transactions: list[Transaction], now: float) -> None:
@@ -151,7 +149,7 @@ class Scheduler:
             transaction.limit, window_end, self._longest_rest, failed_before=failed_before
         ):
             self._resting.add(device)
-            self._report.resting(device, now)
+            self._telling.resting(device, now)
 
     def record_response(self, exchange: Exchange) -> None:
         """Note that a valid response to it came, in time or late."""
@@ -179,7 +177,7 @@ class Scheduler:
         """End the rest of a unit that has responded."""
         if device.breaker.failures and device.breaker.record_success():
             self._resting.discard(device)
-            self._report.recovered(device)
+            self._telling.recovered(device)
 
     def _is_forbidden(self, transaction: Transaction, now: float) -> bool:
         until = self._ledger.forbid_until(transaction, now)

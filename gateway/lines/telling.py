@@ -25,14 +25,20 @@ _ECHO_OR_ANSWER: Final = f'{_ECHO}. Or is the device its own adapter? Then set w
 _NO_WIRE: Final = 'if the device is its own adapter (USB CDC, a virtual machine, a soft PLC), set wire = "direct"'
 
 
-class Report:
-    """Logs events with what a reader needs to find the device: its line, its name, and its place in the config."""
+class Telling:
+    """Logs events of a line, each with what a reader needs to find the device: line, name, place in the config.
 
-    def __init__(self, line: str, source: str, emit: events.Emit, mode: Mode) -> None:
+    Keeps in `ring` what happens on the line.
+    """
+
+    def __init__(self, line: str, source: str, emit: events.Emit, mode: Mode, ring: Ring | None) -> None:
         self._line = line
         self._source = source
         self._emit = emit
         self._mode = mode
+        self._ring = ring or Ring()
+
+    # --- events ---
 
     def queue_full(self, transaction: Transaction) -> None:
         """Tell that a request got 06."""
@@ -94,30 +100,11 @@ class Report:
         """Tell that a unit that rested has responded."""
         self._emit(events.UnitRecovered(self._line, device.unit, device.name))
 
-    def _log(self, event: Callable[..., events.Event], transaction: Transaction, now: float) -> None:
-        self._emit(
-            event(
-                line=self._line,
-                unit=transaction.unit,
-                device=transaction.device.name,
-                function=transaction.asked.function,
-                elapsed_ms=round((now - transaction.ends_at) * 1000, 1),
-                limit_ms=round(transaction.limit * 1000, 1),
-                source=transaction.device.source,
-            )
-        )
+    # --- the ring ---
 
-
-class Recorder:
-    """Keeps in `ring` what happens on the line of this name."""
-
-    __slots__ = ("_line", "_ring")
-
-    def __init__(self, line: str, ring: Ring) -> None:
-        self._line = line
-        self._ring = ring
-
-    def exchange(self, over: Transaction, response: bytes | None, now: float, answered_by: int | None = None) -> None:
+    def record_sent(
+        self, over: Transaction, response: bytes | None, now: float, answered_by: int | None = None
+    ) -> None:
         """Record a transaction that was sent and is over: answered, or never to be.
 
         `answered_by` is the unit identifier of the response. Devices that move have two.
@@ -153,7 +140,7 @@ class Recorder:
             )
         )
 
-    def failed(
+    def record_failed(
         self, over: Transaction, error: RequestError | None, now: float, heard: bytes = b"", late_until: float = 0.0
     ) -> None:
         """Record a transaction that was sent and failed. Without an error it is sent again; an answer may come late."""
@@ -169,7 +156,7 @@ class Recorder:
         else:
             self._ring.add_failure(record)
 
-    def refused(
+    def record_refused(
         self, refused: Transaction, error: RequestError, now: float, *, waiting: int, late_until: float = 0.0
     ) -> None:
         """Record a transaction that was not sent: a late window forbids it until then, or so many others wait."""
@@ -180,21 +167,34 @@ class Recorder:
         for request in refused.requests:
             self._ring.refuse(request, error, now, line=self._line, name=refused.device.name, until=until, count=count)
 
-    def expired(self, request: Request, name: str, error: RequestError, now: float) -> None:
+    def record_expired(self, request: Request, name: str, error: RequestError, now: float) -> None:
         """Record a request for the device called `name` that has waited for too long and was not sent."""
         self._ring.refuse(request, error, now, line=self._line, name=name)
 
-    def heard(self, token: Token, owner: str) -> None:
+    def record_heard(self, token: Token, owner: str) -> None:
         """Record a frame that is not the answer, and its owner."""
         if self._ring.is_on:
             frame = token.frame
             kind = "a damaged frame" if token.is_damaged else owner
             self._ring.add(Heard(token.at, self._line, kind, bytes((frame.unit,)) + frame.pdu, 1))
 
-    def noise(self, data: bytes, count: int, now: float) -> None:
+    def record_noise(self, data: bytes, count: int, now: float) -> None:
         """Record so many bytes that are not part of any frame; `data` are the first of them."""
         if self._ring.is_on:
             self._ring.add(Heard(now, self._line, "noise", data[:MOST_HEARD], count))
+
+    def _log(self, event: Callable[..., events.Event], transaction: Transaction, now: float) -> None:
+        self._emit(
+            event(
+                line=self._line,
+                unit=transaction.unit,
+                device=transaction.device.name,
+                function=transaction.asked.function,
+                elapsed_ms=round((now - transaction.ends_at) * 1000, 1),
+                limit_ms=round(transaction.limit * 1000, 1),
+                source=transaction.device.source,
+            )
+        )
 
     def _incident(self, over: Transaction, response: bytes | None, now: float) -> Incident:
         first, *others = over.requests

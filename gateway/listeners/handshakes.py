@@ -14,8 +14,8 @@ from math import inf
 from time import thread_time
 from typing import Final
 
+from gateway.listeners.handshake_turns import Turns
 from gateway.listeners.tls_stream import TlsStream
-from gateway.listeners.turns import Turns
 from gateway.request import Caller
 
 #: How many there may be at a listener.

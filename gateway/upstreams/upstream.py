@@ -19,7 +19,7 @@ from gateway.errors import RequestError
 from gateway.events import Emit
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.reopening import Reopening
-from gateway.lines.telling import Recorder, Report
+from gateway.lines.telling import Telling
 from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import NO_UNIT, TcpFrame, encode
@@ -61,8 +61,7 @@ class Upstream:
         self.settings = settings
         #: Responses without a request on their connection.
         self.unasked_frames = 0
-        self._report = Report(settings.name, settings.source, emit, "tcp")
-        self._recorder = Recorder(settings.name, ring or Ring())
+        self._telling = Telling(settings.name, settings.source, emit, "tcp", ring)
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
         self._reopening = Reopening(self._queue, settings.max_wait, lambda _: settings.timeout)
         self._send_request: Send | None = None
@@ -127,7 +126,7 @@ class Upstream:
         else:
             lost = self._queue.put(transaction, now)
             if lost is not None:
-                self._report.queue_full(lost)
+                self._telling.queue_full(lost)
                 self._refuse([lost], errors.QueueFull(), now)
             if lost is transaction:
                 return
@@ -225,12 +224,12 @@ class Upstream:
         if asked is not None and _answers(frame, asked):
             self._finish(frame.transaction, asked)
             asked.count_response(now)
-            self._recorder.exchange(asked, frame.pdu, now)
+            self._telling.record_sent(asked, frame.pdu, now)
             self._recover(asked.device)
             return asked, frame.pdu
         if late is not None and _answers(frame, late):
             del self._outstanding[frame.transaction]
-            self._report.late_response(late, now)
+            self._telling.late_response(late, now)
             self._recover(late.device)
             return None
         expected = asked or late
@@ -239,7 +238,7 @@ class Upstream:
             self.unasked_frames += 1
             identifier = next((each for each, one in self._under_way.items() if _answers(frame, one)), None)
         else:
-            self._report.foreign(Frame(frame.unit, frame.pdu), expected)
+            self._telling.foreign(Frame(frame.unit, frame.pdu), expected)
         if identifier in self._under_way:
             self._instead.setdefault(identifier, encode(*frame))
         return None
@@ -248,14 +247,14 @@ class Upstream:
         """End a request at its limit. Failures of requests that were under way together count as one."""
         instead = self._finish(identifier, transaction)
         self._outstanding[identifier] = transaction
-        self._report.given_up(transaction, now, received=instead, is_echo=False)
+        self._telling.given_up(transaction, now, received=instead, is_echo=False)
         device = transaction.device
         if transaction.ends_at >= self._failed_at.get(device, 0.0):
             self._failed_at[device] = now
             if device.breaker.record_failure(transaction.limit, now):
-                self._report.resting(device, now)
+                self._telling.resting(device, now)
         error: RequestError = errors.BrokenResponse() if instead else errors.ResponseTimeout()
-        self._recorder.failed(transaction, error, now, instead)
+        self._telling.record_failed(transaction, error, now, instead)
         return error
 
     def _lose_under_way(self, now: float) -> None:
@@ -264,7 +263,7 @@ class Upstream:
         for kept in (self._under_way, self._instead, self._outstanding, self._asking):
             kept.clear()
         for transaction in lost:
-            self._recorder.failed(transaction, errors.LineLost(), now)
+            self._telling.record_failed(transaction, errors.LineLost(), now)
             transaction.fail_sent(errors.LineLost(), now)
 
     def _disconnect(self) -> list[Transaction]:
@@ -276,7 +275,7 @@ class Upstream:
     def _refuse(self, transactions: list[Transaction], error: RequestError, now: float) -> None:
         """Fail what was not sent, and keep why."""
         for transaction in transactions:
-            self._recorder.refused(transaction, error, now, waiting=self.waiting)
+            self._telling.record_refused(transaction, error, now, waiting=self.waiting)
             transaction.fail(error)
 
     def _go_on(self, now: float) -> None:
@@ -290,7 +289,7 @@ class Upstream:
                 self._send(transaction, self._send_request, now)
         finally:
             for request, name in late:
-                self._recorder.expired(request, name, errors.WaitedTooLong(), now)
+                self._telling.record_expired(request, name, errors.WaitedTooLong(), now)
                 request.fail(errors.WaitedTooLong())
 
     def _must_wait(self, transaction: Transaction) -> bool:
@@ -317,7 +316,7 @@ class Upstream:
             self._outstanding[identifier] = transaction
         send(identifier, transaction)
         if not transaction.expects_answer:
-            self._recorder.exchange(transaction, None, now)
+            self._telling.record_sent(transaction, None, now)
             transaction.end()
 
     def _free_identifier(self) -> int:
@@ -338,7 +337,7 @@ class Upstream:
     def _recover(self, device: Destination) -> None:
         self._failed_at.pop(device, None)
         if device.breaker.failures and device.breaker.record_success():
-            self._report.recovered(device)
+            self._telling.recovered(device)
 
     def __repr__(self) -> str:
         state = f"under way={self.under_way}"

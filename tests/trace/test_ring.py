@@ -5,7 +5,8 @@ import tracemalloc
 import pytest
 
 from gateway.errors import NoRoute
-from gateway.lines.telling import Recorder
+from gateway.events import discard_event
+from gateway.lines.telling import Telling
 from gateway.trace.records import Record, Sent
 from gateway.trace.ring import FAILURES_SHARE, STEP, Ring
 from kit.asker import Asker
@@ -117,12 +118,12 @@ def test_another_size_keeps_what_fits():
 
 def test_one_that_is_off_keeps_nothing():
     ring = Ring(0)
-    recorder = Recorder("hall-a", ring)
+    telling = Telling("hall-a", "", discard_event, "rtu", ring)
     bench = Bench()
     assert bench.asks() == "83 0B"
     ring.refuse(bench.client.ask(READ), NoRoute(), 1.0)
     ring.add_port("hall-a", 1.0)
-    recorder.noise(b"x", 1, 1.0)
+    telling.record_noise(b"x", 1, 1.0)
     assert (ring.added, list(ring.failures())) == (0, [])
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.listeners.turns import SAVED, SHARE, Turns
+from gateway.listeners.handshake_turns import SAVED, SHARE, Turns
 
 
 def test_addresses_take_turns_however_much_one_has_to_do():
