@@ -140,7 +140,6 @@ class GatewayLine:
         """Go on from where the line before on this port has left its devices, which it may have done just now."""
         plan, memory = self.plan, self._memory
         memory.expect(remembered.rate_key(plan), plan.line.timing.baud)
-        remembered.follow_names(plan, memory)
         for each in plan.devices:
             memory.expect(remembered.address_key(plan, each), each.unit)
         self.place_devices()
@@ -176,7 +175,7 @@ class GatewayLine:
                 f"another device of {self.name} has, or may have, the address {settings.unit}: forget that one first, "
                 f"or give {settings.name} another unit in {device.source}"
             )
-        self._memory.remember(remembered.address_key(self.plan, settings), settings.unit, settings.unit)
+        remembered.forget(self.plan, self._memory, settings)
         self.place_devices()
         if baud != self.driver.line.settings.timing.baud:
             self.driver.change_rate(baud)

@@ -29,30 +29,33 @@ def rate(line: LinePlan, memory: Memory) -> int:
     return now if now in BAUD_RATES else configured
 
 
-def follow_names(line: LinePlan, memory: Memory) -> None:
-    """Give a device that has a new name in the config what is remembered of it under a name that the line has no more.
+def mistakable(line: LinePlan, memory: Memory) -> dict[str, list[str]]:
+    """Find devices with new names that nobody can tell apart: by name, the names of the devices that each may be.
 
-    It can move, has the same unit in the config, and nothing is remembered of it under its own name. Else two devices
-    that have changed places would have each other's values after an edit of their names. But if a device of the config
-    is where that one has moved to, this was written into the config with the new name, and the unit is another's now.
+    Where the config has such a device was one that has moved away, and there is now another one. The names of both are
+    gone: the device may be the first, under a new name, or the second, whose present address was written into the
+    config. To ask it could give the weight of the other.
     """
-    names = {address_key(line, each) for each in line.devices}
-    left = [key for key in memory.keys_from(f"{line.port.port} ") if key not in names]
-    follows = {each.name: key for each in line.devices for key in left if _may_follow(line, each, key, memory)}
-    taken = {
-        each.unit for each in line.devices if each.name not in follows and recall(line, each, memory) == (each.unit,)
+    start = f"{line.port.port} "
+    names = {each.name for each in line.devices}
+    moved = {
+        key.removeprefix(start): entry for key, entry in memory.moved(start) if key.removeprefix(start) not in names
     }
+    found = {}
     for each in line.devices:
-        units = memory.recall_all(follows.get(each.name, ""), each.unit)
-        if each.name in follows and taken.isdisjoint(units):
-            memory.remember(address_key(line, each), each.unit, *units)
-            memory.remember(follows[each.name], each.unit, each.unit)
+        if each.profile.quirks and recall(line, each, memory) == (each.unit,):
+            left = [name for name, (configured, *_) in moved.items() if configured == each.unit]
+            came = [name for name, (configured, *units) in moved.items() if each.unit in units and name not in left]
+            if left and came:
+                found[each.name] = [*left, *came]
+    return found
 
 
-def _may_follow(line: LinePlan, device: DeviceSettings, key: str, memory: Memory) -> bool:
-    """Tell whether what is remembered under `key` may be about this device."""
-    has_moved = memory.recall_all(key, device.unit) != (device.unit,)
-    return bool(device.profile.quirks) and has_moved and recall(line, device, memory) == (device.unit,)
+def forget(line: LinePlan, memory: Memory, device: DeviceSettings) -> None:
+    """Forget where a device has moved to, and which others it may be."""
+    memory.remember(address_key(line, device), device.unit, device.unit)
+    for name in mistakable(line, memory).get(device.name, ()):
+        memory.remember(f"{line.port.port} {name}", device.unit, device.unit)
 
 
 def addresses(line: LinePlan, memory: Memory) -> Mapping[str, tuple[int, ...]]:
@@ -61,9 +64,11 @@ def addresses(line: LinePlan, memory: Memory) -> Mapping[str, tuple[int, ...]]:
     Where two may be, by the config or by what is remembered, neither is asked: whichever answers could be the other
     one. So none may be left.
     """
-    now = {each.name: recall(line, each, memory) for each in line.devices}
+    now, unclear = {each.name: recall(line, each, memory) for each in line.devices}, mistakable(line, memory)
     claims = Counter(unit for units in now.values() for unit in units)
-    return {name: tuple(unit for unit in units if claims[unit] == 1) for name, units in now.items()}
+    return {
+        name: tuple(unit for unit in units if claims[unit] == 1 and name not in unclear) for name, units in now.items()
+    }
 
 
 def rivals(line: LinePlan, device: DeviceSettings, memory: Memory, *units: int) -> list[str]:
@@ -75,17 +80,22 @@ def rivals(line: LinePlan, device: DeviceSettings, memory: Memory, *units: int) 
 def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRemembered]:
     """All remembered values that the gateway uses instead of the config."""
     for line in plan.lines:
-        follow_names(line, memory)
         name, configured, now = line.line.name, line.line.timing.baud, rate(line, memory)
         if now != configured:
             place = place_of(line.line.source, "baud")
             said = f"its device changed the rate in an earlier run; set baud = {now} in {place}"
             advice = f"{said}; to forget it: {forget_command(line.devices[0].name)}"
             yield BaudRemembered(name, now, configured, advice)
-        left = addresses(line, memory)
+        left, unclear = addresses(line, memory), mistakable(line, memory)
         for device in line.devices:
             units = recall(line, device, memory)
-            if units != (device.unit,) or not left[device.name]:
+            if device.name in unclear:
+                advice = (
+                    f"it is not asked: {' and '.join(unclear[device.name])} had changed places, and it may be either; "
+                    f"if the unit in {place_of(device.source, 'unit')} is right: {forget_command(device.name)}"
+                )
+                yield AddressRemembered(name, device.name, units[0], device.unit, advice)
+            elif units != (device.unit,) or not left[device.name]:
                 advice = _advice(device, units, left[device.name], rivals(line, device, memory, *units))
                 yield AddressRemembered(name, device.name, units[0], device.unit, advice)
 

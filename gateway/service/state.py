@@ -37,9 +37,13 @@ class Memory:
         self.file = file
         self._entries = entries or {}
 
-    def keys_from(self, start: str) -> list[str]:
-        """Return the keys that begin with `start`."""
-        return [key for key in self._entries if key.startswith(start)]
+    def moved(self, start: str) -> list[tuple[str, tuple[int, ...]]]:
+        """List the keys that begin with `start`, each with the configured value and all that it may have now."""
+        return [
+            (key, (entry["configured"], entry["now"], *entry.get("maybe", ())))
+            for key, entry in self._entries.items()
+            if key.startswith(start)
+        ]
 
     def recall(self, key: str, configured: int) -> int:
         """The value of `key` now: the remembered one, unless the config has changed since."""

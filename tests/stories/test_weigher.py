@@ -133,13 +133,18 @@ async def test_a_move_that_is_answered_during_a_reload_is_known_to_the_next_line
         assert bench.gateway.lines[0].devices[41].unit == 5
 
 
-async def test_scales_that_changed_places_and_get_new_names_by_a_reload_are_asked_where_they_are() -> None:
+async def test_scales_that_changed_places_and_get_new_names_by_a_reload_are_asked_once_one_is_forgotten() -> None:
     memory = Memory()
     memory.remember("/dev/hall-a silo-1", 1, 2)
     memory.remember("/dev/hall-a silo-2", 2, 1)
     async with gateway_bench(TWO, memory) as bench:
         await reload(bench, TWO.replace("silo-1", "north").replace("silo-2", "south"))
-        assert [device.unit for device in bench.gateway.lines[0].devices.values()] == [2, 1]
+        line, client = bench.gateway.lines[0], bench.client()
+        assert await client.asks(41, "03 00 00 00 01") == "83 0A"
+        line.forget(line.devices[41])
+        client.ask(41, "03 00 00 00 01")
+        await asyncio.sleep(0.1)
+        assert bench.lines["hall-a"].written[:1] == b"\x01"
 
 
 @pytest.mark.parametrize("is_answered", [True, False])
