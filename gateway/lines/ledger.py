@@ -34,6 +34,8 @@ WORTH_WAITING: Final = 0.250
 #: A foreign request occupies the line until its response, or for this long, in seconds: longer than most devices take,
 #: shorter than most clients wait for one that is silent. (Measured: ADR 5.)
 FOREIGN_OCCUPIES: Final = 0.1
+#: If requests to more units are without a response, another client scans the line, which is not awaited.
+FOREIGN_SCAN: Final = 16
 #: So many foreign requests to one unit are told apart: of more, one stands for several with its function.
 FOREIGN_PER_UNIT: Final = 16
 
@@ -217,6 +219,8 @@ class Ledger:
 
         Of a unit with several requests the oldest counts: one that has not answered does not occupy the line again.
         """
+        if len(self.heard) > FOREIGN_SCAN:
+            return 0.0
         return FOREIGN_OCCUPIES + max((requests[0].asked_at for requests in self.heard.values()), default=0.0)
 
     def hear(self, request: Exchange) -> None:
