@@ -171,7 +171,7 @@ def test_a_client_that_keeps_asking_does_not_hold_up_the_end(tmp_path: Path, con
         socket.create_connection(("127.0.0.1", gateway.port), timeout=PATIENCE) as client,
     ):
         client.sendall(b"".join(map(read, range(4))))
-        assert len(client.recv(11, socket.MSG_WAITALL)) == 11
+        assert next_answered(client) == 0
         gateway.signal(signal.SIGTERM)
         gateway.wait_for("stopping")
         assert answered_while_asking(client) == {1, 2, 3}
@@ -183,6 +183,13 @@ def read(transaction: int) -> bytes:
     return transaction.to_bytes(2) + READ[2:]
 
 
+def next_answered(client: socket.socket) -> int | None:
+    """The transaction that is answered next, perhaps by an exception; None when the connection has ended."""
+    header = client.recv(6, socket.MSG_WAITALL)
+    client.recv(int.from_bytes(header[4:]), socket.MSG_WAITALL)
+    return int.from_bytes(header[:2]) if header else None
+
+
 def answered_while_asking(client: socket.socket) -> set[int]:
     """Ask for more with each response until the gateway closes the connection; the transactions that were answered.
 
@@ -190,9 +197,8 @@ def answered_while_asking(client: socket.socket) -> set[int]:
     """
     answered: set[int] = set()
     with suppress(ConnectionError):  # requests that were not taken any more: the system tells it by a reset
-        while header := client.recv(6, socket.MSG_WAITALL):
-            client.recv(int.from_bytes(header[4:]), socket.MSG_WAITALL)
-            answered.add(int.from_bytes(header[:2]))
+        while (transaction := next_answered(client)) is not None:
+            answered.add(transaction)
             with suppress(ConnectionError):  # what was answered before is still there
                 client.sendall(read(4 + len(answered)))
     return answered
