@@ -1,6 +1,6 @@
 """One request on a line, ours or another client's, and the responses that may still come for it."""
 
-from typing import Final, cast
+from typing import Final
 
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
@@ -50,7 +50,9 @@ class Exchange(Expected):
     @property
     def sender(self) -> Transaction:
         """The transaction that has sent it; only one of ours has one."""
-        return cast("Transaction", self.transaction)
+        if self.transaction is None:
+            raise AttributeError("another client has sent it, or an earlier line")
+        return self.transaction
 
     def finish(self, place: int) -> None:
         """Await it no more from this place on. Frames from before it may still follow."""

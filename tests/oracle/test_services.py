@@ -9,8 +9,8 @@ from pymodbus.pdu.file_message import FileRecord
 
 from gateway.images.services import Diagnostics, Identity
 from gateway.modbus.pdu import parse_request
-from gateway.request import Request
 from kit.asked import Asked
+from kit.asker import Asker
 
 WORDS = st.integers(0, 0xFFFF)
 RECORDS = st.lists(
@@ -183,7 +183,7 @@ def test_it_reads_who_an_image_is():
 def test_it_reads_the_counters_and_the_log_of_an_image():
     diagnostics = Diagnostics()
     for pdu in ("03 0000 0001", "06 0000 0001"):
-        request = Request(10, bytes.fromhex(pdu), None, received_at=0.0)
+        request = Asker().ask(pdu, unit=10)
         diagnostics.received(request)
         diagnostics.done(request)
     counter = its(diagnostics.event_counter(b"\x0b"))
