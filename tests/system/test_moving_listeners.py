@@ -202,6 +202,7 @@ def test_after_a_reload_no_datagram_is_answered_with_what_was_asked_before_it(
     unit.settimeout(PATIENCE)
     first = unit.recv(12, socket.MSG_WAITALL)
     assert moving.reload(after).startswith("changed: listen field")
+    moving.gateway.wait_for("config_applied")
     told = [event["event"] for event in moving.gateway.log if event["event"] in {"client_closed", "listener_up"}]
     assert told[-2:] == ["client_closed", "listener_up"]  # nobody hears a client without knowing what it waits for
     client.send(bytes(2) + OTHER_WRITE)
