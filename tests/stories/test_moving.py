@@ -45,7 +45,7 @@ async def test_it_notices_a_gateway_that_asks_where_the_config_says(monkeypatch)
             device.unit = device.settings.unit
 
     monkeypatch.setattr(MovableDevice, "_failed", try_configured)
-    assert (await played()).wrong_count > 0
+    assert (await played(transactions=4_000)).wrong_count > 0
 
 
 @pytest.mark.interpreted
@@ -54,7 +54,7 @@ async def test_it_notices_a_restart_that_forgets_an_unanswered_move(monkeypatch)
     monkeypatch.setattr(
         Memory, "remember", lambda memory, key, configured, now, *_: remember(memory, key, configured, now)
     )
-    assert (await played()).wrong_count > 0
+    assert (await played(transactions=8_000)).wrong_count > 0
 
 
 @pytest.mark.interpreted
