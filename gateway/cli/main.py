@@ -18,8 +18,8 @@ from keyword import iskeyword
 from typing import Any, Final
 
 from gateway import __version__
-from gateway.cli.examples import examples_text
-from gateway.cli.terminal import no_control_characters
+from gateway.cli.kit.examples import examples_text
+from gateway.cli.kit.terminal import no_control_characters
 from gateway.config.problem import did_you_mean
 from gateway.errors import GatewayError
 
@@ -86,7 +86,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def module_of(verb: str) -> Any:
     """The module of a verb. Words of Python itself have an underscore behind them there."""
-    return import_module(f"gateway.cli.{verb}_" if iskeyword(verb) else f"gateway.cli.{verb}")
+    return import_module(f"gateway.cli.verbs.{verb}_" if iskeyword(verb) else f"gateway.cli.verbs.{verb}")
 
 
 class _Help(argparse.HelpFormatter):

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import ceil
 from typing import Final
 
-from gateway.config.duration import show_duration
+from gateway.config.values.duration import show_duration
 from gateway.diagnosis.evidence import ClientEvidence
 from gateway.diagnosis.finding import Finding
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.config.duration import show_age
+from gateway.config.values.duration import show_age
 from gateway.diagnosis.finding import Level
 
 #: Something counts as over if it has not happened for RECENT seconds and for REQUESTS requests, or for OVER seconds.

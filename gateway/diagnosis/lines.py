@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from gateway.config.duration import show_age
-from gateway.config.source import to_write
+from gateway.config.reading.source import to_write
+from gateway.config.values.duration import show_age
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
 from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.last import RECENT, Last

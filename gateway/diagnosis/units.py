@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from math import ceil
 from typing import Final, NamedTuple
 
-from gateway.config.duration import show_duration
-from gateway.config.source import to_write
+from gateway.config.reading.source import to_write
+from gateway.config.values.duration import show_duration
 from gateway.devices.quirks import how_to_forget
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
 from gateway.diagnosis.finding import Finding, Level

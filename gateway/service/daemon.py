@@ -10,7 +10,10 @@ from typing import Any, NamedTuple
 
 from gateway import events
 from gateway.clock.exact_loop import run_exactly
-from gateway.config.plan import Plan, WebPlan
+from gateway.config.plan.plan import Plan, WebPlan
+from gateway.control.path import control_path, usual_path_leads
+from gateway.control.server import control_open
+from gateway.control.verbs import verbs
 from gateway.errors import ListenError, StateError, TlsError
 from gateway.images.drivers.store import Store
 from gateway.listeners.sockets import OpenSockets
@@ -18,26 +21,23 @@ from gateway.observe.fan_out import FanOut
 from gateway.observe.journal import leads_to_journal
 from gateway.observe.log import open_log
 from gateway.ports.opener import make_opener
-from gateway.service import garbage
-from gateway.service.announced import FILE_NAME as ANNOUNCED_FILE
-from gateway.service.announced import AnnouncedDevices
-from gateway.service.announced import is_entry as is_announced
-from gateway.service.build import Gateway, build
-from gateway.service.config_process import ConfigRead
-from gateway.service.control import control_open
-from gateway.service.control_path import control_path, usual_path_leads
+from gateway.readconfig.process import ConfigRead
+from gateway.runtime import garbage
+from gateway.runtime.announced import FILE_NAME as ANNOUNCED_FILE
+from gateway.runtime.announced import AnnouncedDevices
+from gateway.runtime.announced import is_entry as is_announced
+from gateway.runtime.build import Gateway, build
+from gateway.runtime.overdue import FILE_NAME as LATE_FILE
+from gateway.runtime.overdue import LeftBehind, is_entry
+from gateway.runtime.reload import Reloader, warn, warn_of_certificates
+from gateway.runtime.remembered import in_force
+from gateway.runtime.running import Running
 from gateway.service.hang_up import HangUp
-from gateway.service.overdue import FILE_NAME as LATE_FILE
-from gateway.service.overdue import LeftBehind, is_entry
-from gateway.service.reload import Reloader, warn, warn_of_certificates
-from gateway.service.remembered import in_force
-from gateway.service.running import Running
-from gateway.service.shared_file import SharedFile
-from gateway.service.state import Memory, StateFile, state_folder
-from gateway.service.state_troubles import StateTroubles
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, take_inherited_sockets
-from gateway.service.verbs import verbs
+from gateway.state.memory import Memory, StateFile, state_folder
+from gateway.state.shared_file import SharedFile
+from gateway.state.troubles import StateTroubles
 from gateway.tls.store import TlsStore, load_all
 
 
@@ -141,8 +141,8 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
 
 
 def _web_pages(plan: WebPlan | None, *parts: Any) -> AbstractAsyncContextManager[None]:
-    """See gateway.service.web, which is loaded only for a [web]."""
-    return nullcontext() if plan is None else import_module("gateway.service.web").web_pages(plan, *parts)
+    """See gateway.web.front.opening, which is loaded only for a [web]."""
+    return nullcontext() if plan is None else import_module("gateway.web.front.opening").web_pages(plan, *parts)
 
 
 def _reload_or_stop(reloader: Reloader, stop: Stop, hang_up: HangUp) -> None:

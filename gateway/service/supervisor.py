@@ -6,13 +6,13 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontext
 from functools import partial
 
 from gateway import events
-from gateway.service import expiry
-from gateway.service.build import Gateway
-from gateway.service.presence import served_units, tell
-from gateway.service.reload import Reloader
-from gateway.service.running import Running
+from gateway.readconfig import expiry
+from gateway.runtime.build import Gateway
+from gateway.runtime.presence import served_units, tell
+from gateway.runtime.reload import Reloader
+from gateway.runtime.running import Running
+from gateway.runtime.tightness import TightLimits
 from gateway.service.systemd import Notifier
-from gateway.service.tightness import TightLimits
 from gateway.service.watchdog import summary, watch
 
 

@@ -3,8 +3,8 @@
 import asyncio
 from typing import Final
 
-from gateway.service.build import Gateway, Part
-from gateway.service.running import Running
+from gateway.runtime.build import Gateway, Part
+from gateway.runtime.running import Running
 from gateway.service.systemd import Notifier
 
 #: While the loop or a line is late by this many seconds, systemd is not notified.

@@ -5,8 +5,8 @@ They are read here without what checks a config: that takes longer to import tha
 
 import tomllib
 
-from gateway.config.duration import parse_duration
-from gateway.config.ranges import parse_ranges
+from gateway.config.values.duration import parse_duration
+from gateway.config.values.ranges import parse_ranges
 from gateway.modbus.codes import Area
 from gateway.profiles import builtin_text
 from gateway.profiles.profile import Profile

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from itertools import cycle
 from timeit import Timer
 
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import parse
 from gateway.events import Emit, discard_event
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import ascii as ascii_framing
@@ -25,8 +25,8 @@ from gateway.modbus.scan import Expected, Scanner
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.request import Caller, Request
-from gateway.service.build import Gateway, build
-from gateway.service.state import Memory
+from gateway.runtime.build import Gateway, build
+from gateway.state.memory import Memory
 from gateway.timing.budget import AnswerTime, Budget
 from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import TimingTable

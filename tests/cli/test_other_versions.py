@@ -8,10 +8,10 @@ from collections.abc import AsyncGenerator, Iterator
 import pytest
 
 from gateway import __version__
-from gateway.cli import daemon
+from gateway.cli.kit import daemon
 from gateway.cli.main import main
-from gateway.service.control import _line
-from gateway.service.verbs import verbs
+from gateway.control.server import _line
+from gateway.control.verbs import verbs
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 

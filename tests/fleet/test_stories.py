@@ -13,11 +13,11 @@ from gateway.fleet import link
 from gateway.fleet.headers import MOST_HOPS
 from gateway.fleet.messages import Message
 from gateway.fleet.slots import MOST_OF_SENDER
-from gateway.service.doctor import examine
-from gateway.service.operator import ask
-from gateway.service.presence import tell
-from gateway.service.stories import sentences
-from gateway.service.trace import stories
+from gateway.operator.stories import sentences
+from gateway.operator.trace import stories
+from gateway.operator.units import ask
+from gateway.runtime.presence import tell
+from gateway.tools.doctor import examine
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.fake_nats import FakeBucket, FakeConnection, FakeNats
 from kit.gateway_bench import GatewayBench, gateway_bench

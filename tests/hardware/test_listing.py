@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.cli import ports as verb
+from gateway.cli.verbs import ports as verb
 from gateway.hardware import device_files, holders, listing
 from gateway.hardware.listing import ListedPort, list_serial_ports
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Delivery, Message
-from gateway.service.publication import reading
+from gateway.runtime.publication import reading
 from kit.gateway_bench import GatewayBench
 
 

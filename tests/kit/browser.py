@@ -13,16 +13,16 @@ from unittest.mock import patch
 from urllib.parse import urlencode
 
 from gateway.observe.fan_out import FanOut
-from gateway.service.build import build
-from gateway.service.config_reader import read_here
-from gateway.service.reload import Reloader
-from gateway.service.running import Running
+from gateway.readconfig.reader import read_here
+from gateway.runtime.build import build
+from gateway.runtime.reload import Reloader
+from gateway.runtime.running import Running
 from gateway.service.systemd import Notifier
-from gateway.service.web import _Answers
 from gateway.timing.history import History
-from gateway.web.assets import Assets
-from gateway.web.server import serving
-from gateway.web.settings import WebSettings
+from gateway.web.front.opening import _Answers
+from gateway.web.front.server import serving
+from gateway.web.front.settings import WebSettings
+from gateway.web.pages.assets import Assets
 from kit.gateway_bench import PATIENCE, GatewayBench, gateway_bench
 
 #: `correct horse`, at a cost that a test can bear.
@@ -209,8 +209,8 @@ async def web_bench(config: str, folder: Path, **settings: Any):
         asked = WebSettings("127.0.0.1", 8502, users=users, write=True)
         history = History()
         answers = _Answers(running, reloader, fan_out, history, lambda: CLOCK + loop.time())
-        settles = patch("gateway.service.garbage.settle")  # after a reload: that looks at the objects of all tests
-        with settles, patch("gateway.web.server.Assets", _assets):
+        settles = patch("gateway.runtime.garbage.settle")  # after a reload: that looks at the objects of all tests
+        with settles, patch("gateway.web.front.server.Assets", _assets):
             async with serving(replace(asked, **settings), answers) as connect:
                 yield WebBench(home, running, fan_out, connect, users, history)
 

@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from gateway.web.languages import LANGUAGES
+from gateway.web.text.languages import LANGUAGES
 from kit.process import PATIENCE, started
 from kit.programs import find
 

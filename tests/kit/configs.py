@@ -13,13 +13,13 @@ from annotated_types import Le
 from hypothesis import reject
 from hypothesis import strategies as st
 
-from gateway.config.check_units import served_units
-from gateway.config.load import parse
+from gateway.config.checks.units import served_units
 from gateway.config.problem import Path
-from gateway.config.schema import Config, Device, Image, Line, Listen, Upstream
-from gateway.config.schema_profile import PointTable, ProfileTable
-from gateway.config.table import Table
-from gateway.config.values import Kind
+from gateway.config.reading.load import parse
+from gateway.config.schema.profile import PointTable, ProfileTable
+from gateway.config.schema.root import Config, Device, Image, Line, Listen, Upstream
+from gateway.config.schema.table import Table
+from gateway.config.values.kinds import Kind
 from gateway.modbus.codes import Area
 
 #: Tables and lists, as tomllib gives them.

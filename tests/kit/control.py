@@ -5,15 +5,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
 
-from gateway.cli.daemon import Meant
+from gateway.cli.kit.daemon import Meant
+from gateway.control.server import _line
 from gateway.errors import DaemonError
 from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import Area
+from gateway.operator.units import AT_CONTROL, UnitPicture
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.request import Request
-from gateway.service.control import _line
-from gateway.service.operator import AT_CONTROL, UnitPicture
 
 PROFILE = Profile("generic", limits={3: 4})
 

@@ -5,22 +5,22 @@ from contextlib import asynccontextmanager, closing
 from pathlib import Path
 
 from gateway.clock.lazy_timer import LazyTimer
-from gateway.config.character_format import DEFAULT_FORMATS
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import parse
+from gateway.config.values.character_format import DEFAULT_FORMATS
 from gateway.events import Event
 from gateway.images.drivers.store import Store
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.request import Caller
-from gateway.service.build import Gateway, build
-from gateway.service.recent import Recent
-from gateway.service.running import Running
-from gateway.service.state import Memory
+from gateway.runtime.build import Gateway, build
+from gateway.runtime.recent import Recent
+from gateway.runtime.running import Running
 from gateway.service.supervisor import keep_lines_open
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.paced_line import PacedLine
+from gateway.state.memory import Memory
 from kit.device import SimulatedLine
 from kit.memory import MemoryLine
 

@@ -13,7 +13,7 @@ from gateway.lines.settings import LineSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.rtu import encode
 from gateway.profiles.profile import Profile
-from gateway.service.overdue import as_entry, read_entry
+from gateway.runtime.overdue import as_entry, read_entry
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import TimingTable

@@ -228,7 +228,8 @@ def _become(request: dict[str, Any], descriptors: list[int]) -> None:
 
 def _run_command(words: Sequence[str]) -> int:
     from gateway.cli import main  # noqa: PLC0415 - of those that only start processes nobody needs it
-    from gateway.service import config_process, garbage  # noqa: PLC0415
+    from gateway.readconfig import process as config_process  # noqa: PLC0415
+    from gateway.runtime import garbage  # noqa: PLC0415
 
     _replace(config_process, subprocess, Popen=_Reader)
     _replace(asyncio.unix_events, subprocess, Popen=_start_simulator)
@@ -276,7 +277,7 @@ class _Reader(PreparedProcess):
 
 
 def _read_config(words: Sequence[str]) -> int:
-    from gateway.service import config_reader  # noqa: PLC0415
+    from gateway.readconfig import reader as config_reader  # noqa: PLC0415
 
     os.setpgid(0, 0)
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
@@ -319,7 +320,7 @@ def _import_everything() -> None:
 
 def _build_tables() -> None:
     """Build what a process builds when it first meets a table in a config: half of the time to read a config."""
-    from gateway.config.table import Table  # noqa: PLC0415
+    from gateway.config.schema.table import Table  # noqa: PLC0415
 
     tables = Table.__subclasses__()
     for table in tables:  # those that are added, too

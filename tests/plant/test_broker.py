@@ -16,7 +16,7 @@ from gateway.plant.commands import CarriedOut
 from gateway.plant.messages import Delivery
 from gateway.plant.reasons import SubscriptionRefusedError
 from gateway.plant.steadiness import HOLDS, LONGEST_PAUSE
-from gateway.service.publication import reading
+from gateway.runtime.publication import reading
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 

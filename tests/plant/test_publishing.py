@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.config.line_load import load_of, total_share
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
+from gateway.config.plan.line_load import load_of, total_share
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import parse
 from gateway.events import AccessDenied, BrokerLost, CommandRefused, PartFailed, PollRefused, WriteAudit
 from gateway.plant.births import REBIRTH_PAUSE
 from gateway.plant.commands import MOST_COMMANDS
@@ -17,7 +17,7 @@ from gateway.plant.messages import Delivery, Message
 from gateway.plant.polls import TOGETHER_AGAIN
 from gateway.plant.publisher import MOST_RESULTS
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, encode
-from gateway.service.build import build
+from gateway.runtime.build import build
 from gateway.simulator.generic import Generic
 from kit.broker import FakeBroker
 from kit.device import SimulatedDevice, SimulatedLine

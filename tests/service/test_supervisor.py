@@ -9,7 +9,7 @@ import pytest
 
 from gateway.errors import ListenError
 from gateway.events import Event, LineLost, LineUp, PartFailed, Ready
-from gateway.service.running import Running
+from gateway.runtime.running import Running
 from gateway.service.supervisor import Stop, serve
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench

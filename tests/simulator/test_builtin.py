@@ -3,8 +3,8 @@ import sys
 
 import pytest
 
-from gateway.config.load import builtin_profiles
-from gateway.config.resolve_profile import profile_of
+from gateway.config.plan.resolve_profile import profile_of
+from gateway.config.reading.load import builtin_profiles
 from gateway.profiles import BUILTIN_PROFILES
 from gateway.simulator.builtin import builtin_profile
 
@@ -15,6 +15,6 @@ def test_a_profile_is_what_a_config_makes_of_it(name: str) -> None:
 
 
 def test_a_simulator_starts_without_what_checks_a_config() -> None:
-    found = "import gateway.cli.simulate, sys; print('pydantic' in sys.modules)"
+    found = "import gateway.cli.verbs.simulate, sys; print('pydantic' in sys.modules)"
     shown = subprocess.run([sys.executable, "-c", found], capture_output=True, text=True, check=True)
     assert shown.stdout == "False\n"

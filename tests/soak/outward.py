@@ -21,9 +21,9 @@ import anything
 
 import gateway
 from gateway.lines.line import Line
+from gateway.operator.status import status
 from gateway.request import Request
-from gateway.service.running import Running
-from gateway.service.status import status
+from gateway.runtime.running import Running
 from gateway.trace.ring import Ring
 from kit.gateway_bench import Client, GatewayBench
 from kit.line_bench import Bench

@@ -13,16 +13,16 @@ import pytest
 from hypothesis import assume, given
 
 from gateway.cli.main import main
-from gateway.config.unitset import parse_units
+from gateway.config.values.unitset import parse_units
 from gateway.errors import RequestError
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import exception_response
+from gateway.operator.status import status
 from gateway.profiles.profile import Profile
 from gateway.routing.access import EVERYTHING, AccessRow, Rights
-from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
 from gateway.timing.characters import LineTiming
 from kit.configs import accepted_configs

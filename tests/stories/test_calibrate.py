@@ -10,13 +10,14 @@ from typing import Any, Self
 
 import pytest
 
-from gateway.cli import active_calibration, calibrate
-from gateway.cli.daemon import Meant
+from gateway.cli.kit.daemon import Meant
 from gateway.cli.main import main
-from gateway.config.load import parse
+from gateway.cli.units import active_calibration
+from gateway.cli.verbs import calibrate
+from gateway.config.reading.load import parse
+from gateway.control.server import _line
+from gateway.control.verbs import verbs
 from gateway.modbus.frame import Frame
-from gateway.service.control import _line
-from gateway.service.verbs import verbs
 from gateway.simulator.faults import Faults
 from gateway.simulator.mint import Mint
 from gateway.simulator.weigher import Weigher

@@ -6,11 +6,11 @@ from ipaddress import ip_address, ip_network
 
 import pytest
 
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import parse
 from gateway.events import RequestRefused
 from gateway.modbus import rtu
-from gateway.service.build import build
+from gateway.runtime.build import build
 from kit.gateway_bench import GatewayBench, gateway_bench
 
 LISTEN = """

@@ -6,13 +6,13 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from gateway.cli.bench import show_bench
-from gateway.config.line_load import load_of, read_rates, total_share
+from gateway.cli.verbs.bench import show_bench
+from gateway.config.plan.line_load import load_of, read_rates, total_share
 from gateway.errors import WrongQuestion
-from gateway.service.bench import bench, bench_in_steps
-from gateway.service.status import status
+from gateway.operator.status import status
 from gateway.simulator.generic import Generic
 from gateway.simulator.mint import Mint
+from gateway.tools.bench import bench, bench_in_steps
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.paced import attach_paced
 

@@ -9,9 +9,9 @@ from gateway.diagnosis.finding import Finding
 from gateway.events import BadFrame, UpstreamClosed
 from gateway.modbus import mbap, rtu
 from gateway.modbus.mbap import encode
-from gateway.service.doctor import examine
-from gateway.service.stories import sentences
-from gateway.service.trace import stories
+from gateway.operator.stories import sentences
+from gateway.operator.trace import stories
+from gateway.tools.doctor import examine
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 

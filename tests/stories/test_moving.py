@@ -6,7 +6,7 @@ from gateway.devices.device import EveryDevice
 from gateway.devices.quirks import EveryQuirkyDevice, MovableDevice
 from gateway.lines.exchange import Exchange
 from gateway.lines.transaction import Transaction
-from gateway.service.state import Memory
+from gateway.state.memory import Memory
 from soak.tally import Tally
 from soak.worlds.moving import play
 

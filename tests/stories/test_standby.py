@@ -5,18 +5,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from gateway.config.load import parse
-from gateway.config.plan import FleetPlan
-from gateway.config.resolve import resolve
+from gateway.config.plan.plan import FleetPlan
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import parse
 from gateway.errors import FleetError, WrongQuestion
 from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
-from gateway.service.build import Gateway, build
-from gateway.service.fleet import Fleet
-from gateway.service.forgetting import forget
-from gateway.service.metrics import read
-from gateway.service.running import Running
-from gateway.service.state import Memory
-from gateway.service.status import status
+from gateway.operator.forgetting import forget
+from gateway.operator.metrics import read
+from gateway.operator.status import status
+from gateway.runtime.build import Gateway, build
+from gateway.runtime.fleet import Fleet
+from gateway.runtime.running import Running
+from gateway.state.memory import Memory
 from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """

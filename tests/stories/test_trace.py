@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from gateway.cli.trace_rows import rows
+from gateway.cli.show.trace_rows import rows
 from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import encode
-from gateway.service.stories import sentences, told
-from gateway.service.trace import page, stories
+from gateway.operator.stories import sentences, told
+from gateway.operator.trace import page, stories
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import parse
 from gateway.events import WriteAudit
 from gateway.modbus import rtu
 from gateway.modbus.mbap import MbapFramer, encode
-from gateway.service.build import build
-from gateway.service.metrics import read
-from gateway.service.status import status
-from gateway.service.trace import page
+from gateway.operator.metrics import read
+from gateway.operator.status import status
+from gateway.operator.trace import page
+from gateway.runtime.build import build
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.over_tcp import OverTcpClient
 

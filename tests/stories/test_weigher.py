@@ -4,11 +4,11 @@ import asyncio
 
 import pytest
 
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import parse
 from gateway.events import AddressMoved, AddressRemembered, BaudChanged, RequestRefused
-from gateway.service.build import build
-from gateway.service.state import Memory
+from gateway.runtime.build import build
+from gateway.state.memory import Memory
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 

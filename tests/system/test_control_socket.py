@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from gateway import __version__
-from gateway.cli import daemon as daemon_module
-from gateway.cli.daemon import Meant, ask
+from gateway.cli.kit import daemon as daemon_module
+from gateway.cli.kit.daemon import Meant, ask
+from gateway.control.server import MOST_CONNECTIONS, control_open
 from gateway.errors import DaemonError
 from gateway.events import Event, PartFailed
-from gateway.service.control import MOST_CONNECTIONS, control_open
 from kit.process import PATIENCE
 
 STATUS = b'{"verb": "status"}\n'

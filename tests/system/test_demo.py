@@ -164,7 +164,7 @@ def _simulators_in(folder: Path) -> list[str]:
 def test_a_simulator_that_does_not_start_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("gateway.cli.demo._STARTING_DEADLINE", 0.0)
+    monkeypatch.setattr("gateway.cli.verbs.demo._STARTING_DEADLINE", 0.0)
     assert main(["demo", "--once"]) == 1
     error = capsys.readouterr().err
     assert re.fullmatch(r"modbus-gateway: error: the simulator of the line \w+ did not start within 0 s\n", error)

@@ -16,7 +16,7 @@ from urllib.request import urlopen
 import pytest
 
 from gateway.modbus import mbap
-from gateway.service.history import FILE_NAME
+from gateway.operator.history import FILE_NAME
 from kit import prepared, process
 from kit.process import PATIENCE, GatewayProcess
 
@@ -38,7 +38,7 @@ history = {history}
 QUICK = f"""
 import sys
 sys.path.append({str(Path(prepared.__file__).parents[1])!r})
-from gateway.service import history
+from gateway.operator import history
 history.LOOK_EVERY, history.WRITE_EVERY, history.CLOSING_DEADLINE = 0.2, 0.4, 30.0
 from kit.prepared import prepare
 prepare(sys.argv[1])

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from gateway.web.languages import LANGUAGES
+from gateway.web.text.languages import LANGUAGES
 from kit.browser import PASSWORD, USERS
 from kit.chromium import (
     EACH_LANGUAGE,

@@ -5,7 +5,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from gateway.web.languages import LANGUAGES
+from gateway.web.text.languages import LANGUAGES
 from kit.chromium import (
     EACH_LANGUAGE,
     NEEDS_BROWSER,

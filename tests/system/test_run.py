@@ -27,9 +27,23 @@ timeout = "20 s"
 """
 #: What a gateway without TLS, upstreams, persistent images and [web] does not use once it has its plan.
 NOT_NEEDED = {
-    *("pydantic", "pydantic_core", "tomllib", "gateway.config.schema", "gateway.config.load", "gateway.config.check"),
-    *("gateway.config.resolve", "gateway.config.wording", "_ssl", "asyncio.sslproto", "_hashlib", "_sqlite3"),
-    *("gateway.service.web", "aiohttp", "jinja2", "prometheus_client", "structlog", "pymodbus", "statistics"),
+    *(
+        "pydantic",
+        "pydantic_core",
+        "tomllib",
+        "gateway.config.schema.root",
+        "gateway.config.reading.load",
+        "gateway.config.checks.everything",
+    ),
+    *(
+        "gateway.config.plan.resolve",
+        "gateway.config.reading.wording",
+        "_ssl",
+        "asyncio.sslproto",
+        "_hashlib",
+        "_sqlite3",
+    ),
+    *("gateway.web.front.opening", "aiohttp", "jinja2", "prometheus_client", "structlog", "pymodbus", "statistics"),
 }
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 

@@ -12,7 +12,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Self
 
-from gateway.config.from_modbus_proxy import config_from_modbus_proxy
+from gateway.config.importing.from_modbus_proxy import config_from_modbus_proxy
 from gateway.modbus.mbap import MbapFramer, encode
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port

@@ -13,7 +13,7 @@ from urllib.request import Request, urlopen
 
 import pytest
 
-from gateway.web.connections import MOST_CONNECTIONS
+from gateway.web.front.connections import MOST_CONNECTIONS
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port
 from kit.process import PATIENCE, GatewayProcess, command

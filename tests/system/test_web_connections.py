@@ -14,8 +14,8 @@ import pytest
 from gateway.listeners import handshakes
 from gateway.listeners.handshakes import MOST
 from gateway.listeners.tls_stream import TlsStream
-from gateway.web import connections
-from gateway.web.connections import MOST_CONNECTIONS, listen
+from gateway.web.front import connections
+from gateway.web.front.connections import MOST_CONNECTIONS, listen
 from kit.browser import WebBench, web_bench
 from kit.pki import pki
 from kit.process import PATIENCE

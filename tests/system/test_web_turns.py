@@ -8,8 +8,8 @@ import pytest
 
 from gateway.tls.contexts import load
 from gateway.tls.settings import SecretFile, ServerTls
-from gateway.web.connections import Connections
-from gateway.web.pieces import PIECE
+from gateway.web.front.connections import Connections
+from gateway.web.front.pieces import PIECE
 from kit.pki import pki
 from kit.process import PATIENCE
 

@@ -13,12 +13,13 @@ from threading import Thread
 
 import pytest
 
-from gateway.cli import daemon, doctor
-from gateway.cli.daemon import CONTROL_VARIABLE, Conversation, ask, which_gateway
+from gateway.cli.kit import daemon
+from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, ask, which_gateway
 from gateway.cli.main import PROBLEM_FOUND, main
+from gateway.cli.verbs import doctor
+from gateway.control import path as control_path_module
+from gateway.control.path import control_path
 from gateway.errors import DaemonError
-from gateway.service import control_path as control_path_module
-from gateway.service.control_path import control_path
 
 COMMANDS = (
     *("status", "status --fleet", "reload", "read 17 holding 0", "write 17 holding 0 1234", "scan hall", "trace"),

@@ -5,7 +5,7 @@ from urllib.parse import quote
 
 from aiohttp import web
 
-from gateway.web.answers import Unit
+from gateway.web.api.answers import Unit
 
 
 def path_of(kind: Literal["units", "images"], unit: Unit) -> str:

@@ -8,10 +8,10 @@ from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.trace.pdus import FUNCTIONS
-from gateway.web.answers import Answers, Verdict, Which
-from gateway.web.guard import VISITOR, Need
-from gateway.web.problems import Handler
-from gateway.web.renderer import Renderer
+from gateway.web.access.guard import VISITOR, Need
+from gateway.web.api.answers import Answers, Verdict, Which
+from gateway.web.front.problems import Handler
+from gateway.web.pages.renderer import Renderer
 
 #: This many clients are shown, those first that asked last, and this many requests without a right.
 MOST_CLIENTS: Final = 200

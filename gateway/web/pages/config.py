@@ -5,13 +5,13 @@ from shlex import quote
 
 from aiohttp import web
 
-from gateway.web.answers import Answers, ConfigView
-from gateway.web.guard import Need
+from gateway.web.access.guard import Need
+from gateway.web.api.answers import Answers, ConfigView
+from gateway.web.api.reloading import reload
+from gateway.web.front.problems import Handler
+from gateway.web.front.turns import Turns
+from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
-from gateway.web.problems import Handler
-from gateway.web.reloading import reload
-from gateway.web.renderer import Renderer
-from gateway.web.turns import Turns
 
 
 class ConfigPage:

@@ -3,7 +3,7 @@
 import re
 from typing import Final
 
-from gateway.web.problems import ProblemError
+from gateway.web.front.problems import ProblemError
 
 _WHOLE: Final = re.compile(r"0x[0-9a-f]{1,4}|[0-9]{1,5}", re.IGNORECASE)
 _LARGEST: Final = 65535

@@ -6,11 +6,11 @@ from typing import Final
 
 from aiohttp import web
 
-from gateway.web.answers import Answers, Finding, Report
-from gateway.web.guard import VISITOR, Need
+from gateway.web.access.guard import VISITOR, Need
+from gateway.web.api.answers import Answers, Finding, Report
+from gateway.web.front.problems import Handler
+from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
-from gateway.web.problems import Handler
-from gateway.web.renderer import Renderer
 
 #: What is typed as it stands: commands, and keys of the config with their values.
 _TYPED: Final = re.compile(

@@ -12,17 +12,17 @@ from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import has_bits
-from gateway.web.answers import Answers
-from gateway.web.api import unit_in
-from gateway.web.grid import COLUMNS, MOST, grid_of
-from gateway.web.guard import VISITOR, Need
+from gateway.web.access.guard import VISITOR, Need
+from gateway.web.api.answers import Answers
+from gateway.web.api.api import unit_in
+from gateway.web.api.grid import COLUMNS, MOST, grid_of
+from gateway.web.api.values import values_at
+from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
+from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.unit import UnitPage
 from gateway.web.pages.writing import WriteRights
-from gateway.web.problems import Handler, ProblemError
-from gateway.web.renderer import Renderer
-from gateway.web.values import values_at
 
 _FIRST_SHOWN: Final = (Area.HOLDING, Area.INPUT, Area.COILS, Area.DISCRETE)
 #: This many writes are listed.

@@ -8,16 +8,16 @@ from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.timing.history import UNIT_SLOTS
-from gateway.web.answers import Answers, Which
-from gateway.web.guard import VISITOR, Need
+from gateway.web.access.guard import VISITOR, Need
+from gateway.web.api.answers import Answers, Which
+from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.busy import busy_outline, hours
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.heat_map import HeatMap, ShownUnits, axis
+from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.pages.transactions import asked, outcome, row
 from gateway.web.pages.unit_states import states_of
-from gateway.web.problems import Handler, ProblemError
-from gateway.web.renderer import Renderer
 
 #: The table without JavaScript: this many transactions at most, found among this many records of the line.
 MOST_FACTS: Final = 20

@@ -9,16 +9,16 @@ from aiohttp import web
 
 from gateway.clock.threads import ThreadPerCall
 from gateway.listeners.share_keys import ShareKeys
-from gateway.web.answers import Answers
-from gateway.web.api import session_as_json
-from gateway.web.guard import VISITOR, Guard, Need, Visitor
+from gateway.readconfig.page_users import LONGEST_PASSWORD, is_password
+from gateway.web.access.guard import VISITOR, Guard, Need, Visitor
+from gateway.web.access.sessions import LONGEST_SESSION, Attempts, Sessions
+from gateway.web.access.user_table import UserTable
+from gateway.web.api.answers import Answers
+from gateway.web.api.api import session_as_json
+from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.front.settings import WebSettings
 from gateway.web.pages.addresses import see_other
-from gateway.web.problems import Handler, ProblemError
-from gateway.web.renderer import Renderer
-from gateway.web.sessions import LONGEST_SESSION, Attempts, Sessions
-from gateway.web.settings import WebSettings
-from gateway.web.user_table import UserTable
-from gateway.web.users import LONGEST_PASSWORD, is_password
+from gateway.web.pages.renderer import Renderer
 
 #: Logins that wait at a time: each of them takes some tenths of a second of one processor.
 MOST_LOGINS: Final = 8

@@ -9,15 +9,15 @@ from typing import Any, Final, Literal
 from aiohttp import web
 
 from gateway.timing.history import UNIT_SLOTS, Past
-from gateway.web.answers import Answers, Finding, Report, Status
-from gateway.web.guard import Need
+from gateway.web.access.guard import Need
+from gateway.web.api.answers import Answers, Finding, Report, Status
+from gateway.web.front.problems import Handler
 from gateway.web.pages.busy import busy_outline
 from gateway.web.pages.health import counted
 from gateway.web.pages.heat_map import HeatMap, HeatRow, ShownUnits, axis
+from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.shown_lines import ShownLine, shown_lines
 from gateway.web.pages.unit_states import ShownState, states_of
-from gateway.web.problems import Handler
-from gateway.web.renderer import Renderer
 
 #: From this busy share on a line is said to be full.
 FULL: Final = 0.85

@@ -8,10 +8,10 @@ from urllib.parse import urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
-from gateway.web.guard import VISITOR, Visitor
-from gateway.web.problems import Handler
-from gateway.web.renderer import Renderer
-from gateway.web.turns import has_gone
+from gateway.web.access.guard import VISITOR, Visitor
+from gateway.web.front.problems import Handler
+from gateway.web.front.turns import has_gone
+from gateway.web.pages.renderer import Renderer
 
 #: What only programs ask for.
 _OF_PROGRAMS: Final = ("/api/", "/metrics", "/healthz", "/readyz", "/static/")

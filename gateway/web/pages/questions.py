@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gateway.profiles.point import Reading
-from gateway.web.answers import Unit
-from gateway.web.problems import Complaint
+from gateway.web.api.answers import Unit
+from gateway.web.front.problems import Complaint
 
 #: How long a question may be answered, and what became of it be seen, in seconds; and how many there are at a time.
 PATIENCE: Final = 120.0

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from gateway.web.answers import Status
+from gateway.web.api.answers import Status
 
 
 @dataclass(frozen=True, slots=True)

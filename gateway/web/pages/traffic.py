@@ -10,13 +10,13 @@ from gateway.errors import WrongQuestion
 from gateway.listeners.sockets import split_host
 from gateway.trace.pdus import FUNCTIONS
 from gateway.trace.records import RESULTS
-from gateway.web.answers import Answers
-from gateway.web.api import which
-from gateway.web.guard import VISITOR, Need
+from gateway.web.access.guard import VISITOR, Need
+from gateway.web.api.answers import Answers
+from gateway.web.api.api import which
+from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.pages.transactions import asked, outcome, row
-from gateway.web.problems import Handler, ProblemError
-from gateway.web.renderer import Renderer
 
 #: This many transactions are on the page as the server makes it; a script adds more as they come.
 MOST_ROWS: Final = 50

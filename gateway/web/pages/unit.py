@@ -14,22 +14,22 @@ from gateway.modbus.functions import READERS
 from gateway.profiles.point import Point, Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import reference
-from gateway.web.answers import Answers, Unit
-from gateway.web.api import unit_in
-from gateway.web.asking import ask_for
-from gateway.web.guard import VISITOR, Need, Visitor
+from gateway.web.access.guard import VISITOR, Need, Visitor
+from gateway.web.api.answers import Answers, Unit
+from gateway.web.api.api import unit_in
+from gateway.web.api.asking import ask_for
+from gateway.web.api.shared_reads import SharedReads, readable
+from gateway.web.api.unit_answers import Kept
+from gateway.web.api.values import Outcome, read, values_at
+from gateway.web.front.problems import Complaint, Handler, ProblemError, exception_name
 from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.histogram import plotted
+from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
 from gateway.web.pages.unit_states import SLOTS, rests_ms, states_of
 from gateway.web.pages.writing import WriteRights
-from gateway.web.problems import Complaint, Handler, ProblemError, exception_name
-from gateway.web.renderer import Renderer
-from gateway.web.shared_reads import SharedReads, readable
-from gateway.web.unit_answers import Kept
-from gateway.web.values import Outcome, read, values_at
 
 #: Points are read at most once in this many seconds, whoever asks for them.
 READ_EVERY: Final = 1.0

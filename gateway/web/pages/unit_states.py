@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from gateway.timing.history import Past, UnitUse
-from gateway.web.answers import Status, Unit
-from gateway.web.past import together
+from gateway.web.api.answers import Status, Unit
+from gateway.web.api.past import together
 
 #: This many slots of the history count, the present one among them: 10 to 20 minutes.
 SLOTS: Final = 2

@@ -17,19 +17,19 @@ from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.profiles.point import Point
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import WRITERS, reference
-from gateway.web.answers import Answer, Answers, Unit, WebClient
-from gateway.web.api import unit_in
-from gateway.web.asking import ask_as, ask_for, is_there
-from gateway.web.guard import VISITOR, Need, Visitor
+from gateway.web.access.guard import VISITOR, Need, Visitor
+from gateway.web.api.answers import Answer, Answers, Unit, WebClient
+from gateway.web.api.api import unit_in
+from gateway.web.api.asking import ask_as, ask_for, is_there
+from gateway.web.api.shared_reads import SharedReads
+from gateway.web.api.values import Ask, point_named, prepared, read, values_at
+from gateway.web.front.problems import Complaint, Handler, ProblemError, complaint
 from gateway.web.pages.addresses import page_of, path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.questions import PATIENCE, Question, Questions, Result
+from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.unit_states import rests_ms
-from gateway.web.problems import Complaint, Handler, ProblemError, complaint
-from gateway.web.renderer import Renderer
-from gateway.web.shared_reads import SharedReads
-from gateway.web.values import Ask, point_named, prepared, read, values_at
 
 #: If a user confirms a write and closes the page at once, the write is still sent within this time, in seconds.
 GRACE: Final = 2.0

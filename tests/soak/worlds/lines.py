@@ -16,9 +16,9 @@ from gateway.lines.transaction import Transaction
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.frame import Frame
+from gateway.operator.status import status
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
 from gateway.request import Caller
-from gateway.service.status import status
 from gateway.service.supervisor import keep_lines_open
 from kit.faulty import Fault, FaultyDevice, FaultyLine
 from kit.gateway_bench import GatewayBench

@@ -10,15 +10,15 @@ import random
 from contextlib import AsyncExitStack, suppress
 from typing import Final
 
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import parse
 from gateway.errors import WrongQuestion
 from gateway.events import PartFailed
-from gateway.service.build import build
-from gateway.service.forgetting import forget
-from gateway.service.overdue import LeftBehind
-from gateway.service.running import Running
-from gateway.service.state import Memory
+from gateway.operator.forgetting import forget
+from gateway.runtime.build import build
+from gateway.runtime.overdue import LeftBehind
+from gateway.runtime.running import Running
+from gateway.state.memory import Memory
 from kit.gateway_bench import GatewayBench
 from kit.memory import MemoryLine
 from soak.scale_clients import ScaleClient

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Final
 from unittest.mock import patch
 
-from gateway.config.load import parse
-from gateway.config.plan import Plan
-from gateway.config.resolve import resolve
+from gateway.config.plan.plan import Plan
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import parse
 from gateway.ports.port import OpenPort, Port, PortSettings, PortUser
-from gateway.service.build import Gateway, build
-from gateway.service.config_process import ConfigRead
-from gateway.service.reload import Reloader
-from gateway.service.running import Running
+from gateway.readconfig.process import ConfigRead
+from gateway.runtime.build import Gateway, build
+from gateway.runtime.reload import Reloader
+from gateway.runtime.running import Running
 from gateway.service.supervisor import keep_lines_open
 from gateway.service.systemd import Notifier
 from kit.faulty import FaultyLine
@@ -155,7 +155,7 @@ async def play(transactions: int, share: float, seed: int) -> Tally:
     """One run; the running loop is in virtual time."""
     world = _World(transactions, seed)
     bench = world.bench
-    with patch("gateway.service.garbage.settle"):  # it looks at all objects of the process
+    with patch("gateway.runtime.garbage.settle"):  # it looks at all objects of the process
         async with keep_lines_open(bench.gateway, bench.events.append) as world.running:
             world.running.ready.set()
             world.connect(share, seed)

@@ -1,0 +1,240 @@
+"""Requests to a running gateway through its control socket."""
+
+import argparse
+import json
+import os
+import socket
+import struct
+import sys
+import tomllib
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, NamedTuple, Self
+
+from gateway import __version__
+from gateway.cli.main import DEFAULT_CONFIG
+from gateway.config.reading.file_text import UnreadableFile, folder_of, read_file_text
+from gateway.control.path import SYSTEM_SOCKET, control_path
+from gateway.errors import DaemonError
+
+#: The environment variable that names the control socket.
+CONTROL_VARIABLE: Final = "MODBUS_GATEWAY_CONTROL"
+
+#: How long the gateway may take to answer, in seconds. A reload may need 60 to read the file, 15 to look up names, 3
+#: for requests in progress, and 1.5 to close ports.
+_PATIENCE: Final = 90.0
+#: `struct ucred`: the process at the other end of a socket, its user and group.
+_PEER: Final = struct.Struct("=3i")
+#: Shown for values that a gateway of another version does not have.
+UNKNOWN: Final = "unknown"
+#: What an answer in an unexpected form raises where it is taken apart or shown.
+NOT_UNDERSTOOD: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, struct.error)
+
+
+def add_control_argument(parser: argparse.ArgumentParser) -> None:
+    """Add `--control` and `--config`, by which the user says which gateway is meant."""
+    usual = f"${CONTROL_VARIABLE}, else {SYSTEM_SOCKET}; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock"
+    add = parser.add_argument
+    add("--control", metavar="PATH", help=f"control socket of the gateway that is meant (default: {usual})")
+    add("--config", metavar="FILE", help="config of the gateway that is meant, which says where its control socket is")
+
+
+class Meant(NamedTuple):
+    """The gateway that is meant: the one at this control socket. If it has a `config`, it must run with that one."""
+
+    socket: Path
+    config: Path | None = None
+
+
+def which_gateway(args: argparse.Namespace, environment: Mapping[str, str] = os.environ) -> Meant:
+    """The gateway that the arguments mean. No other one is asked, whether this one answers or not.
+
+    Raises:
+        DaemonError: the config that should name it cannot be read.
+    """
+    if args.control:
+        return Meant(Path(args.control))
+    if args.config:
+        return _gateway_of(Path(args.config), environment)
+    return Meant(usual_socket(environment))
+
+
+def usual_socket(environment: Mapping[str, str] = os.environ) -> Path:
+    """The control socket of the gateway that is meant where nobody has named one."""
+    return Path(environment.get(CONTROL_VARIABLE) or control_path(Path(DEFAULT_CONFIG), environment))
+
+
+def _gateway_of(file: Path, environment: Mapping[str, str]) -> Meant:
+    """The gateway with this config. Without a socket in it, another one may be at the usual place."""
+    try:
+        text = read_file_text(file)
+        config = _tables(text)
+    except (UnreadableFile, ValueError, RecursionError) as wrong:
+        raise DaemonError(f"{file}: {wrong}; --control PATH says where the gateway's socket is") from None
+    match config:
+        case {"control": {"socket": str(path)}}:
+            return Meant(folder_of(file) / path)
+    return Meant(control_path(file, environment), file)
+
+
+def _tables(text: str) -> Mapping[str, Any]:
+    """The tables of a config; none if it is no TOML, which its gateway may be asked to say, but surely has no socket.
+
+    Raises:
+        ValueError, RecursionError: it is no TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError):
+        if "control" in text:
+            raise
+        return {}
+
+
+def ask(verb: str, gateway: Meant) -> dict[str, Any]:
+    """The gateway's answer to one request. A gateway of another version is reported on standard error.
+
+    Raises:
+        DaemonError: it does not answer, or refuses the request.
+    """
+    with Conversation(gateway) as daemon:
+        return daemon.ask(verb)
+
+
+def tell_which(gateway: Path) -> None:
+    """Say which gateway is asked to change something, by its control socket, beside the output for programs."""
+    print(f"through {gateway}", file=sys.stderr)
+
+
+class Conversation:
+    """A connection to the gateway for any number of requests; open inside the context.
+
+    Answers are taken apart and shown inside the context: there, one of another version's gateway that has another form
+    becomes a DaemonError with the same notes.
+
+    Raises:
+        DaemonError: no gateway can be reached, or it does not answer, or refuses a request.
+    """
+
+    def __init__(self, meant: Meant) -> None:
+        self.gateway = meant.socket
+        self._sock = _connect(meant.socket)
+        self._stream = self._sock.makefile("rb")
+        self._patience = _PATIENCE
+        self._is_first = True
+        self._version: object = UNKNOWN
+        if meant.config is not None:
+            self._must_run_with(meant.config)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, error: BaseException | None, _where: TracebackType | None
+    ) -> None:
+        self._stream.close()
+        self._sock.close()
+        if isinstance(error, NOT_UNDERSTOOD):
+            what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            told = DaemonError(f"the gateway's answer is not understood ({what}); {self._advice}")
+            for note in getattr(error, "__notes__", ()):
+                told.add_note(note)
+            raise told from error
+
+    def _must_run_with(self, config: Path) -> None:
+        """Leave a gateway that runs with another config."""
+        try:
+            told = self.ask("which").get("config")
+        except DaemonError:  # it has an earlier version, which does not say it
+            return
+        if isinstance(told, str) and os.path.realpath(told) != os.path.realpath(config):
+            self._stream.close()
+            self._sock.close()
+            raise DaemonError(f"the gateway at {self.gateway} runs with {told}, not with {config}")
+
+    @property
+    def _advice(self) -> str:
+        """What to do about an answer that is not understood."""
+        if self._version == __version__:
+            return f"both have version {__version__}: please report this defect"
+        return f"the gateway has version {self._version}, this command {__version__}: restart the service"
+
+    def wait_for(self, seconds: float) -> None:
+        """Allow this time for an answer, if it is longer than the usual one."""
+        self._patience = max(_PATIENCE, seconds)
+        self._sock.settimeout(self._patience)
+
+    @property
+    def pid(self) -> int:
+        """The process of the gateway."""
+        pid, _user, _group = _PEER.unpack(self._sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
+        return int(pid)
+
+    def ask(self, verb: str, **details: object) -> dict[str, Any]:
+        """The gateway's answer to a request."""
+        with suppress(ConnectionError, TimeoutError):  # it has closed the connection, perhaps after an error message
+            self._sock.sendall(json.dumps({"verb": verb, **details}).encode() + b"\n")
+        return self.next_answer()
+
+    def next_answer(self) -> dict[str, Any]:
+        """The gateway's next answer, where a request has several."""
+        try:
+            line = self._stream.readline()
+        except TimeoutError:
+            raise DaemonError(f"the gateway did not answer within {self._patience:g} s") from None
+        except ConnectionError:
+            line = b""
+        if not line:
+            raise DaemonError("the gateway closed the connection before it answered; is it stopping?")
+        was_first, self._is_first = self._is_first, False
+        answer = _read_answer(line, compares=was_first)
+        self._version = answer.get("version", UNKNOWN)
+        return answer
+
+
+def _read_answer(line: bytes, *, compares: bool = True) -> dict[str, Any]:
+    try:
+        answer: dict[str, Any] = json.loads(line)
+        error = answer.get("error")
+    except (ValueError, AttributeError):
+        raise DaemonError("what answers there is not modbus-gateway") from None
+    if compares:
+        _compare_versions(answer.get("version", "an earlier one"))
+    if error is not None:
+        raise DaemonError(f"the gateway says: {error}")
+    return answer
+
+
+def _compare_versions(daemon: object) -> None:
+    if daemon != __version__:
+        remedy = "restart the gateway if this command was upgraded"
+        print(f"versions differ: the gateway has {daemon}, this command {__version__}: {remedy}", file=sys.stderr)
+
+
+def _connect(path: Path) -> socket.socket:
+    """A connection to the gateway at this socket.
+
+    Raises:
+        DaemonError: it does not answer there.
+    """
+    sock = socket.socket(socket.AF_UNIX)
+    sock.settimeout(_PATIENCE)
+    try:
+        sock.connect(str(path))
+    except OSError as error:
+        sock.close()
+        raise DaemonError(_why_not(path, error)) from error
+    return sock
+
+
+def _why_not(path: Path, error: OSError) -> str:
+    """Why no gateway answers at a socket, and how another one is named."""
+    if isinstance(error, PermissionError):
+        remedy = "use sudo" if path == SYSTEM_SOCKET else f"use sudo, with --control {path}"
+        return f"only root, the gateway's user and its group may use {path}: {remedy}"
+    others = "--control PATH or --config FILE names another one"
+    if path != SYSTEM_SOCKET and SYSTEM_SOCKET.exists():
+        others += f", and --control {SYSTEM_SOCKET} that of the service"
+    return f"no running gateway found ({path}: {error.strerror or error}); {others}"

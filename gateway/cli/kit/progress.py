@@ -1,0 +1,47 @@
+"""How far a long command is: one line on a terminal that is written again and again."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import monotonic
+from typing import Final
+
+from gateway.cli.kit.terminal import unescaped
+
+#: It is written at most once in so many seconds, and has so many characters.
+_EVERY: Final = 0.1
+_WIDEST: Final = 78
+
+
+class Progress:
+    """The line; there is none where standard error is no terminal."""
+
+    def __init__(self) -> None:
+        self._is_shown = sys.stderr is not None and sys.stderr.isatty()
+        self._width = 0
+        self._next = 0.0
+
+    def show(self, text: str) -> None:
+        """Write this in place of what is there."""
+        if not self._is_shown or monotonic() < self._next:
+            return
+        self._next = monotonic() + _EVERY
+        text = text[:_WIDEST]
+        print("\r" + text.ljust(self._width), end="", file=unescaped(sys.stderr), flush=True)
+        self._width = len(text)
+
+    def clear(self) -> None:
+        """Take the line away."""
+        if self._width:
+            print("\r" + " " * self._width + "\r", end="", file=unescaped(sys.stderr), flush=True)
+            self._width = 0
+
+
+@contextmanager
+def progress() -> Iterator[Progress]:
+    """A line that is taken away at the end of the context."""
+    line = Progress()
+    try:
+        yield line
+    finally:
+        line.clear()

@@ -1,0 +1,60 @@
+"""The images and mirrors of a config, as `check` shows them."""
+
+from typing import Any
+
+from gateway.cli.kit.columns import align
+from gateway.config.plan.plan import Plan
+from gateway.config.values.duration import show_duration
+from gateway.config.values.ranges import show_ranges
+from gateway.images.image import ImageSettings
+from gateway.images.polls import MirrorSettings
+
+
+def images_as_text(plan: Plan) -> list[str]:
+    """A table of the images and one of the mirrors, if there are any."""
+    images = [(str(one.unit), one.name, one.profile.name, one.persist, _areas(one)) for one in plan.images]
+    mirrors = [(str(one.unit), one.name, one.of, show_duration(one.stale), _polls(one)) for one in plan.mirrors]
+    tables = (
+        ("Images", ("UNIT", "NAME", "PROFILE", "KEPT", "ADDRESSES"), images),
+        ("Mirrors: reads are answered at once, writes take as long as at the device",
+         ("UNIT", "NAME", "OF", "STALE", "POLLED"), mirrors),
+    )  # fmt: skip
+    return [f"{title}\n{align([headings, *rows], '  ')}" for title, headings, rows in tables if rows]
+
+
+def images_as_json(plan: Plan) -> list[dict[str, Any]]:
+    """The images."""
+    return [
+        {
+            "unit": one.unit,
+            "name": one.name,
+            "profile": one.profile.name,
+            "persist": one.persist,
+            "areas": one.areas,
+        }
+        for one in plan.images
+    ]
+
+
+def mirrors_as_json(plan: Plan) -> list[dict[str, Any]]:
+    """The mirrors; times in milliseconds."""
+    return [
+        {
+            "unit": one.unit,
+            "name": one.name,
+            "of": one.of,
+            "stale_ms": 1000 * one.stale,
+            "polls": [{"addresses": str(poll), "every_ms": 1000 * poll.every} for poll in one.polls],
+        }
+        for one in plan.mirrors
+    ]
+
+
+def _areas(image: ImageSettings) -> str:
+    if image.shows_gateway:
+        return "registers of the gateway itself: docs/own-registers.md"
+    return "; ".join(f"{area} {show_ranges(ranges)}" for area, ranges in image.areas.items())
+
+
+def _polls(mirror: MirrorSettings) -> str:
+    return "; ".join(f"{poll} every {show_duration(poll.every)}" for poll in mirror.polls)

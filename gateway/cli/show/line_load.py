@@ -1,0 +1,75 @@
+"""What `check` shows of a line's time: what its polls take of it, and how often its devices can be read."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+from gateway.cli.kit.columns import align
+from gateway.config.plan.line_load import PollLoad, ReadRate, load_of, total_share
+from gateway.config.plan.plan import LinePlan, Plan
+from gateway.config.values.duration import show_duration
+
+
+def polls_as_text(line: LinePlan, plan: Plan) -> Iterator[str]:
+    """A table of the declared polls of a line, if it has any."""
+    load = load_of(line, plan)
+    if load:
+        rows = [(one.poll.by, one.poll.of.name, one.poll.what, show_duration(one.poll.every), _time(one.time),
+                 _percent(one.share)) for one in load]  # fmt: skip
+        table = align([("BY", "OF", "READS", "EVERY", "LINE TIME", "SHARE"), *rows], "    ")
+        yield f"  Declared polls take {_percent(total_share(load))} of the line\n{table}"
+
+
+def rates_as_text(rates: Sequence[ReadRate], of: str) -> Iterator[str]:
+    """How often the devices that `of` names can be read at most."""
+    rows = [(str(one.items), _time(one.time), _rate(one.alone), _rate(one.in_turn)) for one in rates]
+    if rates:
+        area, has_time = rates[0].area, rates[0].has_time
+        assumed = "" if has_time else "\n    (its profile has no answer times: as if it answered at once)"
+        table = align([(area.upper(), "LINE TIME", "READS/S ALONE", "READS/S WITH ALL IN TURN"), *rows], "    ")
+        yield f"  Reads at most, of {of}{assumed}\n{table}"
+
+
+def polls_as_json(load: Iterable[PollLoad]) -> list[dict[str, Any]]:
+    """The declared polls; times in milliseconds, shares of the line's time."""
+    return [
+        {
+            "by": one.poll.by,
+            "of": one.poll.of.name,
+            "addresses": one.poll.what,
+            "every_ms": round(1000 * one.poll.every, 3),
+            "line_time_ms": round(1000 * one.time, 3),
+            "share": round(one.share, 4),
+        }
+        for one in load
+    ]
+
+
+def rates_as_json(rates: Iterable[ReadRate]) -> list[dict[str, Any]]:
+    """How often a device can be read at most, alone and with all devices of its line in turn."""
+    return [
+        {
+            "area": one.area,
+            "items": one.items,
+            "line_time_ms": round(1000 * one.time, 3),
+            "per_second": _rounded(one.alone),
+            "per_second_in_turn": _rounded(one.in_turn),
+            "answer_time_known": one.has_time,
+        }
+        for one in rates
+    ]
+
+
+def _time(seconds: float) -> str:
+    return f"{1000 * seconds:.1f} ms"
+
+
+def _rounded(per_second: float | None) -> float | None:
+    return None if per_second is None else round(per_second, 3)
+
+
+def _rate(per_second: float | None) -> str:
+    return "-" if per_second is None else f"{per_second:.1f}" if per_second < 100 else f"{per_second:.0f}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"

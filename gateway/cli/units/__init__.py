@@ -1,0 +1,1 @@
+"""Units as commands read and write them: through the gateway or directly."""

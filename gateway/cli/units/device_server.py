@@ -1,0 +1,54 @@
+"""A device server that is asked without a gateway: it cannot tell whose response it carries."""
+
+import socket
+import time
+from contextlib import suppress
+from select import select
+from typing import Final
+
+from gateway.cli.kit.daemon import Conversation, Meant
+from gateway.config.plan.plan import NETWORK_LATENCY
+from gateway.config.values.address import Address
+from gateway.config.values.port import parse_port
+from gateway.control.path import SYSTEM_SOCKET
+from gateway.errors import DaemonError, PortError
+from gateway.ports.tcp import CLOSED_AT_ONCE, READ_SIZE
+
+_TAKEN: Final = (
+    "{port} is the port of line {line} of the running gateway ({gateway})\n  help: leave out --port to go through it"
+)
+
+
+def refuse_port_of_gateway(port: Address, gateway: Meant) -> None:
+    """Refuse a device server that this gateway or that of the system asks: two clients get each other's responses.
+
+    Both only say which lines they have.
+
+    Raises:
+        PortError: it is the port of a line.
+    """
+    for each in {gateway, Meant(SYSTEM_SOCKET)}:
+        with suppress(DaemonError), Conversation(each) as daemon:  # no gateway that answers, no line of it
+            status = daemon.ask("status")["status"]
+            for line in (*status["lines"], *status["servers"]):
+                taken = parse_port(line["port"])
+                if isinstance(taken, Address) and taken.collides_with(port):
+                    raise PortError(_TAKEN.format(port=port, line=line["name"], gateway=each.socket))
+
+
+def settle(connection: socket.socket, port: str) -> None:
+    """Wait for the latency of a new connection, as a line does. What comes meanwhile is dropped.
+
+    Raises:
+        PortError: the device server has closed the connection again.
+    """
+    end = time.monotonic() + NETWORK_LATENCY
+    with suppress(ConnectionError):
+        while select([connection], [], [], max(0.0, end - time.monotonic()))[0]:
+            if not connection.recv(READ_SIZE):
+                break
+            if time.monotonic() >= end:
+                return  # it may send without end
+        else:
+            return
+    raise PortError(CLOSED_AT_ONCE.format(port=port))

@@ -1,0 +1,94 @@
+"""A scan of a port that no gateway has open, with a line of our own on it."""
+
+import argparse
+import asyncio
+from collections.abc import Callable
+from contextlib import aclosing
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from gateway.cli.kit.daemon import which_gateway
+from gateway.cli.kit.usage import WrongUsageError
+from gateway.cli.units.device_server import refuse_port_of_gateway
+from gateway.config.plan.plan import NETWORK_LATENCY, LinePlan
+from gateway.config.problem import WrongValue
+from gateway.config.values.address import Address
+from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
+from gateway.config.values.port import DEVICE_SERVER_MODES, parse_port
+from gateway.errors import PortError
+from gateway.events import discard_event
+from gateway.lines.settings import LineSettings
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
+from gateway.ports.opener import make_opener
+from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
+from gateway.runtime.parts import GatewayLine
+from gateway.state.memory import Memory
+from gateway.timing.characters import LineTiming
+from gateway.tools.scan import Found, Progress, Scan, Steps, opened, scan_speeds
+from gateway.trace.ring import Ring
+
+#: Is told how far a scan is.
+Tell = Callable[[dict[str, Any]], None]
+
+
+async def scan_port(args: argparse.Namespace, wanted: list[str] | None, tell: Tell) -> dict[str, Any]:
+    """Scan the port that the arguments name: all units by default, and in RTU a lone device at address 0.
+
+    Raises:
+        WrongUsageError: an argument cannot be meant.
+        PortError: the port cannot be opened, or is that of a line of the running gateway.
+        WrongQuestion: it was lost.
+    """
+    plan = _plan(args)
+    everybody = range(BROADCAST_UNIT if plan.line.timing.mode == "rtu" else FIRST_UNIT, LAST_UNIT + 1)
+    units = list(everybody) if wanted is None else list(map(int, wanted))
+    line = GatewayLine(plan, asyncio.get_running_loop(), make_opener, Memory(), discard_event, Ring())
+    found: tuple[Found, ...] = ()
+    try:
+        async with aclosing(_steps(line, units, args)) as steps:
+            async for step in steps:
+                if isinstance(step, Progress):
+                    tell(asdict(step))
+                else:
+                    found = step
+    except PortError as error:
+        raise _with_remedy(error, args.port) from error
+    return {"asked": len(units), "found": [asdict(each) for each in found]}
+
+
+def _with_remedy(error: PortError, port: str) -> PortError:
+    remedy = "if a gateway has this port, leave out --port and name its line"
+    return PortError(f"{error}\n  help: {remedy}") if Path(port).exists() else error
+
+
+async def _steps(line: GatewayLine, units: list[int], args: argparse.Namespace) -> Steps:
+    if args.all_speeds:
+        async with aclosing(scan_speeds(line.at_speed, units, args.timeout)) as steps:
+            async for step in steps:
+                yield step
+        return
+    async with opened(line), aclosing(Scan(line, units, args.timeout).run()) as steps:
+        async for step in steps:
+            yield step
+
+
+def _plan(args: argparse.Namespace) -> LinePlan:
+    try:
+        port = parse_port(args.port)
+        mode = DEVICE_SERVER_MODES[port.scheme] if isinstance(port, Address) else args.mode or "rtu"
+        format_ = DEFAULT_FORMATS[mode] if args.format is None else parse_format(args.format)
+    except WrongValue as wrong:
+        raise WrongUsageError(str(wrong), wrong.remedy) from wrong
+    if not fits_mode(format_, mode):
+        raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")
+    settings: PortSettings
+    if isinstance(port, Address):
+        if args.all_speeds:
+            raise WrongUsageError("the rate of a port behind a device server is set there", "leave out --all-speeds")
+        refuse_port_of_gateway(port, which_gateway(args))
+        settings = TcpSettings(str(port), port.host, port.port, NETWORK_LATENCY)
+    else:
+        settings = SerialSettings(port, args.baud, format_)
+    line = LineSettings(args.port, LineTiming(mode, args.baud, format_), turnaround=0.1)
+    return LinePlan(settings, line, devices=())

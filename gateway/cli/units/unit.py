@@ -1,0 +1,149 @@
+"""A unit to read or write: through the gateway or directly."""
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from gateway.cli.kit.daemon import Conversation, add_control_argument
+from gateway.cli.kit.usage import add_port_arguments, parsed_by
+from gateway.config.values.duration import parse_duration
+from gateway.errors import DaemonError, ExceptionCode, GatewayError
+from gateway.modbus.codes import EXCEPTION_BIT, Area
+from gateway.profiles.point import Point
+
+#: How much longer than the longest wait of a unit its response may take to arrive here, in seconds.
+_SPARE_TIME: Final = 5.0
+
+#: Why the gateway itself has answered with an exception, and what to do, by its `result`.
+_REASONS: Final[Mapping[str, str]] = {
+    "timeout": "no response within its time limit",
+    "bad_frame": "the response was damaged, or was not for this request",
+    "ambiguous": "another client is on the line, and the response may be for that one",
+    "line_lost": "the port was lost while the request was on the line; the unit may have acted",
+    "resting": "it backs off after several failures; modbus-gateway status shows for how long",
+    "overdue": "a late response to an earlier request may still come; try again in a moment",
+    "echo_suspected": "the adapter echoes; set echo = true for the line",
+    "stale": "the mirror's last poll is stale: its device does not answer",
+    "no_route": "there is no such unit; modbus-gateway check lists the units",
+    "denied": "[[access]] does not allow it for the control socket",
+    "queue_full": "too many requests wait for the line; try again",
+    "expired": "the line was busy for longer than its max_wait; try again",
+    "line_down": "its line is down; modbus-gateway status shows why",
+}
+
+
+class NoResponseError(GatewayError):
+    """A unit that was accessed directly has not responded, or not to this request."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A response PDU, and how long it took.
+
+    `result` and `reason` say why the gateway itself answered with an exception. `sent` and `received` are the frames on
+    the line. Where there were none, as with an image, they are unit identifier and PDU.
+    """
+
+    pdu: bytes
+    elapsed_ms: float
+    reason: str = ""
+    sent: bytes = b""
+    received: bytes = b""
+    result: str = ""
+
+    @property
+    def exception(self) -> int | None:
+        """The exception code, if it is one."""
+        return self.pdu[1] if self.pdu[0] & EXCEPTION_BIT else None
+
+    @property
+    def complaint(self) -> str:
+        """What an exception means."""
+        code = self.exception or 0
+        return f"exception {code:02X}, {_name(code)}" + (f": {self.reason}" if self.reason else "")
+
+
+class Unit(Protocol):
+    """A unit that can be read and written. `number` is its unit ID for clients; `name` is empty if it is not known.
+
+    `gateway` is the control socket through which it is asked, None without a gateway. `functions` is None for all or
+    unknown; `limits` is the most items for a function.
+    """
+
+    number: int
+    name: str
+    gateway: Path | None
+    points: tuple[Point, ...]
+    functions: frozenset[int] | None
+    limits: Mapping[int, int]
+
+    def ask(self, pdu: bytes) -> Answer:
+        """Send a request. Raises DaemonError or NoResponseError."""
+
+
+def add_unit_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that say how the unit is reached, and how values are shown."""
+    add = parser.add_argument
+    add("--swap", choices=("none", "words", "bytes", "both"), default="none", help="order in registers (default none)")
+    add("--raw", action="store_true", help="show request and response in hexadecimal too")
+    add("--json", action="store_true", help="print JSON instead of a table")
+    add_control_argument(parser)
+    direct = parser.add_argument_group("without a gateway")
+    add_port_arguments(direct, "use")
+    add = direct.add_argument
+    add("--tcp", metavar="HOST[:PORT]", help="use this Modbus TCP server (default port 502)")
+    limit = "time limit (default 1s; 10s with --tcp)"
+    add("--timeout", type=parsed_by(parse_duration), metavar="TIME", help=limit)
+    add("--profile", metavar="NAME", help="the kind of device, for its points: mint, v80, weigher")
+
+
+class DaemonUnit:
+    """A unit of the running gateway.
+
+    Raises:
+        DaemonError: the gateway has no such unit.
+    """
+
+    def __init__(self, daemon: Conversation, wanted: str) -> None:
+        self._daemon = daemon
+        unit = daemon.ask("unit", unit=int(wanted) if wanted.isdecimal() else wanted).get("unit")
+        if not isinstance(unit, dict):
+            raise DaemonError("the gateway's answer has no unit in it")
+        functions = unit.get("functions")
+        self.number: int = unit["unit"]
+        self.name: str = unit.get("name", "")
+        self.gateway: Path | None = daemon.gateway
+        self.functions = None if functions is None else frozenset(functions)
+        self.areas = {Area(area): ranges for area, ranges in unit.get("areas", {}).items()}
+        self.limits: Mapping[int, int] = {int(function): most for function, most in unit.get("limits", {}).items()}
+        self.points = tuple(map(_point, unit.get("points", ())))
+        daemon.wait_for(unit.get("longest_wait_ms", 0.0) / 1000 + _SPARE_TIME)
+
+    def ask(self, pdu: bytes) -> Answer:
+        """Send a request as the client `control`. Raises DaemonError."""
+        answer = self._daemon.ask("request", unit=self.number, pdu=pdu.hex(" "))
+        response = bytes.fromhex(answer["pdu"])
+        result = answer.get("result", "")
+        told = answer.get("reason")
+        reason = (result == "line_down" and told) or _REASONS.get(result) or told or result
+        head = bytes((self.number,))
+        sent, received = head + pdu, head + response
+        if "sent" in answer:
+            sent, received = bytes.fromhex(answer["sent"]), bytes.fromhex(answer.get("received", ""))
+        return Answer(response, answer["elapsed_ms"], reason, sent, received, result)
+
+
+def _point(told: Mapping[str, Any]) -> Point:
+    """A point from the gateway. A gateway of another version may send more fields."""
+    known = {name: told[name] for name in Point.__dataclass_fields__ if name in told}
+    labels = {int(number): label for number, label in known.get("labels", {}).items()}
+    return Point(**{**known, "area": Area(known["area"]), "labels": labels})
+
+
+def _name(code: int) -> str:
+    try:
+        return ExceptionCode(code).name.lower().replace("_", " ")
+    except ValueError:
+        return "not a standard one"

@@ -1,0 +1,138 @@
+"""`doctor`: what is wrong with a set-up, and the remedy."""
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, add_control_argument, which_gateway
+from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
+from gateway.cli.verbs.report_arguments import add_report_arguments
+from gateway.diagnosis.evidence import PortInUse
+from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.ports import with_ports
+from gateway.errors import DaemonError
+from gateway.tools.outside import findings_about
+
+#: How long the gateway may take, in seconds: it asks units, and may try other rates and formats on several lines.
+_PATIENCE: Final = 120.0
+
+_EXAMPLES: Final = """\
+examples:
+  modbus-gateway doctor                  look at everything
+  modbus-gateway doctor hall-a           look at one line
+  modbus-gateway doctor --passive        send nothing on any line
+  modbus-gateway doctor --config gateway.toml
+                                         the gateway with this config; if it does not run,
+                                         what can be seen without it
+  modbus-gateway doctor --hardware-report /dev/ttyUSB0 --unit 1 --baud 9600
+                                         what an adapter does, for a report
+
+Each row is ok, note or fix; below a fix is the remedy, and the exit
+status is 1 then. Without --passive the running gateway may send reads of one
+item: to configured units that were asked fewer than four times, and to units
+whose last request failed, or that have not answered for a minute or since
+another one has failed; when a unit is silent, to at most 16 addresses that
+are not configured; when no unit of a line answers, also at other rates and
+formats, for at most 30 s. It never writes. A note tells what was sent.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `doctor`."""
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("line", nargs="?", metavar="LINE", help="the name of a line (default: all)")
+    parser.add_argument("--passive", action="store_true", help="send nothing: use what the gateway has measured")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    add_control_argument(parser)
+    add_report_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the findings; 1 if something needs fixing.
+
+    Raises:
+        DaemonError: the gateway refuses the question, or there is no such line.
+        ReportError: the port to report on cannot be opened.
+    """
+    if args.hardware_report:
+        from gateway.cli.verbs.hardware_report import make_report  # noqa: PLC0415 - opens a port in an event loop
+
+        return make_report(args)
+    findings = _findings(args)
+    if args.json:
+        print(json.dumps({"findings": [asdict(finding) for finding in findings]}, indent=2, ensure_ascii=False))
+    else:
+        print(table(findings, shutil.get_terminal_size().columns))
+    return PROBLEM_FOUND if any(finding.level == "fix" for finding in findings) else FINE
+
+
+def table(findings: Iterable[Finding], width: int) -> str:
+    """A row for each finding, and below it the remedy."""
+    return "\n".join(line for finding in findings for line in _row(finding, width))
+
+
+def _row(finding: Finding, width: int) -> list[str]:
+    text = f"{finding.level:4}  {finding.about}: {finding.what}"
+    lines = textwrap.wrap(text, max(width, 40), subsequent_indent=" " * 6, break_long_words=False)
+    return [*lines, f"      -> {finding.remedy}"] if finding.remedy else lines
+
+
+def _findings(args: argparse.Namespace) -> list[Finding]:
+    try:
+        daemon = Conversation(which_gateway(args))
+    except DaemonError as error:
+        if args.control or (os.environ.get(CONTROL_VARIABLE) and not args.config):
+            raise
+        return [_without_daemon(str(error), args.config), *_in_config(args)]
+    with daemon:
+        if not args.passive and not args.json and sys.stderr.isatty():
+            print("The gateway may ask units now, which can take a minute; --passive sends nothing.", file=sys.stderr)
+        daemon.wait_for(_PATIENCE)
+        answer = daemon.ask("doctor", line=args.line, ask=not args.passive)
+        ports = [_port(row) for row in answer["ports"]]
+        measured = [_finding(row) for row in answer["findings"]]
+        return with_ports(findings_about(ports, daemon.pid), measured)
+
+
+def _in_config(args: argparse.Namespace) -> list[Finding]:
+    """What the config says whose gateway does not answer: the one that is named, or that of the service, if any."""
+    if not args.config and not Path(DEFAULT_CONFIG).exists():
+        return []
+    from gateway.cli.verbs.config_doctor import look_at_config  # noqa: PLC0415 - only here a config is read
+
+    return look_at_config(Path(args.config or DEFAULT_CONFIG), args.line)
+
+
+def _port(row: Mapping[str, Any]) -> PortInUse:
+    """A port of a gateway, perhaps of another version: that may send more fields."""
+    return PortInUse(**{name: row[name] for name in PortInUse.__dataclass_fields__ if name in row})
+
+
+def _finding(row: Mapping[str, Any]) -> Finding:
+    """A finding of a gateway, perhaps of another version."""
+    level = row.get("level")
+    return Finding(
+        level if level in ("ok", "note", "fix") else "note",
+        str(row.get("about", "")),
+        str(row.get("what", "")),
+        str(row.get("remedy", "")),
+        str(row.get("unit", "")),
+    )
+
+
+def _without_daemon(why: str, config: str | None) -> Finding:
+    what = f"{why}; only what can be seen without one was looked at"
+    if config:
+        return Finding("note", "gateway", what, f"modbus-gateway run {config}")
+    if Path(DEFAULT_CONFIG).exists():
+        return Finding("note", "gateway", what, "systemctl start modbus-gateway")
+    remedy = "start it: modbus-gateway run FILE; or look at its config: modbus-gateway doctor --config FILE"
+    return Finding("fix", "gateway", why, remedy)

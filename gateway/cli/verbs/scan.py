@@ -1,0 +1,165 @@
+"""`scan`: which units answer on a line, by asking each number once."""
+
+import argparse
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any, Final
+
+from gateway.cli.kit.columns import align
+from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
+from gateway.cli.kit.progress import progress
+from gateway.cli.kit.usage import (
+    WrongUsageError,
+    add_port_arguments,
+    let_options_stand_anywhere,
+    parsed_by,
+    tell_wrong_usage,
+)
+from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.config.problem import WrongValue
+from gateway.config.values.duration import parse_duration, show_duration
+from gateway.config.values.unitset import parse_units
+from gateway.errors import DaemonError
+
+#: The time limit of a question, in seconds, when nobody says otherwise.
+_USUAL_LIMIT: Final = 0.3
+#: A gateway without idle time on the line says so within a minute.
+_LONGEST_SILENCE: Final = 70.0
+
+_EXAMPLES: Final = """\
+examples:
+  modbus-gateway scan hall-a                 all unit IDs that the config does not name
+  modbus-gateway scan hall-a 1-32
+  modbus-gateway scan --port /dev/ttyUSB0 --baud 9600
+  modbus-gateway scan 1-10 --port /dev/ttyUSB0 --all-speeds
+
+Through the gateway, scan uses the idle time of the line: a client waits for at
+most one request of the scan. With --port, no gateway may have the port open.
+"""
+
+_Row = Mapping[str, Any]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `scan`."""
+    parser.usage = (
+        "modbus-gateway scan LINE [UNITS] [options]\n       modbus-gateway scan [UNITS] --port PORT [options]"
+    )
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    add = parser.add_argument
+    add("words", nargs="*", metavar="LINE [UNITS]", help="which line of the config; which units, such as 1-32 or 1,5,0")
+    add("--all-speeds", action="store_true", help="try all usual rates; the line must not be in use")
+    add(
+        "--timeout",
+        type=parsed_by(parse_duration),
+        default=_USUAL_LIMIT,
+        metavar="TIME",
+        help="of each request (default 300ms)",
+    )
+    add("--json", action="store_true", help="print JSON instead of a table")
+    add_control_argument(parser)
+    direct = parser.add_argument_group("without a gateway")
+    add_port_arguments(direct, "scan")
+    let_options_stand_anywhere(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Scan and print who was found; 1 when nobody was, or two devices have one address.
+
+    Raises:
+        GatewayError: the line cannot be scanned.
+    """
+    try:
+        return _show(args)
+    except WrongUsageError as wrong:
+        return tell_wrong_usage(wrong)
+
+
+def _show(args: argparse.Namespace) -> int:
+    with ExitStack() as parts:
+        line = parts.enter_context(progress())
+
+        def tell(step: _Row) -> None:
+            line.show(_how_far(step))
+
+        if args.port:
+            # Only here parts of a gateway are needed.
+            from gateway.cli.units.direct_scan import scan_port  # noqa: PLC0415
+            from gateway.clock.exact_loop import run_exactly  # noqa: PLC0415
+
+            answer = run_exactly(scan_port(args, _units(args.words), tell))
+        else:
+            answer = _ask_daemon(args, parts, tell)
+        line.clear()
+        found: Sequence[_Row] = answer["found"]
+        if args.json:
+            print(json.dumps(answer, indent=2))
+        else:
+            print(_as_text(answer, several_rates=args.all_speeds))
+        return FINE if found and all(row["result"] != "garbled" for row in found) else PROBLEM_FOUND
+
+
+def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: Callable[[_Row], None]) -> dict[str, Any]:
+    if not args.words or len(args.words) > 2:
+        raise WrongUsageError("which line?", "modbus-gateway scan LINE [UNITS], or --port for a port without a gateway")
+    line, *units = args.words
+    daemon = parts.enter_context(Conversation(which_gateway(args)))
+    wanted = _units(units)
+    daemon.wait_for(_LONGEST_SILENCE)
+    answer = daemon.ask("scan", line=line, units=wanted, limit_s=args.timeout, all_speeds=args.all_speeds)
+    while "found" not in answer:
+        if "progress" not in answer:
+            raise DaemonError("the gateway's answer is none to a scan")
+        tell(answer["progress"])
+        answer = daemon.next_answer()
+    return {key: answer[key] for key in ("asked", "found", "known", "is_answered") if key in answer}
+
+
+def _units(words: Sequence[str]) -> list[str] | None:
+    """The unit set that the words name; None for all.
+
+    Raises:
+        WrongUsageError: they name none.
+    """
+    units = [part.strip() for word in words for part in word.split(",")]
+    try:
+        return [str(unit) for unit in parse_units(units, first=0)] if units else None
+    except WrongValue as wrong:
+        raise WrongUsageError(str(wrong), wrong.remedy or "write units such as 1-32 or 1,5") from wrong
+
+
+def _how_far(progress: _Row) -> str:
+    found = ", ".join(map(str, progress["found"])) or "none yet"
+    left = "almost done" if progress["left_s"] < 1 else f"{show_duration(round(progress['left_s']))} left"
+    return f"{progress['asked']} of {progress['of']} at {progress['baud']} baud, {left}, found: {found}"
+
+
+def _as_text(answer: _Row, *, several_rates: bool) -> str:
+    found, asked = answer["found"], answer["asked"]
+    silent = asked - len({row["unit"] for row in found})
+    parts = []
+    if found:
+        headings = ("UNIT", "RESULT", "ANSWER", "PROFILE", *(("BAUD",) if several_rates else ()))
+        parts.append(align([headings, *(_cells(row, several_rates=several_rates) for row in found)]))
+    if silent:
+        parts.append(f"{silent} of {asked} {'unit' if asked == 1 else 'units'} did not answer.")
+    if answer.get("known"):
+        parts.append(f"In the config or in use, so not asked: {answer['known']}.")
+    garbled = [str(row["unit"]) for row in found if row["result"] == "garbled"]
+    if garbled:
+        parts.append(f"Garbled ({', '.join(garbled)}): two devices may have this address, or rate or format are wrong.")
+    if not found and not answer.get("is_answered"):
+        others = "" if several_rates else " --all-speeds tries other rates."
+        parts.append(f"If no unit of this line answers: are wiring, rate, format and mode right?{others}")
+    return "\n\n".join(parts)
+
+
+def _cells(row: _Row, *, several_rates: bool) -> tuple[str, ...]:
+    result = f"exception {row['code']:02X}" if row["result"] == "exception" else str(row["result"])
+    if row["answers_from"] is not None:
+        result += f" as {row['answers_from']}"
+    answer = "-" if row["answer_ms"] is None else f"{row['answer_ms']:.1f} ms"
+    rate = (str(row["baud"]),) if several_rates else ()
+    return (str(row["unit"]), result, answer, row["profile"] or "-", *rate)

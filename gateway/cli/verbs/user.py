@@ -1,0 +1,147 @@
+"""`user`: who may log in at the web page."""
+
+import argparse
+import getpass
+import json
+import sys
+import tomllib
+from pathlib import Path
+from typing import Final
+
+from gateway.cli.kit.columns import align
+from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
+from gateway.cli.main import DEFAULT_CONFIG, FINE
+from gateway.config.problem import did_you_mean
+from gateway.config.reading.file_text import UnreadableFile, folder_of, read_file_text
+from gateway.errors import UsersError
+from gateway.readconfig.page_users import (
+    ROLES,
+    User,
+    changing_users,
+    hashed,
+    is_user_name,
+    password_trouble,
+    read_users,
+)
+
+#: Where the users are when no config says it.
+DEFAULT_FILE: Final = "/etc/modbus-gateway/users"
+
+_EXAMPLES: Final = """\
+examples:
+  modbus-gateway user add anna --role operator     asks for the password
+  modbus-gateway user add wall < password.txt      reads it from there
+  modbus-gateway user password anna
+  modbus-gateway user remove anna
+  modbus-gateway user list
+
+A viewer reads; an operator also reloads the config, and writes if [web] has
+write = true. A running gateway knows of a change within 5 s, and ends the
+sessions of users that were changed or removed.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of `user`."""
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    verbs = parser.add_subparsers(dest="what", metavar="add|remove|list|password", required=True)
+    for what, about in (("add", "add a user"), ("remove", "remove one"), ("password", "set another password")):
+        verb = verbs.add_parser(what, help=about)
+        verb.add_argument("name", help="letters, digits, and . _ @ - after the first character")
+        if what == "add":
+            verb.add_argument("--role", choices=ROLES, default="viewer", help="what the user may do (default viewer)")
+        _add_file_argument(verb)
+    verb = verbs.add_parser("list", help="list all")
+    verb.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    _add_file_argument(verb)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Change or list the users; 2 for wrong usage.
+
+    Raises:
+        UsersError: the file cannot be read or written.
+    """
+    file = Path(args.file or _file_of_config() or DEFAULT_FILE)
+    try:
+        return {"add": _add, "remove": _remove, "password": _password, "list": _list}[args.what](file, args)
+    except WrongUsageError as wrong:
+        return tell_wrong_usage(wrong)
+    except OSError as error:
+        raise UsersError(f"{error.filename or file}: {error.strerror or error}") from error
+
+
+def _add_file_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--file", metavar="FILE", help=f"the file (default: as {DEFAULT_CONFIG} says, or {DEFAULT_FILE})"
+    )
+
+
+def _add(file: Path, args: argparse.Namespace) -> int:
+    if not is_user_name(args.name):
+        raise WrongUsageError(f'"{args.name}" is not a valid user name', "1 to 64 letters, digits, and . _ @ -")
+    with changing_users(file) as users:
+        if args.name in users:
+            raise WrongUsageError(f"{args.name} is there already", f"modbus-gateway user password {args.name}")
+        users[args.name] = User(args.name, args.role, hashed(_new_password(args.name)))
+    print(f"{args.name} ({args.role}) was added to {file}")
+    return FINE
+
+
+def _password(file: Path, args: argparse.Namespace) -> int:
+    with changing_users(file) as users:
+        user = _known(args.name, users)
+        users[user.name] = User(user.name, user.role, hashed(_new_password(user.name)))
+    print(f"{args.name} has another password now")
+    return FINE
+
+
+def _remove(file: Path, args: argparse.Namespace) -> int:
+    with changing_users(file) as users:
+        del users[_known(args.name, users).name]
+    print(f"{args.name} was removed from {file}")
+    return FINE
+
+
+def _list(file: Path, args: argparse.Namespace) -> int:
+    users = sorted(read_users(file).values(), key=lambda user: user.name) if file.exists() else []
+    if args.json:
+        print(json.dumps([{"user": user.name, "role": user.role} for user in users], indent=2))
+    elif users:
+        print(align([("USER", "ROLE"), *((user.name, user.role) for user in users)]))
+    else:
+        print(f"{file} has no users")
+    return FINE
+
+
+def _known(name: str, users: dict[str, User]) -> User:
+    if name not in users:
+        raise WrongUsageError(f"there is no user {name}", did_you_mean(name, users))
+    return users[name]
+
+
+def _new_password(name: str) -> str:
+    """A password from the terminal, typed twice, or the first line of standard input."""
+    if sys.stdin.isatty():
+        password = getpass.getpass(f"Password for {name}: ")
+        if password != getpass.getpass("Again: "):
+            raise WrongUsageError("the two passwords differ")
+    else:
+        password = sys.stdin.readline().rstrip("\r\n")
+    if trouble := password_trouble(password):
+        raise WrongUsageError(f"the password cannot be used: {trouble}")
+    return password
+
+
+def _file_of_config() -> str:
+    """The file that the service's config names; empty if it names none."""
+    file = Path(DEFAULT_CONFIG)
+    try:
+        config = tomllib.loads(read_file_text(file))
+    except (UnreadableFile, ValueError):
+        return ""
+    match config:
+        case {"web": {"users": str(path)}}:
+            return str(folder_of(file) / path)
+    return ""

@@ -1,0 +1,129 @@
+"""Cross-checks of images and mirrors."""
+
+from collections.abc import Iterator
+
+from gateway.config.checks.units import claims, client_lines, profile_of_row
+from gateway.config.plan.resolve_lines import units_without_devices
+from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.schema.profile import ProfileTable
+from gateway.config.schema.root import Config, Image
+from gateway.config.values.duration import show_duration
+from gateway.config.values.ranges import show_ranges
+from gateway.images.polls import polling_function
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
+from gateway.profiles.profile import Range, covers
+
+
+def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Images have the addresses of their initial values, and mirrors have a device that they can poll."""
+    profiles = _profiles_of_devices(config)
+    for image in config.image:
+        if image.of is None:
+            yield from _check_local(image)
+            continue
+        yield from _check_mirror(image)
+        if image.of not in profiles and not failed & {"line", "upstream"}:
+            remedy = _owner_of(image.of, config) or _name_of_unit(image.of, config) or did_you_mean(image.of, profiles)
+            yield error((*image.path, "of"), f'there is no device "{image.of}"', remedy)
+        profile = profiles.get(image.of)
+        if profile is not None:
+            yield from _check_polled(image, image.of, profile)
+
+
+def _owner_of(name: str, config: Config) -> str:
+    """Why this unit of a line without devices does not pass through; empty if it is none."""
+    lines = [line for line in client_lines(config) if line.devices is None]
+    taken = ((claim, unit) for claim in claims(config) for unit in claim.units)
+    found = (
+        f"unit {unit} is {claim.owner}" for claim, unit in taken for line in lines if name == f"{line.label}/{unit}"
+    )
+    return next(found, "")
+
+
+def _name_of_unit(text: str, config: Config) -> str:
+    """The name of the device, where its number is written instead."""
+    named = (
+        (str(unit), name) for claim in claims(config) for unit, name in zip(claim.units, claim.names, strict=False)
+    )
+    return next((f'write the name of unit {unit}: of = "{name}"' for unit, name in named if unit == text), "")
+
+
+def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
+    """Each device's profile by name of the device; None if unknown, as behind other servers."""
+    profiles: dict[str, ProfileTable | None] = {}
+    for line in client_lines(config):
+        if line.devices is None:
+            names = (f"{line.label}/{unit}" for unit in units_without_devices(line, config))
+            profiles |= dict.fromkeys(names, config.profile.get(line.profile))
+        for row in line.devices or ():
+            profiles |= dict.fromkeys(line.device_names(row), profile_of_row(config, line, row))
+    for upstream in config.upstream:
+        for units in upstream.rows:
+            profiles |= dict.fromkeys(upstream.unit_names(units))
+    return profiles
+
+
+def _check_local(image: Image) -> Iterator[Problem]:
+    for key in ("read", "stale"):
+        if image.has(key):
+            yield error((*image.path, key), "only a mirror has this key", 'name the device to poll: of = "DEVICE"')
+    if not any(image.ranges(area) for area in Area):
+        yield error(image.path, "has no register and no coil", "write how many, such as holding = 100")
+    for area in Area:
+        yield from _check_initial(image, area)
+
+
+def _check_initial(image: Image, area: Area) -> Iterator[Problem]:
+    ranges = image.ranges(area)
+    for row in image.initial.rows(area):
+        span = Span(area, row.at, len(row.values))
+        if not row.values:
+            yield error((*row.path, "values"), "is empty")
+        elif not covers(ranges, span):
+            what = f"{area} {span.addresses} do not all exist in this image"
+            yield error(row.path, what, f"its {area}: {show_ranges(ranges)}")
+        if area in {Area.COILS, Area.DISCRETE} and any(value > 1 for value in row.values):
+            yield error((*row.path, "values"), f"{area} can only be 0 or 1")
+
+
+def _check_mirror(image: Image) -> Iterator[Problem]:
+    for key in ("profile", "persist", "initial", *Area):
+        if image.has(key):
+            yield error((*image.path, key), "a mirror has what its device has", "take the key out, or of")
+    if not image.read:
+        remedy = 'write read = [{ holding = "0-1", every = "500 ms" }]'
+        yield error(image.path, "is a mirror that polls nothing", remedy)
+    for row in image.read:
+        if sum(row.has(area) for area in Area) != 1:
+            yield error(row.path, "must name one of holding, input, coils and discrete")
+        for area in Area:
+            if row.has(area) and not row.ranges(area):
+                yield error((*row.path, area), "names no address", "write the first and the last one, such as 0-9")
+        if row.every >= image.stale:
+            what = f"values become stale between two polls: stale is {show_duration(image.stale)}"
+            yield warning((*row.path, "every"), what, "make stale two or three times as long as every")
+    yield from _check_polled_once(image)
+
+
+def _check_polled_once(image: Image) -> Iterator[Problem]:
+    for area in Area:
+        taken: list[Range] = []
+        for row in image.read:
+            for first, last in row.ranges(area):
+                if any(first <= other_last and other_first <= last for other_first, other_last in taken):
+                    yield error((*row.path, area), f"{area} {first}-{last} overlap with an earlier row")
+                taken.append((first, last))
+
+
+def _check_polled(image: Image, device: str, profile: ProfileTable) -> Iterator[Problem]:
+    """The device has what is polled."""
+    for row, area in ((row, area) for row in image.read for area in Area if row.has(area)):
+        function = polling_function(area)
+        if profile.functions is not None and function not in profile.functions:
+            yield error((*row.path, area), f"{device} has no function {function:d}, which reads {area}")
+        existing: tuple[Range, ...] | None = getattr(profile, area)
+        for first, last in row.ranges(area):
+            if not covers(existing, Span(area, first, last + 1 - first)):
+                what = f"{device} does not have all of {area} {first}-{last}"
+                yield error((*row.path, area), what, f"its {area}: {show_ranges(existing or ())}")

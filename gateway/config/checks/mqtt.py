@@ -1,0 +1,171 @@
+"""Cross-checks of `[mqtt]`: what it needs, and that its rows mean something that it may read and write."""
+
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from typing import Final
+
+from gateway.config.plan.plan import Plan
+from gateway.config.plan.publishing import Publishable, names_device
+from gateway.config.plan.resolve import publishable, resolve
+from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.reserved import MQTT
+from gateway.config.schema.mqtt import Mqtt, Publish
+from gateway.config.schema.root import Config
+from gateway.config.values.broker import is_topic_part
+from gateway.modbus.functions import READERS
+from gateway.profiles.published import PublishedDevice, PublishedPoint
+from gateway.registers.items import WRITERS
+from gateway.routing.access import EntryPoint, Rights
+
+_TLS_KEYS: Final = ("ca", "certificate", "key", "server_name")
+_MOST_NAMES: Final = 3
+#: Names in plain messages: the topic beside those of devices, and the key beside those of points.
+_STATUS: Final = "status"
+_TIME: Final = "time"
+
+
+def check_mqtt(config: Config) -> Iterator[Problem]:
+    """Its own keys fit together."""
+    mqtt = config.mqtt
+    if mqtt is None:
+        return
+    yield from _check_site(config.site, mqtt)
+    yield from _check_broker(mqtt)
+    yield from _check_files(mqtt)
+    if not mqtt.publish:
+        remedy = 'write publish = [{ device = "silo-*", every = "1 s" }]'
+        yield error((*mqtt.path, "publish"), "is empty", remedy)
+    if mqtt.sparkplug is not None and mqtt.home_assistant is not None:
+        what = "Home Assistant does not understand Sparkplug B"
+        yield error((*mqtt.path, "home_assistant"), what, "leave one of the two out")
+
+
+def check_published(config: Config) -> Iterator[Problem]:
+    """Each row of `publish` means points that may be read. The config must have passed all other checks."""
+    mqtt = config.mqtt
+    if mqtt is None:
+        return
+    plan = resolve(config)
+    for row in mqtt.publish:
+        yield from _check_row(row, tuple(publishable(plan)))
+    devices = () if plan.mqtt is None else plan.mqtt.devices
+    yield from _check_topics(mqtt, devices)
+    yield from _check_rights(mqtt, devices, plan)
+    if mqtt.write and not any(point.is_writable for device in devices for point in device.points):
+        what = "none of these points can be written"
+        yield error((*mqtt.path, "write"), what, "add write = true to a point, or leave it out here")
+
+
+def _check_site(site: str, mqtt: Mqtt) -> Iterator[Problem]:
+    if not site:
+        what = "needs the name of the plant, which is a part of all topics"
+        yield error((*mqtt.path, "broker"), what, 'add site = "plant-2" at the top of the file')
+    elif not is_topic_part(site):
+        yield error(("site",), "is a part of topics, where +, # and / mean something else", "choose another name")
+
+
+def _check_broker(mqtt: Mqtt) -> Iterator[Problem]:
+    address, path = mqtt.broker.address, (*mqtt.path, "broker")
+    if address.is_wildcard:
+        yield error(path, f"{address.host} is not the address of a broker", "write its host name or address")
+    if not address.port:
+        yield error(path, "port 0 is not the port of a broker")
+    for key in () if mqtt.broker.is_encrypted else filter(mqtt.has, _TLS_KEYS):
+        yield error((*mqtt.path, key), "is used only with mqtts:// and wss://", "write mqtts:// in broker")
+
+
+def _check_files(mqtt: Mqtt) -> Iterator[Problem]:
+    for one, other in (("certificate", "key"), ("key", "certificate")):
+        if mqtt.has(one) and not mqtt.has(other):
+            yield error((*mqtt.path, one), f"has no effect without {other}", f"add {other}")
+    if mqtt.password is not None and mqtt.user is None:
+        yield error((*mqtt.path, "password"), "has no effect without user", "add user")
+
+
+def _check_row(row: Publish, known: tuple[Publishable, ...]) -> Iterator[Problem]:
+    """It matches a device, and each of its patterns a point of one."""
+    meant = [each for each in known if names_device(row, each.name)]
+    if not meant:
+        remedy = did_you_mean(row.device, (each.name for each in known))
+        yield error((*row.path, "device"), f'nothing is called "{row.device}"', remedy)
+        return
+    points = [point for each in meant for point in each.points]
+    if not points:
+        what = "has no points" if len(meant) == 1 else "are devices without points"
+        remedy = "give points to its profile, or to the device itself"
+        yield error((*row.path, "device"), f"{_named([each.name for each in meant])} {what}", remedy)
+        return
+    for index, pattern in enumerate(row.points):
+        if not any(fnmatchcase(point.name, pattern) for point in points):
+            what = f'{_named([each.name for each in meant])} has no point "{pattern}"'
+            yield error((*row.path, "points", index), what, did_you_mean(pattern, (point.name for point in points)))
+
+
+def _check_topics(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:
+    """Names of devices are parts of topics. Those of points always can be."""
+    wrong = [device.name for device in devices if not is_topic_part(device.name)]
+    if wrong:
+        what = f"{_named(wrong)} cannot be a part of topics, where +, # and / mean something else"
+        yield error((*mqtt.path, "publish"), what, "give the device another name: name = ...")
+    if mqtt.sparkplug is None:
+        yield from _check_taken(mqtt, devices)
+    else:
+        yield from _check_alike(mqtt, [device.name for device in devices], "devices")
+        for device in devices:
+            yield from _check_alike(mqtt, [point.name for point in device.points], f"points of {device.name}")
+
+
+def _check_alike(mqtt: Mqtt, names: list[str], what: str) -> Iterator[Problem]:
+    """Sparkplug hosts need not tell names apart that differ by case only."""
+    alike: dict[str, list[str]] = {}
+    for name in names:
+        alike.setdefault(name.casefold(), []).append(name)
+    for same in alike.values():
+        if len(same) > 1:
+            problem = (
+                f"the {what} {_named(same)} differ by upper and lower case only: Sparkplug hosts may take them for one"
+            )
+            yield warning((*mqtt.path, "publish"), problem, "give them other names")
+
+
+def _check_taken(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:
+    """No device and no point has a name that plain messages use for something else."""
+    for device in devices:
+        if device.name == _STATUS:
+            what = f"the topic of {_STATUS} says whether the gateway is there"
+            yield error((*mqtt.path, "publish"), what, "give the device another name: name = ...")
+        if device.point(_TIME):
+            what = f'the point "{_TIME}" of {device.name} has the name of the time of each message'
+            yield error((*mqtt.path, "publish"), what, "give the point another name, or leave it out of points here")
+
+
+def _check_rights(mqtt: Mqtt, devices: tuple[PublishedDevice, ...], plan: Plan) -> Iterator[Problem]:
+    """Rows of `[[access]]` that name `mqtt` let it do what it is to do."""
+    rights = Rights(plan.access, EntryPoint(MQTT, "local"))
+    unread = [device.name for device in devices if not all(_may_read(rights, device, one) for one in device.points)]
+    remedy = f'a row of [[access]] names "{MQTT}", so another must allow it'
+    if unread:
+        what = f"{_named(unread)} may not be read"
+        yield error((*mqtt.path, "publish"), what, f'{remedy}: listen = ["{MQTT}"], allow = ["read"]')
+    shut = [device.name for device in devices if any(_is_shut(rights, device, one) for one in device.points)]
+    if shut:
+        what = f"{_named(shut)} may not be written"
+        yield error((*mqtt.path, "write"), what, f'{remedy}: listen = ["{MQTT}"], allow = ["read", "write"]')
+
+
+def _may_read(rights: Rights, device: PublishedDevice, point: PublishedPoint) -> bool:
+    return not point.is_readable or rights.allows("", device.unit, READERS[point.point.area][0])
+
+
+def _is_shut(rights: Rights, device: PublishedDevice, point: PublishedPoint) -> bool:
+    """Whether it is to be written and no function for that is allowed."""
+    writers = WRITERS.get(point.point.area)
+    if not point.is_writable or writers is None:
+        return False
+    single, several, _ = writers
+    return not any(rights.allows("", device.unit, function) for function in (single, several))
+
+
+def _named(names: list[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more

@@ -1,0 +1,63 @@
+"""Cross-checks of listeners for one line or one upstream."""
+
+from collections.abc import Iterator, Mapping
+
+from gateway.config.checks.units import client_lines
+from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.schema.root import Config, Line, Listen, Upstream
+from gateway.config.values.unitset import show_units
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
+
+
+def check_own_listeners(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Each names a client line or an upstream, and its keys fit that. `failed` as in `check`."""
+    lines = {line.label: line for line in client_lines(config)}
+    known = {"line": [*lines], "upstream": [upstream.label for upstream in config.upstream]}
+    for listen in config.listen:
+        for key, name in (("line", listen.line), ("upstream", listen.upstream)):
+            if name is not None and name not in known[key] and key not in failed:
+                yield error((*listen.path, key), *_no_such(key, name, known, config))
+        if listen.line in lines:
+            yield from _check_reach(listen, lines[listen.line])
+        if listen.upstream is not None:
+            yield from _check_keys(listen)
+
+
+def numbers_on(part: Line | Upstream) -> frozenset[int]:
+    """What a listener for a line or an upstream leads to: addresses on its wire, units of the server."""
+    if isinstance(part, Upstream):
+        return frozenset(range(256))
+    if part.devices is None:
+        return frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
+    return frozenset(unit for row in part.devices for unit in row.units) - {BROADCAST_UNIT}
+
+
+def _no_such(key: str, name: str, known: Mapping[str, list[str]], config: Config) -> tuple[str, str]:
+    """The error and the remedy. `known` are the names of client lines and of upstreams."""
+    other = next((each for each in known if name in known[each]), None)
+    if other is not None:
+        return f'there is no {key} "{name}"', f'write {other} = "{name}"'
+    if any(line.label == name for line in config.line):
+        return f'line "{name}" is a server line', f"leave {key} out: every listener leads to the units that it serves"
+    return f'there is no {key} "{name}"', did_you_mean(name, known[key])
+
+
+def _check_keys(listen: Listen) -> Iterator[Problem]:
+    if listen.line is not None:
+        remedy = "take one of them out, and write a [[listen]] for each"
+        yield error((*listen.path, "upstream"), "cannot be combined with line", remedy)
+    if listen.has("unit0"):
+        what = "unit 0 is a unit of that server here, with a response"
+        yield error((*listen.path, "unit0"), what, "take it out")
+
+
+def _check_reach(listen: Listen, line: Line) -> Iterator[Problem]:
+    addresses = numbers_on(line)
+    if not addresses:
+        what = f'no device of line "{line.label}" has an address, so nothing can be asked'
+        yield error((*listen.path, "line"), what, "name its address as unit, or leave line out")
+    elif isinstance(listen.unit0, int) and listen.unit0 not in addresses:
+        what = f'{listen.unit0} is not an address on line "{line.label}"'
+        yield error((*listen.path, "unit0"), what, f"its addresses: {show_units(addresses)}")
+    if listen.unit0 == "broadcast" and not line.broadcast:
+        yield warning((*listen.path, "unit0"), f'line "{line.label}" takes no broadcasts', "see its key broadcast")

@@ -1,0 +1,228 @@
+"""Cross-checks of the units and their destinations."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.config.plan.resolve_lines import ASKED_AT_ZERO, passing_units
+from gateway.config.problem import Path, Problem, error, warning
+from gateway.config.schema.profile import ProfileTable
+from gateway.config.schema.root import Config, Device, Line, Upstream
+from gateway.config.values.unitset import show_units
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A table that answers for `units`; `path` and `source` are its place in the file."""
+
+    units: tuple[int, ...]
+    owner: str
+    path: Path
+    source: str
+    remedy: str = ""
+    #: The names of the units, in their order.
+    names: tuple[str, ...] = ()
+
+
+#: So many devices are named in an advice.
+_MOST_TOLD: Final = 5
+
+
+def client_lines(config: Config) -> list[Line]:
+    """The client lines."""
+    return [line for line in config.line if line.role == "client"]
+
+
+def profile_of_row(config: Config, line: Line, row: Device) -> ProfileTable | None:
+    """What the devices of a row accept, None if there is no such profile; at address 0 only holding registers."""
+    profile = config.profile.get(row.profile or line.profile)
+    if profile is not None and BROADCAST_UNIT in row.units:
+        return profile.model_copy(update={"functions": tuple(ASKED_AT_ZERO)})
+    return profile
+
+
+def claims(config: Config) -> Iterator[Claim]:
+    """The claims of all tables except pass-through lines, which get the remaining units."""
+    for line in client_lines(config):
+        for row in line.devices or ():
+            path = (*row.path, "unit" if row.known_as is None else "as")
+            owner, remedy = f'of line "{line.label}"', 'give one of them another unit ID for clients with "as"'
+            yield Claim(row.client_units, owner, path, row.source, remedy, tuple(line.device_names(row)))
+    for image in config.image:
+        owner = f'of image "{image.label}"'
+        yield Claim((image.unit,), owner, (*image.path, "unit"), image.source, names=(image.label,))
+    if config.own is not None:
+        yield Claim((config.own.unit,), "of the gateway itself", (*config.own.path, "unit"), config.own.source)
+    for upstream in config.upstream:
+        for units in upstream.rows:
+            owner, names = f'of upstream "{upstream.label}"', tuple(upstream.unit_names(units))
+            yield Claim(units.known_as, owner, (*units.path, "as"), units.source, names=names)
+
+
+def not_configured(units: Iterable[int]) -> str:
+    """The message that these units are not in the config."""
+    text = show_units(units)
+    return f"unit {text} is not configured" if text.isdecimal() else f"units {text} are not configured"
+
+
+def served_units(config: Config) -> frozenset[int]:
+    """All units that have a destination."""
+    units = frozenset(unit for claim in claims(config) for unit in claim.units)
+    if any(line.devices is None and not config.is_apart(line) for line in client_lines(config)):
+        return units.union(range(FIRST_UNIT, LAST_UNIT + 1))
+    return units
+
+
+def check_overlaps(config: Config) -> Iterator[Problem]:
+    """Each unit has only one destination."""
+    owners: dict[int, Claim] = {}
+    for claim in claims(config):
+        taken: dict[str, list[int]] = {}
+        for unit in claim.units:
+            first = owners.setdefault(unit, claim)
+            if first is not claim:
+                taken.setdefault(f"{first.owner} ({first.source})", []).append(unit)
+        for owner, units in taken.items():
+            verb = "is already a unit" if len(units) == 1 else "are already units"
+            yield error(claim.path, f"{show_units(units)} {verb} {owner}", claim.remedy)
+
+
+def check_numbers_as_names(config: Config) -> Iterator[Problem]:
+    """Who asks for a unit by digits means its number: no other unit is called so."""
+    for claim in claims(config):
+        for unit, name in zip(claim.units, claim.names, strict=False):
+            if name.isdecimal() and int(name) != unit:
+                what = f'"{name}" is a number, and means unit {name}; this is unit {unit}'
+                yield error((*claim.path[:-1], "name"), what, f'add a letter, such as "unit-{name}"')
+
+
+def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """A line without devices takes all units, so only one may lack its own listener. `failed` as in `check`."""
+    lines = client_lines(config)
+    together = [line for line in lines if not config.is_apart(line)]
+    for line in together:
+        is_beside_others = len(together) > 1 or (len(lines) > 1 and not _is_asked(line, config))
+        if line.devices is None and is_beside_others and "listen" not in failed:
+            yield error(
+                line.path,
+                "has no devices, but is not the only client line: it is unknown which units are on it",
+                "name its devices, such as devices = [{ unit = 1 }], or give it its own [[listen]] with "
+                f'line = "{line.label}"',
+            )
+        if line.devices is None and not (passing_units(config) or config.listeners_for(line)):
+            yield error(line.path, "has no devices, and no unit is left to pass through", "take it out")
+        if line.devices == ():
+            yield error((*line.path, "devices"), "is empty", "leave it out, and every unit 1-247 passes through")
+
+
+def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Each unit can be reached if every listener is for one line or upstream. `failed` as in `check`.
+
+    Server lines and mirrors lead to units too.
+    """
+    if config.leads_everywhere or failed & {"listen", "line", "image"}:
+        return
+    served, mirrored = _served_to_outside_clients(config), _mirrored(config)
+    parts: tuple[Line | Upstream, ...] = (*client_lines(config), *config.upstream)
+    own = {part.path for part in parts if config.listeners_for(part)}
+    for claim in claims(config):
+        polled = {unit for unit, name in zip(claim.units, claim.names, strict=False) if name in mirrored}
+        unasked = set(claim.units) - served - polled
+        if unasked and claim.path[:2] not in own:
+            what = f"no listener leads to {show_units(unasked)}: each is for one line or upstream"
+            yield warning(claim.path, what, "add a [[listen]] without line and upstream")
+
+
+def check_device_rows(config: Config) -> Iterator[Problem]:
+    """Each row of devices is unambiguous."""
+    for line in client_lines(config):
+        for row in line.devices or ():
+            yield from _check_row(row)
+        yield from _check_wire_units(line)
+        yield from _check_reserved(line)
+        yield from _check_lone_device(line)
+
+
+def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Units that other tables name exist, unless a table that may have them failed."""
+    if failed & {"line", "image", "upstream"}:
+        return
+    served = served_units(config)
+    for listen in config.listen:
+        if listen.only is None and isinstance(listen.unit0, int) and listen.unit0 not in served:
+            yield error((*listen.path, "unit0"), not_configured({listen.unit0}), _called(config, {listen.unit0}))
+    for line in config.line:
+        unknown = set(line.serves or ()) - served
+        if unknown:
+            yield error((*line.path, "serves"), not_configured(unknown), _called(config, unknown))
+
+
+def _called(config: Config, addresses: set[int]) -> str:
+    """How clients call the devices at these addresses, where they are meant and have other numbers for clients."""
+    rows = [row for line in client_lines(config) for row in line.devices or ()]
+    found = [
+        f"{unit} is at address {at}"
+        for row in rows
+        for at, unit in zip(row.units, row.client_units, strict=False)
+        if at in addresses and at != unit
+    ]
+    return f"use the unit IDs for clients: {', '.join(found[:_MOST_TOLD])}" if found else ""
+
+
+def _is_asked(line: Line, config: Config) -> bool:
+    """Whether any client can reach a line without devices that has no listener of its own."""
+    units = _served_to_outside_clients(config).intersection(passing_units(config))
+    return config.leads_everywhere or bool(units) or not _mirrored(config).isdisjoint(line.all_device_names)
+
+
+def _served_to_outside_clients(config: Config) -> frozenset[int]:
+    return frozenset(unit for line in config.line for unit in line.serves or ())
+
+
+def _mirrored(config: Config) -> frozenset[str]:
+    """The names of devices that have a mirror."""
+    return frozenset(image.of for image in config.image if image.of is not None)
+
+
+def _check_row(row: Device) -> Iterator[Problem]:
+    if len(row.client_units) != len(row.units):
+        yield error(
+            (*row.path, "as"),
+            f"names {len(row.client_units)} units for clients, but there are {len(row.units)} on the wire",
+            f'as many as in unit = "{show_units(row.units)}" are needed',
+        )
+    if len(row.units) > 1 and row.name is not None and "*" not in row.name:
+        remedy = f'write "{row.name}-*": * becomes the unit that clients use'
+        yield error((*row.path, "name"), f"{len(row.units)} devices cannot have one name", remedy)
+    if 0 in row.client_units:
+        yield error((*row.path, "unit"), "unit 0 stands for every device", "name the unit that clients use: as = 50")
+
+
+def _check_wire_units(line: Line) -> Iterator[Problem]:
+    asked_as: dict[int, int] = {}
+    for row in line.devices or ():
+        for unit, known_as in zip(row.units, row.client_units, strict=False):
+            if asked_as.setdefault(unit, known_as) != known_as:
+                yield warning(
+                    (*row.path, "unit"), f"unit {unit} on the wire already has the unit ID {asked_as[unit]} for clients"
+                )
+
+
+def _check_reserved(line: Line) -> Iterator[Problem]:
+    for row in line.devices or ():
+        reserved = [unit for unit in row.units if unit > LAST_UNIT]
+        if reserved:
+            what = f"unit {show_units(reserved)}: the specification reserves {LAST_UNIT + 1}-{HIGHEST_UNIT}"
+            yield warning((*row.path, "unit"), what, "right if the device is set to it; others are 1-247")
+
+
+def _check_lone_device(line: Line) -> Iterator[Problem]:
+    rows = line.devices or ()
+    for row in rows:
+        if BROADCAST_UNIT in row.units and (len(rows) > 1 or len(row.units) > 1):
+            yield warning(
+                (*row.path, "unit"),
+                "any device on the line may answer unit 0, and the line has several",
+                "it must be the only device of its line",
+            )

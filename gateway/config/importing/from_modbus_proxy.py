@@ -1,0 +1,234 @@
+"""A config out of that of modbus-proxy (tiagocoutinho/modbus-proxy): YAML, TOML or JSON with a list of devices.
+
+A device there has an address of its own at which clients ask for it, and any units behind it. Here it is an upstream
+or, if RTU or ASCII is spoken with it, a line, with a listener that leads to it alone: clients keep their unit IDs.
+"""
+
+import json
+import tomllib
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import PurePath
+from typing import Any, Final, NamedTuple
+from urllib.parse import SplitResult, parse_qs, urlsplit
+
+from gateway.config.importing.imported import (
+    Imported,
+    ImportedFileError,
+    Taken,
+    address,
+    gather,
+    listen_address,
+    milliseconds,
+)
+from gateway.config.problem import WrongValue
+from gateway.config.reading.toml_text import TableText, Value
+from gateway.config.values.address import Address
+from gateway.config.values.character_format import fits_mode, parse_format
+from gateway.config.values.port import parse_port
+from gateway.config.values.unitset import show_units
+from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
+
+#: What it waits for a device when nothing else is said, in seconds.
+_TIMEOUT: Final = 10.0
+_NO_LIBRARY: Final = (
+    "to read YAML, the library ruamel.yaml is needed. In a checkout: .venv/bin/pip install ruamel.yaml; with pipx: "
+    "pipx inject mbgw ruamel.yaml; the Debian package and the image have it. TOML and JSON need none"
+)
+#: What is spoken with the device over TCP, by the scheme of its url, and the schemes of serial ports.
+_OVER_TCP: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("tcp", "tcp+tcp"), "tcp"),
+    **dict.fromkeys(("tcp+rtu", "rtu+tcp"), "rtu+tcp"),
+    **dict.fromkeys(("tcp+ascii", "ascii+tcp"), "ascii+tcp"),
+}
+_SERIAL: Final = frozenset({"serial", "serial+rtu", "rtu"})
+_SAME_PROTOCOL: Final = "as before, clients use the protocol of the device; for Modbus TCP write tcp:// in bind"
+
+
+class _Device(NamedTuple):
+    """One of its devices, as its file has it. `remapped` are units of clients, and what the device knows them as."""
+
+    where: str
+    url: SplitResult
+    bind: SplitResult
+    timeout: str
+    remapped: dict[int, int]
+    remarks: list[str]
+
+
+def config_from_modbus_proxy(file: str, text: str) -> Imported:
+    """The config that does what modbus-proxy does with this `file`, which has this `text`.
+
+    Raises:
+        ImportedFileError: nothing of it can be used.
+    """
+    document, taken = _document(file, text), Taken()
+    tables = [*enumerate(document["devices"], start=1)]
+    remapped = (number for number, table in tables if isinstance(table, dict) and table.get("unit_id_remapping"))
+    first = next(remapped, 0)
+    return gather(
+        (f"From modbus-proxy: {file}", *_unknown(document, {"devices", "logging"})),
+        (_tables(table, f"{file}: device {number}", taken, may_remap=number == first) for number, table in tables),
+    )
+
+
+def _document(file: str, text: str) -> dict[str, Any]:
+    try:
+        document = _parsed(PurePath(file).suffix.lower(), text)
+    except (ValueError, RecursionError) as wrong:
+        raise ImportedFileError(f"{file}: {wrong}") from None
+    devices = document.get("devices") if isinstance(document, dict) else None
+    if not isinstance(devices, list) or not devices:
+        raise ImportedFileError(f"{file}: there is no list of devices in it")
+    return dict(document)
+
+
+def _parsed(kind: str, text: str) -> Any:
+    """The document in a text.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if kind == ".toml":
+        return tomllib.loads(text)
+    if kind == ".json":
+        return json.loads(text)
+    try:
+        from ruamel.yaml import YAML  # noqa: PLC0415 - an extra
+        from ruamel.yaml.error import YAMLError  # noqa: PLC0415
+    except ImportError:
+        raise ImportedFileError(_NO_LIBRARY) from None
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except YAMLError as wrong:
+        raise ValueError(" ".join(str(wrong).split())) from None
+
+
+def _tables(table: Any, where: str, taken: Taken, *, may_remap: bool) -> Iterator[TableText]:
+    """A listener, and the upstream or the line that it leads to."""
+    device = _device(table, where)
+    target, settings = _target(device)
+    spoken = target.scheme if isinstance(target, Address) else "rtu+tcp"
+    bind = listen_address(spoken, device.bind.hostname or "", _port(device.bind), f"{where}: bind")
+    name = taken.name(f"{target.host}-{target.port}" if isinstance(target, Address) else target.rsplit("/", 1)[-1])
+    kind = "upstream" if spoken == "tcp" else "line"
+    listen: dict[str, Value] = {"name": name, "bind": str(bind), kind: name, "idle": "0"}
+    keys: dict[str, Value] = {"name": name, **settings, "timeout": device.timeout}
+    remarks = [*device.remarks, *([] if kind == "upstream" else [_SAME_PROTOCOL])]
+    if device.remapped:
+        if not may_remap:
+            raise ImportedFileError(f"{where}: unit_id_remapping: a gateway can do that for one device only")
+        del listen[kind]
+        there = range(256) if kind == "upstream" else range(FIRST_UNIT, LAST_UNIT + 1)
+        units = {unit: device.remapped.get(unit, unit) for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1)}
+        units = {unit: to for unit, to in units.items() if to in there}
+        keys["units" if kind == "upstream" else "devices"] = _rows(units)
+        lost = {*range(256)} - {*units}
+        remarks.append(f"clients cannot ask for unit{'s' * (len(lost) > 1)} {show_units(lost)} any more")
+    taken.take(bind, target, where)
+    yield TableText("[[listen]]", listen, (where, *remarks))
+    yield TableText(f"[[{kind}]]", keys)
+
+
+def _rows(units: Mapping[int, int]) -> list[Value]:
+    """Units that keep their numbers in one row, and each other one in a row of its own."""
+    runs = show_units(unit for unit, to in units.items() if unit == to).split(", ")
+    same: list[Value] = [int(run) if run.isdecimal() else run for run in runs]
+    rows: list[Value] = [{"as": same, "unit": same}]
+    return rows + [{"as": unit, "unit": to} for unit, to in units.items() if unit != to]
+
+
+def _device(table: Any, where: str) -> _Device:
+    modbus, listen = _part(table, "modbus", where), _part(table, "listen", where)
+    remarks = [
+        *_unknown(table, {"modbus", "listen", "unit_id_remapping"}),
+        *_unknown(modbus, {"url", "timeout", "connection_time"}),
+        *_unknown(listen, {"bind"}),
+    ]
+    pause = _seconds(modbus.get("connection_time"), 0.0, f"{where}: connection_time")
+    if pause:
+        remarks.append(f"there is no pause of {pause:g} s after connecting here")
+    timeout = _seconds(modbus.get("timeout"), _TIMEOUT, f"{where}: timeout")
+    return _Device(
+        where,
+        _url(modbus, "url", where),
+        _url(listen, "bind", where),
+        milliseconds(1000 * max(timeout, 0.001)),
+        dict(_remapped(table.get("unit_id_remapping") or {}, where)),
+        remarks,
+    )
+
+
+def _part(table: Any, key: str, where: str) -> dict[str, Any]:
+    part = table.get(key) if isinstance(table, dict) else None
+    if not isinstance(part, dict):
+        raise ImportedFileError(f"{where}: it has no {key}")
+    return part
+
+
+def _unknown(table: Mapping[str, Any], known: Collection[str]) -> Iterator[str]:
+    return (f"modbus-proxy had {key}, which is not known here" for key in table if key not in known)
+
+
+def _url(table: Mapping[str, Any], key: str, where: str) -> SplitResult:
+    value = table.get(key)
+    if not isinstance(value, str):
+        raise ImportedFileError(f"{where}: it has no {key}" if value is None else f"{where}: {key} must be text")
+    usual = "serial" if value.startswith("/") else "tcp"
+    try:
+        url = urlsplit(value if "://" in value else f"{usual}://{value}")
+        _ = url.port, url.hostname
+    except ValueError as wrong:
+        raise ImportedFileError(f"{where}: {key}: {wrong}") from None
+    return url
+
+
+def _seconds(value: Any, usual: float, where: str) -> float:
+    if value is None:
+        return usual
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 24 * 3600:
+        raise ImportedFileError(f"{where} must be a number of seconds")
+    return float(value)
+
+
+def _remapped(table: Any, where: str) -> Iterator[tuple[int, int]]:
+    if not isinstance(table, dict):
+        raise ImportedFileError(f"{where}: unit_id_remapping must be pairs of units")
+    for known_as, unit in table.items():
+        numbers = [int(each) if isinstance(each, str) and each.isdecimal() else each for each in (known_as, unit)]
+        if not all(isinstance(each, int) and not isinstance(each, bool) and 0 <= each <= 255 for each in numbers):
+            raise ImportedFileError(f"{where}: unit_id_remapping: a unit is a number from 0 to 255")
+        yield numbers[0], numbers[1]
+
+
+def _target(device: _Device) -> tuple[str | Address, dict[str, Value]]:
+    """The serial port or the server of a device, and the keys that say so."""
+    url, where = device.url, f"{device.where}: url"
+    if url.scheme in _SERIAL and not url.hostname and url.path:
+        return url.path, _serial(url, where)
+    if url.scheme not in _OVER_TCP:
+        raise ImportedFileError(f"{where}: {url.scheme}:// is not known here")
+    if url.path.strip("/"):
+        raise ImportedFileError(f"{where}: {url.path} behind an address means nothing")
+    host = "127.0.0.1" if url.hostname in (None, "0") else url.hostname
+    to = address(_OVER_TCP[url.scheme], host, _port(url), where)
+    if to.is_wildcard or not to.port:
+        raise ImportedFileError(f"{where}: {to} is not the address of a device")
+    return to, {"to": str(to), "in_flight": 1} if to.scheme == "tcp" else {"port": str(to)}
+
+
+def _serial(url: SplitResult, where: str) -> dict[str, Value]:
+    options = {key: values[-1] for key, values in parse_qs(url.query).items()}
+    baud, letters = options.get("baudrate", "9600"), options.get("parity", "N")[:1].upper()
+    format_ = f"{options.get('bytesize', '8')}{letters}{options.get('stopbits', '1')}"
+    try:
+        is_usable = fits_mode(parse_format(format_), "rtu") and baud.isdecimal() and 0 < int(baud) <= 100_000_000
+        is_usable = is_usable and isinstance(parse_port(url.path), str)
+    except WrongValue as wrong:
+        raise ImportedFileError(f"{where}: {wrong}") from None
+    if not is_usable:
+        raise ImportedFileError(f"{where}: its settings are not those of an RTU line")
+    return {"port": url.path, "baud": int(baud), "format": format_}
+
+
+def _port(url: SplitResult) -> int:
+    return 502 if url.port is None else url.port

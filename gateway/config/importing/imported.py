@@ -1,0 +1,126 @@
+"""What configs of other programs have in common on their way into one of ours."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from gateway.config.problem import WrongValue
+from gateway.config.reading.file_text import UnreadableFile, read_file_text
+from gateway.config.reading.toml_text import TableText, file_text
+from gateway.config.values.address import Address, parse_address
+from gateway.errors import GatewayError
+
+#: Names that mean something else for [[access]].
+_RESERVED: Final = ("control", "mqtt", "web", "fleet")
+
+#: Others let every client write.
+_OPEN_ACCESS: Final = TableText(
+    "[[access]]",
+    {"allow": ["read", "write"]},
+    ("Every client may write, as before. Better: name those who may, such as", 'from = ["10.2.0.0/24"]'),
+)
+
+
+class ImportedFileError(GatewayError):
+    """A file, or a part of it, cannot be understood or used. The text says where, and what is wrong."""
+
+
+class Imported(NamedTuple):
+    """A config, and what of the old one is not in it: for each part where it stands, and why."""
+
+    text: str
+    left_out: tuple[str, ...]
+
+
+def gather(comments: tuple[str, ...], parts: Iterable[Iterator[TableText]]) -> Imported:
+    """The config of these `parts`, below these comments. A comment takes the place of a part that cannot be used.
+
+    Raises:
+        ImportedFileError: none can.
+    """
+    tables: list[TableText] = []
+    left_out: list[str] = []
+    for part in parts:
+        try:
+            tables += list(part)
+        except ImportedFileError as error:
+            left_out.append(str(error))
+            tables.append(TableText("", comments=(f"Left out: {error}",)))
+    if len(left_out) == len(tables):
+        raise ImportedFileError("\n".join(left_out))
+    return Imported(file_text([TableText("", comments=comments), *tables, _OPEN_ACCESS]), tuple(left_out))
+
+
+def read_file(path: str) -> str:
+    """Read the text of a file.
+
+    Raises:
+        ImportedFileError: it cannot be read.
+    """
+    try:
+        return read_file_text(Path(path))
+    except UnreadableFile as wrong:
+        raise ImportedFileError(f"{path}: {wrong}") from None
+
+
+class Taken:
+    """Names, addresses and ports that are used already."""
+
+    def __init__(self) -> None:
+        self._names = set(_RESERVED)
+        self._binds: list[Address] = []
+        self._targets: dict[str | Address, str] = {}
+
+    def name(self, wanted: str) -> str:
+        """A name like this that nobody has."""
+        readable = "".join(letter for letter in wanted.strip() if letter.isprintable()).strip()[:50] or "line"
+        numbered = (f"{readable}-{number}" for number in range(2, 10_000))
+        name = next(each for each in (readable, *numbered) if each not in self._names)
+        self._names.add(name)
+        return name
+
+    def take(self, bind: Address, target: str | Address, where: str) -> None:
+        """Take the address where clients connect, and the port or server that it leads to, for what stands `where`.
+
+        Raises:
+            ImportedFileError: something else has one of them, or the gateway would ask itself.
+        """
+        if target in self._targets and not (isinstance(target, Address) and target.scheme == "tcp"):
+            raise ImportedFileError(f"{where}: {target} is the port of {self._targets[target]} too")
+        # Of port 0 there may be many, but each listener is named by its address.
+        if bind in self._binds or any(other.collides_with(bind) for other in self._binds):
+            raise ImportedFileError(f"{where}: another listener has {bind} already")
+        asked = [one for one in (*self._targets, target) if isinstance(one, Address)]
+        for each in (one for one in asked if any(other.is_reached_by(one) for other in (*self._binds, bind))):
+            raise ImportedFileError(f"{where}: {each} leads back to an address where clients connect")
+        self._binds.append(bind)
+        self._targets[target] = where
+
+
+def listen_address(scheme: str, host: str, port: int, where: str) -> Address:
+    """Where clients connect: "", "0" and "*" stand for every IPv4 address.
+
+    Raises:
+        ImportedFileError: it is no address.
+    """
+    host = "0.0.0.0" if host in ("", "0", "*") else host  # noqa: S104 - as the other program does
+    return address(scheme, host, port, where)
+
+
+def address(scheme: str, host: str, port: int, where: str) -> Address:
+    """The address of a server.
+
+    Raises:
+        ImportedFileError: it is none.
+    """
+    try:
+        found = parse_address(str(Address(scheme, host.strip("[]"), port)), (scheme,))
+    except WrongValue as wrong:
+        raise ImportedFileError(f"{where}: {wrong}") from None
+    return replace(found, scheme=scheme)
+
+
+def milliseconds(number: float) -> str:
+    """A duration as text."""
+    return f"{number:g} ms" if number < 1000 or number % 1000 else f"{number / 1000:g} s"

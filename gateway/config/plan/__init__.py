@@ -1,0 +1,1 @@
+"""The settings of every part of a gateway, and what follows from them."""

@@ -1,0 +1,252 @@
+"""The time limits that follow from a plan, and how long a client may have to wait for each unit."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+from gateway.config.plan.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
+from gateway.devices.device import DeviceSettings
+from gateway.lines.settings import LineSettings
+from gateway.listeners.sessions.server_line import UNNOTICED
+from gateway.modbus.codes import MAX_PDU, FunctionCode
+from gateway.modbus.functions import (
+    FUNCTIONS,
+    KNOWN_FUNCTIONS,
+    READING_FUNCTIONS,
+    READING_IDENTIFICATION,
+    TABLE_FUNCTIONS,
+    Items,
+)
+from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.ports.port import TcpSettings
+from gateway.profiles.profile import Profile
+from gateway.timing.budget import AnswerTime, Budget
+from gateway.timing.characters import LineTiming
+
+#: A guard is longer than the transaction by this many seconds: the delay that the operating system may add.
+_MARGIN: Final = 0.05
+
+#: How much longer than a unit's longest wait the time-out of another site is: the owner sends in five sixths of it.
+_TIMEOUT_AT_OTHER_SITES: Final = 1.25
+
+#: Stands for all unknown functions.
+_UNKNOWN_FUNCTION: Final = 65
+
+#: Of functions that read or write no table: those requests that have the longest responses, or are the longest (A 6).
+_LARGEST: Final[dict[int, bytes]] = {
+    FunctionCode.READ_FILE_RECORD: bytes((20, 7, 6, 0, 1, 0, 0, 0, 124)),
+    FunctionCode.WRITE_FILE_RECORD: bytes((21, 245, 6, 0, 1, 0, 0, 0, 119)) + bytes(2 * 119),
+    FunctionCode.ENCAPSULATED_INTERFACE: bytes((*READING_IDENTIFICATION, 1, 0)),
+}
+
+
+#: How many requests are kept: the limits of all devices are worked out from the same few.
+_REQUESTS: Final = 128
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionLimits:
+    """Time limits of one function in seconds: for `one` item, and for the `most` items a device takes.
+
+    `function` None means every function without such items, and `most` is 0 for those. `request` is the largest
+    request on the wire.
+    """
+
+    function: int | None
+    most: int
+    one_item: float
+    most_items: float
+    request: float
+
+
+def function_limits(
+    profile: Profile, answer_time: AnswerTime, timing: LineTiming, latency: float
+) -> tuple[FunctionLimits, ...]:
+    """The limits of all functions of a device."""
+    budget = Budget(timing, latency)
+    return tuple(_limits_of(function, profile, budget, answer_time) for function in _functions(profile))
+
+
+def longest_wait(plan: LinePlan, device: DeviceSettings, *, repeats: bool = True) -> float:
+    """The longest wait for this device: in the queue, for the gap, and for the response; `repeats`: to the last one."""
+    limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
+    longest = max(one.request + one.most_items for one in limits)
+    if plan.line.retries and repeats:
+        longest = max(
+            [longest, *(_add_repeats(one, plan.line, device) for one in limits if _is_repeated(one.function))]
+        )
+    return plan.line.max_wait + plan.line.silence_before_request + longest
+
+
+def longest_waits(plan: LinePlan, *, repeats: bool = True) -> dict[str, float]:
+    """The longest wait for each device of the line, by its name."""
+    waits = {_limiting(each): longest_wait(plan, each, repeats=repeats) for each in one_of_each_kind(plan)}
+    return {each.name: waits[_limiting(each)] for each in plan.devices}
+
+
+def one_of_each_kind(plan: LinePlan) -> Iterable[DeviceSettings]:
+    """A device for each set of limits: all units of a line may have the same."""
+    return {_limiting(each): each for each in plan.devices}.values()
+
+
+def guard(plan: LinePlan) -> float:
+    """Longer than any transaction on the line may take from the moment of its writing, in seconds."""
+    line = plan.line
+    held_back = plan.port.arrives_within if isinstance(plan.port, TcpSettings) else 0.0
+    return max(_longest_transaction(plan), line.turnaround) + held_back + _MARGIN
+
+
+def longest_late_window(plan: LinePlan) -> float:
+    """How long after its limit an answer may still come on the line, in seconds."""
+    limit = _longest_transaction(plan)
+    return max((_late_window(limit, plan.line, device) for device in one_of_each_kind(plan)), default=2 * limit)
+
+
+def _longest_transaction(plan: LinePlan) -> float:
+    """From the writing of a request to the end of its limit."""
+    return max(longest_waits(plan, repeats=False).values(), default=plan.line.max_wait) - plan.line.max_wait
+
+
+def least_for_repeat(plan: LinePlan) -> float:
+    """The shortest `retry_within` with which any read can be sent again after silence; 0 if there are no reads."""
+    needed = (_needed_for_repeat(limits, plan.line, device) for limits, device in _reads(plan))
+    return min(needed, default=0.0)
+
+
+def times_for_repeats(plan: LinePlan) -> tuple[float, float]:
+    """How long a read may take with its repeats, at least and at most; 0 if there are no reads."""
+    times = [
+        plan.line.time_for_repeats(limits.request, limit, _late_window(limit, plan.line, device))
+        for limits, device in _reads(plan)
+        for limit in (limits.one_item, limits.most_items)
+    ]
+    return min(times, default=0.0), max(times, default=0.0)
+
+
+def longest_wait_behind(plan: UpstreamPlan) -> float:
+    """The longest wait for a unit behind another server: until the request is sent, and for the response."""
+    return plan.upstream.max_wait + plan.upstream.timeout
+
+
+def least_timeouts_at_other_sites(plan: Plan) -> dict[str, float]:
+    """What another site's upstream to this one needs as `timeout`, for the units of each line and upstream by name."""
+    waits = {line.line.name: [longest_wait(line, device) for device in line.shared] for line in plan.lines}
+    waits |= {one.upstream.name: [longest_wait_behind(one)] for one in plan.upstreams}
+    return {name: _TIMEOUT_AT_OTHER_SITES * max(each) for name, each in waits.items() if each}
+
+
+def most_items(function: int, profile: Profile) -> int:
+    """The most that protocol, profile and the addresses of the device allow; 1 at least."""
+    items = _items_of(function)
+    most = max(each.most for each in items)
+    ranges = profile.areas.get(items[0].area)
+    longest = most if ranges is None else max((last - first + 1 for first, last in ranges), default=1)
+    return min(most, longest, profile.limits.get(function, longest))
+
+
+def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
+    """For each unit of a server line: the name of its destination, and the longest wait."""
+    behind = {name: wait for line in plan.lines for name, wait in longest_waits(line).items()}
+    behind |= {device.name: longest_wait_behind(upstream) for upstream in plan.upstreams for device in upstream.devices}
+    shared = [device for line in plan.lines for device in line.shared]
+    shared += [device for upstream in plan.upstreams for device in upstream.devices]
+    waits = {device.known_as: (device.name, behind[device.name]) for device in shared}
+    waits |= {image.unit: (image.name, 0.0) for image in plan.images}
+    waits |= {mirror.unit: (mirror.name, behind[mirror.of]) for mirror in plan.mirrors}
+    return {unit: waits[unit] for unit in sorted(server.line.serves)}
+
+
+def longest_wait_outside(server: ServerPlan) -> float:
+    """The longest from the end of a request on a server line to the end of the response, if there is one.
+
+    It does not depend on what is asked: any response may take `answer_within` when the gateway stands still.
+    """
+    line = server.line
+    answer = line.answer_within + UNNOTICED
+    return answer + line.silence_before_response + server.latency + line.timing.longest_frame
+
+
+def _reads(plan: LinePlan) -> Iterator[tuple[FunctionLimits, DeviceSettings]]:
+    """The limits of the reading functions of each kind of device."""
+    for device in one_of_each_kind(plan):
+        for limits in function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency):
+            if limits.function in READING_FUNCTIONS:
+                yield limits, device
+
+
+def _limiting(device: DeviceSettings) -> tuple[int, int]:
+    """What its limits depend on, told apart as objects: the units of a row of the config have the same."""
+    return id(device.profile), id(device.answer_time)
+
+
+def _is_repeated(function: int | None) -> bool:
+    """Whether a request with this function may be sent again; None are those that count no items, some of which may."""
+    return function is None or function in READING_FUNCTIONS
+
+
+def _add_repeats(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
+    """The time from the first attempt of a read until its last one has failed."""
+    limit = limits.most_items
+    return line.time_for_repeats(limits.request, limit, _late_window(limit, line, device))
+
+
+def _late_window(limit: float, line: LineSettings, device: DeviceSettings) -> float:
+    """The late window after this limit."""
+    return max(2 * limit, device.answer_time.slowest) if line.late_window is None else line.late_window
+
+
+def _needed_for_repeat(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
+    """From the first sending of a read of one item until its second one has failed, after silence."""
+    return 2 * (limits.request + limits.one_item) + _late_window(limits.one_item, line, device)
+
+
+def _functions(profile: Profile) -> Iterator[int]:
+    if profile.functions is None:
+        yield from (*sorted(TABLE_FUNCTIONS), _UNKNOWN_FUNCTION)
+    else:
+        yield from sorted(profile.functions)
+
+
+def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: AnswerTime) -> FunctionLimits:
+    if function not in TABLE_FUNCTIONS:
+        named = None if profile.functions is None else function
+        functions = {*KNOWN_FUNCTIONS - TABLE_FUNCTIONS, _UNKNOWN_FUNCTION} if named is None else {named}
+        longest = [_largest_request(each) for each in functions]
+        limit = max(budget.limit(asked, answer_time) for asked in longest)
+        return FunctionLimits(named, 0, limit, limit, max(map(budget.request_wire_time, longest)))
+    most = most_items(function, profile)
+    largest = request_for(function, most)
+    return FunctionLimits(
+        function,
+        most,
+        budget.limit(request_for(function, 1), answer_time),
+        budget.limit(largest, answer_time),
+        budget.request_wire_time(largest),
+    )
+
+
+@lru_cache(maxsize=_REQUESTS)
+def _largest_request(function: int) -> RequestPdu:
+    row = FUNCTIONS.get(function)
+    size = row.request.sizes[-1] if row else MAX_PDU
+    return parse_request(_LARGEST.get(function, bytes((function,)) + bytes(size - 1)))
+
+
+def _items_of(function: int) -> list[Items]:
+    """What it reads or writes in the tables."""
+    row = FUNCTIONS[function]
+    return [items for items in (row.reads, row.writes) if items is not None]
+
+
+@lru_cache(maxsize=_REQUESTS)
+def request_for(function: int, count: int) -> RequestPdu:
+    """A request for this many items from address 0 on, or for the most there can be."""
+    pdu = bytes((function,))
+    for items in _items_of(function):
+        named = min(count, items.most)
+        pdu += bytes(2) if items.most == 1 else bytes((0, 0, *named.to_bytes(2, "big")))
+        if items.values_at and items.most > 1:
+            size = items.byte_count(named)
+            pdu += bytes((size,)) + bytes(size)
+    return parse_request(pdu.ljust(FUNCTIONS[function].request.sizes[0], b"\0"))

@@ -1,0 +1,150 @@
+"""What a plan asks of its lines: the share of each that declared polls take, and how often devices can be read."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from gateway.config.plan.forecast import most_items, one_of_each_kind
+from gateway.config.plan.plan import NETWORK_LATENCY, LinePlan, Plan
+from gateway.config.reserved import MQTT
+from gateway.devices.device import DeviceSettings
+from gateway.images.polls import joined
+from gateway.modbus.codes import Area
+from gateway.modbus.functions import READERS
+from gateway.modbus.pdu import Span, parse_request
+from gateway.ports.port import SerialSettings
+from gateway.profiles.profile import Profile
+from gateway.profiles.published import timed_batches
+from gateway.registers.items import read_request
+from gateway.timing.budget import Pace
+
+#: From this share on a line has little time left for anything but its polls.
+FULL: Final = 0.9
+#: The registers of a request for which rates are told, beside the most that a device takes.
+_USUAL_COUNTS: Final = (1, 10)
+#: What devices are read by, the usual area first.
+_AREAS: Final = (Area.HOLDING, Area.INPUT, Area.COILS, Area.DISCRETE)
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredPoll:
+    """A read that the config declares: `by` which client, of which device, how often. `what` names its addresses."""
+
+    by: str
+    of: DeviceSettings
+    what: str
+    request: bytes
+    every: float
+
+
+class PollLoad(NamedTuple):
+    """A declared poll, the seconds that its line needs for it, and the share of the line that this is."""
+
+    poll: DeclaredPoll
+    time: float
+    share: float
+
+
+class ReadRate(NamedTuple):
+    """A read of so many `items` of `area` takes the line `time` seconds.
+
+    So it can be repeated `alone` times a second if nothing else is asked, and `in_turn` times if every device of the
+    line is read likewise; None where the devices are not known. If the profile of the device `has_time` for it, that
+    is part of the time; else the device is assumed to answer at once. Both are None if nothing takes any time: on a
+    line without a wire, as far as the config says.
+    """
+
+    area: Area
+    items: int
+    time: float
+    alone: float | None
+    in_turn: float | None
+    has_time: bool
+
+
+def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
+    """Every read that the gateway sends by itself, because the config says so."""
+    devices = {device.name: device for line in plan.lines for device in line.devices}
+    for mirror in plan.mirrors:
+        if mirror.of in devices:
+            for poll in joined(mirror.polls, mirror.profile.limits):
+                yield DeclaredPoll(mirror.name, devices[mirror.of], str(poll), poll.request, poll.every)
+    for published in plan.mqtt.devices if plan.mqtt else ():
+        if published.name in devices:
+            for every, batch in timed_batches(published):
+                what, request = f"{batch.span.area} {batch.span.addresses}", read_request(batch.span)
+                yield DeclaredPoll(MQTT, devices[published.name], what, request, every)
+
+
+def load_of(line: LinePlan, plan: Plan) -> tuple[PollLoad, ...]:
+    """What the declared polls take of a line. Together it may be more than there is: then they come less often."""
+    names = {device.name for device in line.devices}
+    found = ((poll, time_of(line, poll.of, poll.request)) for poll in declared_polls(plan) if poll.of.name in names)
+    return tuple(PollLoad(poll, time, time / poll.every) for poll, time in found)
+
+
+def total_share(load: tuple[PollLoad, ...]) -> float:
+    """The share of a line that all of its polls take together."""
+    return sum(each.share for each in load)
+
+
+def read_rates(line: LinePlan, device: DeviceSettings) -> tuple[ReadRate, ...]:
+    """How often a device can be read, for some numbers of items; empty for one that cannot be read."""
+    area = read_area(device.profile)
+    if area is None:
+        return ()
+    most = most_items(READERS[area][0], device.profile)
+    return tuple(_rate(line, device, area, count) for count in (*(c for c in _USUAL_COUNTS if c < most), most))
+
+
+def time_of(line: LinePlan, device: DeviceSettings, request: bytes) -> float:
+    """The seconds that a line needs for a request to a device."""
+    return _pace(line, device).time_of(parse_request(request), device.profile.timing)
+
+
+def read_area(profile: Profile) -> Area | None:
+    """What is read of a device when nothing else is said; None if its profile has no reading function."""
+    return next((area for area in _AREAS if profile.knows(READERS[area][0])), None)
+
+
+def a_read(profile: Profile, count: int) -> Span | None:
+    """Up to `count` items that exist in a device with this profile; None if nothing of it can be read."""
+    area = read_area(profile)
+    if area is None:
+        return None
+    first = min((start for start, _ in profile.areas.get(area, ())), default=0)
+    last = max((end for start, end in profile.areas.get(area, ()) if start == first), default=0xFFFF)
+    return Span(area, first, min(count, most_items(READERS[area][0], profile), last + 1 - first))
+
+
+def _rate(line: LinePlan, device: DeviceSettings, area: Area, count: int) -> ReadRate:
+    time = _time_of_read(line, device, count)
+    round_trip = 0.0 if line.passes_through else _round_trip(line, count)
+    has_time = READERS[area][0] in device.profile.timing.rows
+    return ReadRate(area, count, time, 1 / time if time else None, 1 / round_trip if round_trip else None, has_time)
+
+
+def _round_trip(line: LinePlan, count: int) -> float:
+    times = {id(each.profile): _time_of_read(line, each, count) for each in one_of_each_kind(line)}
+    return sum(times[id(each.profile)] for each in line.devices)
+
+
+def _time_of_read(line: LinePlan, device: DeviceSettings, count: int) -> float:
+    span = a_read(device.profile, count)
+    return 0.0 if span is None else time_of(line, device, read_request(span))
+
+
+def _pace(line: LinePlan, device: DeviceSettings) -> Pace:
+    settings = line.line
+    timing, frame_end = settings.timing, settings.timing.frame_end(device.profile.idle_chars)
+    return Pace(timing, settings.silence_before_request, frame_end, _usual_latency(line), settings.wire != "direct")
+
+
+def _usual_latency(line: LinePlan) -> float:
+    """What the config says of it. An adapter of which it says nothing adds a millisecond at most, when it is set well.
+
+    What a network adds is not known if the config does not say it.
+    """
+    if isinstance(line.port, SerialSettings):
+        return line.port.latency or 0.0
+    return 0.0 if line.latency == NETWORK_LATENCY else line.latency

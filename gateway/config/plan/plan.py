@@ -1,0 +1,229 @@
+"""The settings of every part of a gateway. What reads and checks a config is not needed to know them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final, Literal
+
+from gateway.config.values.address import Address
+from gateway.config.values.broker import Broker, Sparkplug
+from gateway.devices.device import DeviceSettings
+from gateway.images.image import ImageSettings
+from gateway.images.polls import MirrorSettings
+from gateway.lines.settings import LineSettings
+from gateway.listeners.sessions.server_line import ServerSettings
+from gateway.listeners.settings import ListenSettings
+from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
+from gateway.profiles.point import Point
+from gateway.profiles.published import PublishedDevice
+from gateway.routing.access import DEFAULT_ROWS, AccessRow, Network
+from gateway.tls.settings import ClientTls, SecretFile, Secured, ServerTls
+from gateway.upstreams.upstream import UpstreamSettings
+
+#: The ring of `trace`, in bytes.
+DEFAULT_RING: Final = 4 * 1024 * 1024
+
+#: The listener without any [[listen]].
+DEFAULT_LISTENER: Final = ListenSettings(name="default", host="127.0.0.1", port=5020)
+
+#: The latency of adapter and driver, until the port is open and has determined it.
+ASSUMED_LATENCY: Final = 0.005
+#: The latency of a device server and the network.
+NETWORK_LATENCY: Final = 0.1
+#: How long what was written may be under way to a device server that others use too, in seconds. TCP repeats what is
+#: lost after a fifth of a second, and again.
+SHARED_ARRIVES_WITHIN: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class LeasePlan:
+    """The lease of a line, for the gateway of this `site`.
+
+    It lasts `ttl` seconds; `fallback` is what its holder does when it cannot reach NATS.
+    """
+
+    name: str
+    site: str
+    ttl: float = 5.0
+    fallback: Literal["release", "hold"] = "release"
+
+
+@dataclass(frozen=True, slots=True)
+class LinePlan:
+    """A client line: its port, its settings, and its devices. With a `lease` gateways ask there in turn."""
+
+    port: PortSettings
+    line: LineSettings
+    devices: tuple[DeviceSettings, ...]
+    #: No device is configured: all units without another destination are passed through.
+    passes_through: bool = False
+    #: Units that only the listeners for this line lead to.
+    own_units: frozenset[int] = frozenset()
+    lease: LeasePlan | None = None
+
+    @property
+    def latency(self) -> float:
+        """The latency of the port, as far as it is known before the port is open."""
+        return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
+
+    @property
+    def meaning(self) -> "LinePlan":
+        """What a reload compares. A pass-through line is unchanged if other tables take some of its units."""
+        if not self.passes_through:
+            return self
+        devices = tuple(replace(each, unit=0, known_as=0, name="") for each in self.devices[:1])
+        return replace(self, devices=devices, own_units=frozenset())
+
+    @property
+    def shared(self) -> tuple[DeviceSettings, ...]:
+        """The devices that general listeners lead to."""
+        return tuple(device for device in self.devices if device.known_as not in self.own_units)
+
+    @property
+    def addresses(self) -> frozenset[int]:
+        """The unit identifiers of a listener for this line."""
+        return frozenset(device.unit for device in self.devices) - {BROADCAST_UNIT}
+
+    @property
+    def broadcasts(self) -> frozenset[int]:
+        """The functions that at least one of the devices carries out as a broadcast; none if the line accepts none."""
+        if not self.line.broadcast:
+            return frozenset()
+        return frozenset().union(*(device.profile.broadcasts for device in self.devices))
+
+
+@dataclass(frozen=True, slots=True)
+class UpstreamPlan:
+    """Another Modbus TCP server, or the gateway of another site: its address, its settings, and the units behind it."""
+
+    port: TcpSettings | SiteSettings
+    upstream: UpstreamSettings
+    devices: tuple[DeviceSettings, ...]
+    #: All its other units, if there are listeners for it, which lead to them. The connection is the same without.
+    unnamed: tuple[DeviceSettings, ...] = field(default=(), compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class ServerPlan:
+    """A server line: its port, its settings, and the recipients of its broadcasts."""
+
+    port: PortSettings
+    line: ServerSettings
+    broadcast_to: Literal["images", "all", "none"]
+
+    @property
+    def latency(self) -> float:
+        """The latency of the port, as far as it is known before the port is open."""
+        return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
+
+
+@dataclass(frozen=True, slots=True)
+class LogSettings:
+    """The level and the format of the log."""
+
+    level: Literal["debug", "info", "warning", "error"] = "info"
+    format: Literal["auto", "console", "json", "journald"] = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class WebPlan:
+    """Where the gateway answers over HTTP, by which names, and the files that say who is let in.
+
+    Requests of a `proxy` name their user themselves. Operators may `write` if that is set. The `history` is kept over a
+    restart.
+    """
+
+    bind: Address
+    hosts: tuple[str, ...]
+    token: str | None
+    users: str | None = None
+    tls: ServerTls | None = None
+    proxy: tuple[Network, ...] = ()
+    write: bool = False
+    history: bool = True
+    source: str = field(default="", compare=False)
+
+    @property
+    def secured(self) -> tuple[Secured, ...]:
+        """Its address, if it is https://."""
+        return () if self.tls is None else (Secured("web", self.source, self.tls),)
+
+
+@dataclass(frozen=True, slots=True)
+class MqttPlan:
+    """Where values are published, and which. `home_assistant` is the prefix of its discovery; None without.
+
+    With `write`, points are written from there. `source` is its place in the config.
+    """
+
+    site: str
+    broker: Broker
+    devices: tuple[PublishedDevice, ...]
+    user: str | None = None
+    password: SecretFile | None = None
+    tls: ClientTls | None = None
+    write: bool = False
+    home_assistant: str | None = None
+    sparkplug: Sparkplug | None = None
+    source: str = field(default="", compare=False)
+
+    @property
+    def secured(self) -> tuple[Secured, ...]:
+        """The broker, if the connection is one of TLS."""
+        return () if self.tls is None else (Secured("mqtt", self.source, self.tls),)
+
+
+@dataclass(frozen=True, slots=True)
+class FleetPlan:
+    """Where NATS is, and how the gateway of this `site` logs in.
+
+    A lease lasts `lease` seconds. `source` is its place in the config.
+    """
+
+    site: str
+    servers: tuple[Address, ...]
+    user: str | None = None
+    password: SecretFile | None = None
+    credentials: SecretFile | None = None
+    tls: ClientTls | None = None
+    lease: float = 5.0
+    fallback: Literal["release", "hold"] = "release"
+    source: str = field(default="", compare=False)
+
+    @property
+    def secured(self) -> tuple[Secured, ...]:
+        """The servers, if the connection is one of TLS."""
+        return () if self.tls is None else (Secured("fleet", self.source, self.tls),)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The settings of every part of a gateway."""
+
+    site: str = ""
+    listeners: tuple[ListenSettings, ...] = (DEFAULT_LISTENER,)
+    lines: tuple[LinePlan, ...] = ()
+    servers: tuple[ServerPlan, ...] = ()
+    upstreams: tuple[UpstreamPlan, ...] = ()
+    images: tuple[ImageSettings, ...] = ()
+    mirrors: tuple[MirrorSettings, ...] = ()
+    access: tuple[AccessRow, ...] = DEFAULT_ROWS
+    log: LogSettings = LogSettings()
+    #: What the coils and registers of a unit mean. Units without points are not here.
+    points: Mapping[int, tuple[Point, ...]] = field(default_factory=dict)
+    #: Where the control socket is; None for the usual place.
+    control: str | None = None
+    web: WebPlan | None = None
+    mqtt: MqttPlan | None = None
+    fleet: FleetPlan | None = None
+    #: How many bytes the ring of `trace` has; 0 for none.
+    ring: int = DEFAULT_RING
+
+    @property
+    def secured(self) -> tuple[Secured, ...]:
+        """Every address that TLS secures, but for web page, broker and NATS: without these, all else works."""
+        listeners = ((f"listen {one.name}", one.source, one.tls) for one in self.listeners)
+        servers = ((one, one.port) for one in self.upstreams if isinstance(one.port, TcpSettings))
+        upstreams = ((f"upstream {one.upstream.name}", one.upstream.source, port.tls) for one, port in servers)
+        every = (*listeners, *upstreams)
+        return tuple(Secured(name, source, tls) for name, source, tls in every if tls is not None)

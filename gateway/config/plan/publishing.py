@@ -1,0 +1,66 @@
+"""What `[mqtt]` asks for: the broker, and the devices and points that are published there."""
+
+from collections.abc import Iterable, Iterator
+from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+from gateway.config.plan.plan import MqttPlan
+from gateway.config.schema.mqtt import Mqtt, Publish
+from gateway.profiles.point import Point
+from gateway.profiles.profile import Profile
+from gateway.profiles.published import PublishedDevice, PublishedPoint
+from gateway.tls.settings import ClientTls
+
+
+class Publishable(NamedTuple):
+    """A unit that has points: a device on the line with this name, an image, a mirror."""
+
+    name: str
+    unit: int
+    line: str
+    profile: Profile
+    points: tuple[Point, ...]
+
+
+def publishing(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
+    """The settings for `[mqtt]`, of which the `known` units are published as its rows say."""
+    return MqttPlan(
+        site=site,
+        broker=mqtt.broker,
+        devices=tuple(device for each in known if (device := _published(each, mqtt)).points),
+        user=mqtt.user,
+        password=mqtt.password,
+        tls=_tls(mqtt),
+        write=mqtt.write,
+        home_assistant=mqtt.home_assistant,
+        sparkplug=mqtt.sparkplug,
+        source=mqtt.source,
+    )
+
+
+def names_device(row: Publish, name: str) -> bool:
+    """Whether a row means the device with this name."""
+    return fnmatchcase(name, row.device)
+
+
+def _published(unit: Publishable, mqtt: Mqtt) -> PublishedDevice:
+    rows = [row for row in mqtt.publish if names_device(row, unit.name)]
+    points = tuple(_points(unit.points, rows, may_write=mqtt.write))
+    profile = unit.profile
+    title = profile.title or profile.name
+    return PublishedDevice(unit.name, unit.unit, unit.line, title, points, profile.limits, profile.functions)
+
+
+def _points(points: Iterable[Point], rows: Iterable[Publish], *, may_write: bool) -> Iterator[PublishedPoint]:
+    rows = tuple(rows)
+    for point in points:
+        row = next((row for row in rows if any(fnmatchcase(point.name, each) for each in row.points)), None)
+        is_writable = may_write and point.write != "no"
+        if row is not None and (is_writable or point.write != "only"):
+            yield PublishedPoint(point, row.every, is_writable, row.on_change, row.at_least)
+
+
+def _tls(mqtt: Mqtt) -> ClientTls | None:
+    if not mqtt.broker.is_encrypted:
+        return None
+    return ClientTls(mqtt.certificate, mqtt.key, mqtt.ca, mqtt.server_name or mqtt.broker.address.host)

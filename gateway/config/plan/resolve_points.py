@@ -1,0 +1,65 @@
+"""The points of every unit."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
+
+from gateway.config.plan.plan import Plan
+from gateway.config.plan.points import points_of
+from gateway.config.plan.resolve_lines import passing_units
+from gateway.config.schema.root import Config
+from gateway.images import self_map
+from gateway.images.image import ImageSettings
+from gateway.images.polls import MirrorSettings
+from gateway.modbus.codes import Area
+from gateway.profiles.point import Point
+from gateway.profiles.profile import Range, covers
+
+
+def points_of_units(
+    config: Config, images: Iterable[ImageSettings], mirrors: Iterable[MirrorSettings]
+) -> Iterator[tuple[int, tuple[Point, ...]]]:
+    """The points of each unit. An image has those of its profile that are in its areas.
+
+    So has a mirror of its device; what is only written goes through to that.
+    """
+
+    @cache  # most of the built-in profiles are not in use
+    def of_profile(name: str) -> tuple[Point, ...]:
+        return points_of(config.profile[name].points)
+
+    for image in images:
+        yield image.unit, _points_in(image.areas, of_profile(image.profile.name))
+    of_devices = {name: (unit, points) for name, unit, points in _device_points(config, of_profile)}
+    for mirror in mirrors:
+        _, points = of_devices.get(mirror.of, (0, ()))
+        in_mirror = _points_in(mirror.areas, points)
+        yield mirror.unit, tuple(each for each in points if each.write == "only" or each in in_mirror)
+    yield from of_devices.values()
+
+
+def own_points(plan: Plan) -> tuple[Point, ...]:
+    """What the gateway tells of itself."""
+    names = {
+        self_map.LINES.title: [line.line.name for line in plan.lines],
+        self_map.SERVERS.title: [server.line.name for server in plan.servers],
+        self_map.UPSTREAMS.title: [upstream.upstream.name for upstream in plan.upstreams],
+    }
+    return self_map.points(names)
+
+
+def _device_points(
+    config: Config, of_profile: Callable[[str], tuple[Point, ...]]
+) -> Iterator[tuple[str, int, tuple[Point, ...]]]:
+    """Name, unit and points of each device. On a line that is apart units are not those of the clients."""
+    for line in config.line:
+        if line.role == "client" and line.devices is None and not config.is_apart(line):
+            points = of_profile(line.profile)
+            yield from ((f"{line.label}/{unit}", unit, points) for unit in passing_units(config))
+        for row in line.devices or ():
+            points = (*of_profile(row.profile or line.profile), *points_of(row.points))
+            named = zip(line.device_names(row), row.client_units, strict=True)
+            yield from ((name, unit, points) for name, unit in named)
+
+
+def _points_in(areas: Mapping[Area, tuple[Range, ...]], points: Iterable[Point]) -> tuple[Point, ...]:
+    return tuple(point for point in points if covers(areas.get(point.area, ()), point.span))

@@ -1,0 +1,28 @@
+"""A kind of device, as its table describes it."""
+
+from gateway.config.schema.profile import ProfileTable
+from gateway.modbus.codes import Area
+from gateway.profiles.profile import Profile
+from gateway.timing.table import Point as TimingPoint
+from gateway.timing.table import TimingTable
+
+
+def profile_of(name: str, table: ProfileTable) -> Profile:
+    """The profile that a table describes."""
+    areas = {area: ranges for area in Area if (ranges := getattr(table, area)) is not None}
+    points: dict[int, list[TimingPoint]] = {}
+    for row in table.timing:
+        points.setdefault(row.fc, []).append(TimingPoint(row.items, row.time))
+    return Profile(
+        name=name,
+        title=table.title,
+        functions=None if table.functions is None else frozenset(table.functions),
+        limits=table.limits,
+        areas=areas,
+        idle_chars=table.idle_chars,
+        timing=TimingTable.of(points),
+        margin=table.margin,
+        timeout=table.timeout,
+        any_coil=table.coil_values == "any",
+        quirks=frozenset(table.quirks),
+    )

@@ -1,0 +1,95 @@
+"""The table of access rights in words, with the rules that are not rows."""
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+from gateway.config.plan.plan import Plan
+from gateway.config.reserved import FLEET, MQTT, WEB
+from gateway.config.values.unitset import show_units
+from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, AccessRow, Network, Right
+
+_WORDS: Final = {EVERYTHING: "read, write", READING: "read", WRITING: "write", NOTHING: "nothing"}
+
+
+class RightsRow(NamedTuple):
+    """From where, through which listeners, to which units clients may do what. `source` is its place in the config."""
+
+    clients: str
+    through: str
+    units: str
+    may: str
+    source: str = ""
+
+
+def rows_in_words(plan: Plan) -> list[RightsRow]:
+    """The rows, of which the first that applies counts, and then what is the case without one."""
+    return [*(row_in_words(row, plan) for row in plan.access), *_rest(plan)]
+
+
+def row_in_words(row: AccessRow, plan: Plan) -> RightsRow:
+    """One row."""
+    units = "all" if row.units is None else f"{show_units(row.units)} {own_numbers(row, plan)}".rstrip()
+    return RightsRow(_clients(row), _through(row), units, right_in_words(row.right), row.source)
+
+
+def right_in_words(right: Right) -> str:
+    """What somebody may do: `read, write`, or the numbers of functions."""
+    return _WORDS.get(right) or "functions " + show_units(each if isinstance(each, int) else each[0] for each in right)
+
+
+def own_numbers(row: AccessRow, plan: Plan) -> str:
+    """Where the units of a row that names listeners for one line or upstream have these numbers; empty for others."""
+    named = (listener for listener in plan.listeners if listener.only and listener.name in (row.listeners or ()))
+    return " or ".join(sorted({"on the wire" if listener.line else "at the server" for listener in named}))
+
+
+def unnamed_datagrams(plan: Plan) -> list[str]:
+    """The UDP listeners that no row names: clients only read there."""
+    return [one.name for one in plan.listeners if one.scheme == "udp" and not _is_named(one.name, plan)]
+
+
+def _clients(row: AccessRow) -> str:
+    if row.sites:
+        return f"site {', '.join(sorted(row.sites))}"
+    if row.networks is None:
+        place = "anywhere"
+    else:
+        place = "this machine" if row.networks == LOOPBACK else ", ".join(map(_network, row.networks))
+    if row.role is None:
+        return place
+    return f'{place}, role "{row.role}"' if row.role else f"{place}, without a role"
+
+
+def unnamed_certified(plan: Plan) -> list[str]:
+    """The TLS listeners that no row names: rows without a role give nothing there."""
+    return [one.name for one in plan.listeners if one.scheme == "tls" and not _is_named(one.name, plan)]
+
+
+def _network(network: Network) -> str:
+    return str(network if network.num_addresses > 1 else network.network_address)
+
+
+def _through(row: AccessRow) -> str:
+    return "any listener" if row.listeners is None else ", ".join(sorted(row.listeners))
+
+
+def _rest(plan: Plan) -> Iterator[RightsRow]:
+    """The rights of clients that match no row."""
+    if not any((row.networks, row.listeners, row.units, row.role) == (None,) * 4 for row in plan.access):
+        yield RightsRow("all else", "", "", "nothing")
+    for server in plan.servers:
+        if not _is_named(server.line.name, plan):
+            yield RightsRow("the line", server.line.name, show_units(server.line.serves), "read, write, broadcast")
+    if plan.web is not None and not _is_named(WEB, plan):
+        if plan.web.write:
+            yield RightsRow("operators", WEB, "all", "read, write")
+        yield RightsRow("other users of the page", WEB, "all", "read")
+    if plan.mqtt is not None and not _is_named(MQTT, plan):
+        units = show_units(device.unit for device in plan.mqtt.devices)
+        yield RightsRow("the broker", MQTT, units, "read, write" if plan.mqtt.write else "read")
+    if plan.fleet is not None and not _is_named(FLEET, plan):
+        yield RightsRow("other sites", FLEET, "all", "read")
+
+
+def _is_named(listener: str, plan: Plan) -> bool:
+    return any(listener in (row.listeners or ()) for row in plan.access)

@@ -1,0 +1,65 @@
+"""A config file without its secrets, as it may be shown. The names of files with secrets stay."""
+
+import re
+import tomllib
+from difflib import get_close_matches
+from functools import lru_cache
+from typing import Final
+
+from gateway.config.problem import Path
+from gateway.config.reading.positions import find_scalars
+from gateway.config.reading.toml_text import value_text
+
+MASK: Final = "•••"
+
+#: Parts of the names of keys that have secrets, and names that others may be a slip of.
+_SECRET: Final = re.compile(r"pass|pasw|passw|pwd|kennw|secret|token|psk|api_?key", re.IGNORECASE)
+_MEANT: Final = ("password", "passphrase", "token", "secret")
+#: What may stand below such a name: where the secret is.
+_PLACES: Final = frozenset({"file", "credential"})
+
+#: Between values a quotation mark begins a key, which may have a number sign in it.
+_KEY: Final = r""""(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'"""
+_KEY_OR_COMMENT: Final = re.compile(rf"({_KEY})|(?<=\n)[ \t]*+#[^\n]*\n|(?<![ \t])[ \t]*+#[^\n]*")
+
+
+def masked(text: str) -> str:
+    """The text of a config file without comments, and with a mask in place of passwords, tokens and private keys.
+
+    Raises:
+        ValueError: it is no TOML: nobody knows where its secrets are.
+        RecursionError: it is nested too deeply.
+    """
+    tomllib.loads(text)
+    parts, at = list[str](), 0
+    for path, start, end in find_scalars(text):
+        parts += [_without_comments(text[at:start]), _masked(path, text[start:end])]
+        at = end
+    return "".join([*parts, _without_comments(text[at:])])
+
+
+@lru_cache(maxsize=1024)
+def is_secret(key: str) -> bool:
+    """Whether the value of a key, dotted perhaps, may be a secret, by its name or what that may be a slip of."""
+    return any(
+        _SECRET.search(part) is not None or get_close_matches(part.lower(), _MEANT, 1, 0.8) for part in key.split(".")
+    )
+
+
+def _masked(path: Path, written: str) -> str:
+    """A value as it may be shown; as it is written, if there is nothing to hide."""
+    if path[-1] not in _PLACES and any(is_secret(key) for key in path if isinstance(key, str)):
+        return value_text(MASK)
+    if written[0] not in "\"'":
+        return written
+    value = tomllib.loads(f"value = {written}")["value"]
+    if "PRIVATE KEY" in value:
+        return value_text(MASK)
+    scheme, separator, address = value.partition("://")
+    if not separator or "@" not in address:
+        return written
+    return value_text(f"{scheme}://{MASK}@{address.rpartition('@')[2]}")
+
+
+def _without_comments(between: str) -> str:
+    return _KEY_OR_COMMENT.sub(lambda found: found[1] or "", between)

@@ -1,0 +1,163 @@
+"""What pydantic and tomllib find, in words for people who edit the file."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, get_args
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from gateway.config.problem import NotText, Path, Problem, WrongValue, did_you_mean, error
+from gateway.config.reading.masking import is_secret
+from gateway.config.reading.syntax import write_truth
+from gateway.config.reading.toml_text import value_text
+from gateway.config.schema.table import Table
+
+#: Rates below this are meant in 1000 bits per second.
+_MOST_KILOBAUD = 1000
+
+_WHOLE_NUMBER = re.compile(r"[0-9]+")
+_NUMBER = re.compile(r"[0-9]+(\.[0-9]+)?")
+
+#: What other programs call a key, and the keys it may be here, in lower case; the first that the table has is meant.
+_ELSEWHERE: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("parity", "stopbits", "stop_bits", "bytesize", "databits", "data_bits"), ("format",)),
+    **dict.fromkeys(("speed", "baudrate", "baud_rate"), ("baud",)),
+    **dict.fromkeys(("slave", "slave_id", "slaveid", "unit_id", "id"), ("unit",)),
+    **dict.fromkeys(("protocol", "type"), ("mode",)),
+    **dict.fromkeys(("units", "slaves"), ("devices",)),
+    "address": ("unit", "bind", "to"),
+}
+
+#: What a point's place is called elsewhere, in lower case.
+_PLACES = frozenset({"register", "reg", "address", "addr", "offset"})
+
+#: What is written for a value elsewhere, and here.
+_VALUES_ELSEWHERE: Mapping[str, str] = {
+    **dict.fromkeys(("real", "float"), "float32"),
+    "double": "float64",
+    **dict.fromkeys(("word", "true"), "words"),
+    "slave": "server",
+    "master": "client",
+}
+
+_TYPES: Mapping[str, str] = {
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+    "bool_type": "must be true or false, without quotes",
+    "tuple_type": "must be a list",
+    "model_type": "must be a table",
+    "missing": "{key} is missing",
+}
+
+_LIMITS: Mapping[str, str] = {
+    "greater_than_equal": "must be at least {ge:.12g}",
+    "greater_than": "must be more than {gt:.12g}",
+    "less_than_equal": "must be at most {le:.12g}",
+}
+
+
+def value_problems(
+    found: ValidationError, model: type[Table], path: Path, written: Callable[[Path], str]
+) -> Iterator[Problem]:
+    """What is wrong in the table at `path`, which should be a `model`.
+
+    `written` gives the text of a value as it stands in the file.
+    """
+    for one in found.errors(include_url=False):
+        yield _value_problem(one, model, path, written)
+
+
+def unknown_key(path: Path, known: list[str]) -> Problem:
+    """The key at the end of `path` is none of the `known` ones."""
+    written = str(path[-1])
+    meant = next((key for key in _ELSEWHERE.get(written.lower(), ()) if key in known), None)
+    if written.lower() in _PLACES and {"holding", "labels"} <= set(known):
+        remedy = "a point has an area: holding = 10 (or input, coils, discrete), counted from 0"
+    elif meant == "format":
+        remedy = 'it is part of format, such as format = "8E1": data bits, parity, stop bits'
+    elif written == "site":
+        remedy = "site stands at the top of the file, before the first [table]"
+    else:
+        remedy = did_you_mean(written, known) if meant is None else f'did you mean "{meant}"?'
+    return Problem("error", path, "unknown key", remedy, on_key=True)
+
+
+def not_text(path: Path, value: object, written: Callable[[Path], str]) -> Problem:
+    """The value at `path` must be text: if it is a number, a date or a word, it lacks its quotes."""
+    is_scalar = not isinstance(value, (list, dict))
+    if path[-1] == "of" and isinstance(value, int):
+        return error(path, "must be text", "write the name of the device in quotes, not its number")
+    shown = "..." if is_secret(_dotted(path)) else written(path)
+    return error(path, "must be text", f'put it in quotes: "{shown}"' if is_scalar else "")
+
+
+def _dotted(path: Path) -> str:
+    return ".".join(map(str, path))
+
+
+def keys_of(model: type[Table]) -> list[str]:
+    """The keys of a table, as a user writes them."""
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def row_model(annotation: Any) -> type[Table] | None:
+    """The table inside a type such as `tuple[Device, ...] | None`, if there is one."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        return annotation
+    return next((model for part in get_args(annotation) if (model := row_model(part))), None)
+
+
+def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written: Callable[[Path], str]) -> Problem:
+    kind, loc, context = found["type"], found["loc"], found.get("ctx", {})
+    path = base + loc
+    wrong = context.get("error")
+    if kind == "extra_forbidden":
+        return unknown_key(path, keys_of(_model_at(model, loc[:-1])))
+    if kind == "string_type" or isinstance(wrong, NotText):
+        return not_text(path, found["input"], written)
+    if isinstance(wrong, WrongValue):
+        return error(path, str(wrong), wrong.remedy)
+    if kind == "literal_error":
+        choices = str(context["expected"]).replace("'", '"')
+        written_ = str(found["input"]).lower()
+        elsewhere = f'"{_VALUES_ELSEWHERE.get(written_, written_)}"'
+        meant = elsewhere if elsewhere in choices else f'"{written_}"'
+        return error(path, f"must be {choices}", f"did you mean {meant}?" if meant in choices else "")
+    if kind in _LIMITS:
+        return error(path, _LIMITS[kind].format(**context))
+    what = _TYPES.get(kind, "cannot be used: {reason}")
+    return error(path, what.format(key=path[-1], reason=found["msg"]), _right_type(kind, path, found["input"]))
+
+
+def _right_type(kind: str, path: Path, value: object) -> str:
+    """How to write a value of the wrong type, if that can be told."""
+    key = path[-1]
+    number = {"int_type": _WHOLE_NUMBER, "float_type": _NUMBER}.get(kind)
+    if number is not None and isinstance(value, str) and number.fullmatch(value):
+        return f"write it without quotes: {key} = {value}"
+    if key == "baud":
+        return _right_rate(value)
+    if kind == "bool_type" and isinstance(value, str):
+        return write_truth(str(key), value)
+    if kind == "tuple_type" and isinstance(value, dict):
+        return f"put it in brackets: {key} = [{{ ... }}]"
+    if kind == "tuple_type" and isinstance(value, str) and not is_secret(_dotted(path)):
+        return f"put it in brackets: {key} = [{value_text(value)}]"
+    return ""
+
+
+def _right_rate(value: Any) -> str:
+    if value == "auto":
+        return "modbus-gateway scan --port PORT --all-speeds finds the rate of a line"
+    is_kilobaud = isinstance(value, float) and 0 < value < _MOST_KILOBAUD
+    return f"in bits per second: baud = {1000 * value:.0f}" if is_kilobaud else ""
+
+
+def _model_at(model: type[Table], loc: Path) -> type[Table]:
+    """The table that stands at `loc` inside a table of this model."""
+    for part in loc:
+        if isinstance(part, str):
+            fields = {field.alias or name: field for name, field in model.model_fields.items()}
+            model = row_model(fields[part].annotation) or model
+    return model

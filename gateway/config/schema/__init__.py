@@ -1,0 +1,1 @@
+"""Every key of the config file, table by table."""

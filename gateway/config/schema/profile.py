@@ -1,0 +1,118 @@
+"""The keys of kinds of devices and of points."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gateway.config.schema.table import Count, FunctionNumber, Table
+from gateway.config.values.kinds import (
+    AnswerDuration,
+    Duration,
+    Limits,
+    ListOf,
+    PointAddresses,
+    PointLabels,
+    PointName,
+    PointWriting,
+    Ranges,
+)
+from gateway.devices.quirks import Quirk
+from gateway.modbus.codes import Area
+from gateway.profiles.profile import Range
+from gateway.registers.datatypes import DataType, Swap
+
+
+class PointTable(Table):
+    """What a register, or several of them, or a coil means. Exactly one of the four areas must be given."""
+
+    name: PointName = Field(
+        description="Its name for `read` and `write`. Required with a range of addresses: `*`, which stands for the "
+        "number of each point.",
+    )
+    holding: PointAddresses | None = Field(
+        None, description='A holding register, the first one of a value; a range `"1-99"` makes several points.'
+    )
+    input: PointAddresses | None = Field(None, description="The same for input registers.")
+    coils: PointAddresses | None = Field(None, description="The same for coils.")
+    discrete: PointAddresses | None = Field(None, description="The same for discrete inputs.")
+    first: Annotated[int, Field(ge=0)] | None = Field(
+        None, description="With a range: the number of the first point, for `*`. Default: its address."
+    )
+    type: DataType | None = Field(
+        None, description="How the value is encoded. Default: `uint16`; coils and discrete inputs are always `bit`."
+    )
+    length: Annotated[int, Field(ge=1, le=125)] | None = Field(
+        None, description="The registers of a `string`; other types know their own."
+    )
+    swap: Swap = Field(
+        "none",
+        description="`none`: the first register has the highest word, and high bytes come first. `words`: the first "
+        "register has the lowest word. `bytes`: low bytes come first. `both`: both.",
+    )
+    scale: Annotated[float, Field(allow_inf_nan=False)] = Field(
+        1.0, description="The value is the number in the registers times this."
+    )
+    decimals: Annotated[int, Field(ge=0, le=15)] | None = Field(
+        None, description="Decimals of the value. Default: as many as it needs."
+    )
+    unit: str = Field("", description='The unit of the value, such as `"kg"`.')
+    labels: PointLabels = Field({}, description="Text for some of the numbers in the register, instead of a value.")
+    write: PointWriting = Field(
+        "no", description='Whether it can be written. `"only"`: it cannot be read, and is left out when all are.'
+    )
+
+    @property
+    def places(self) -> tuple[tuple[Area, Range], ...]:
+        """The area and the addresses; a table that has been checked has one."""
+        found = ((area, getattr(self, area)) for area in Area)
+        return tuple((area, addresses) for area, addresses in found if addresses is not None)
+
+
+class TimingRow(Table):
+    """A point of a timing table."""
+
+    fc: FunctionNumber = Field(description="The function.")
+    items: Count = Field(description="Coils or registers in the request.")
+    time: AnswerDuration = Field(description="How long the device needs for them.")
+
+
+class ProfileTable(Table):
+    """What a kind of device accepts, and how fast it responds."""
+
+    title: str = Field("", description="The kind of device, as text.")
+    mode: Literal["rtu", "ascii"] | None = Field(
+        None, description="The mode of these devices, if they have only one: `check` warns of a line with the other."
+    )
+    functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
+        None, description="Functions that it knows; others are answered 01 and not sent. Default: all."
+    )
+    limits: Limits = Field(
+        {}, description="The maximum number of items in a request, by function; more are answered 03."
+    )
+    holding: Ranges | None = Field(
+        None, description="Holding registers that exist; others are answered 02. Default: all."
+    )
+    input: Ranges | None = Field(None, description="Input registers that exist. Default: all.")
+    coils: Ranges | None = Field(None, description="Coils that exist. Default: all.")
+    discrete: Ranges | None = Field(None, description="Discrete inputs that exist. Default: all.")
+    idle_chars: Annotated[float, Field(gt=0, le=1000)] = Field(
+        3.5, description="The silence that ends a frame, in characters."
+    )
+    timing: Annotated[tuple[TimingRow, ...], ListOf] = Field(
+        (), description="Answer time by function and item count; points are joined by straight lines."
+    )
+    margin: Annotated[float, Field(ge=1, le=100)] = Field(1.5, description="Times are multiplied by it, to be safe.")
+    timeout: Duration = Field(1.0, description="The time for functions that are not in `timing`.")
+    coil_values: Literal["checked", "any"] = Field(
+        "checked",
+        description="`any`: function 05 is sent with other values than FF00 and 0000 too, by which relay boards toggle "
+        "or pulse. `checked`: such requests are answered 03.",
+    )
+    quirks: Annotated[tuple[Quirk, ...], ListOf] = Field(
+        (),
+        description="Deviations from the protocol. `moves`: a write to holding register 0x0100 sets the address of the "
+        "device. `changes_baud`: a float32 written to 0x0200-1 sets its baud rate.",
+    )
+    points: Annotated[tuple[PointTable, ...], ListOf] = Field(
+        (), description="What its registers mean: names for `read` and `write`."
+    )

@@ -1,0 +1,1 @@
+"""The control socket, where the other commands of this program ask a gateway at work."""

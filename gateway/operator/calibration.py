@@ -1,0 +1,98 @@
+"""What was measured of a device's response times, for an operator who looks for its timing table."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gateway.config.plan.forecast import request_for
+from gateway.devices.device import Device
+from gateway.errors import WrongQuestion
+from gateway.modbus.functions import TABLE_FUNCTIONS
+from gateway.operator.units import find_unit
+from gateway.runtime.build import Gateway
+from gateway.runtime.parts import GatewayLine
+from gateway.timing.budget import Budget
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredRow:
+    """Normal responses of one function with the same number of items.
+
+    There were `count` since the start. `times_ms` are the last ones, oldest first: from the end of the request to the
+    beginning of the response, as it would have begun at the line's rate; `longest_ms` is the longest since the start.
+    `limit_ms` is the present limit, and `allowed_ms` the part of it that is for the device.
+    """
+
+    function: int
+    items: int
+    count: int
+    times_ms: tuple[float, ...]
+    longest_ms: float
+    limit_ms: float
+    allowed_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A device of a line, and how long its responses took."""
+
+    unit: int
+    name: str
+    source: str
+    profile: str
+    mode: str
+    baud: int
+    format: str
+    margin: float
+    timeout_ms: float
+    rows: tuple[MeasuredRow, ...]
+
+
+def measured(gateway: Gateway, wanted: object) -> Measured:
+    """The times of the device that has this number, or this name.
+
+    A number is that of the device which every client can reach; else that on the first line where it is an address.
+
+    Raises:
+        WrongQuestion: there is none, or it is on no line.
+    """
+    unit = find_unit(gateway.plan, wanted)
+    found = [line for line in gateway.lines if unit in line.devices]
+    if found:
+        line = min(found, key=lambda each: unit in each.plan.own_units)
+        return _measured(line, line.devices[unit])
+    raise WrongQuestion(f"unit {unit} is not a device on a line: only those have a timing table")
+
+
+def _measured(line: GatewayLine, device: Device) -> Measured:
+    settings, timing = device.settings, line.driver.line.settings.timing
+    return Measured(
+        unit=settings.known_as,
+        name=settings.name,
+        source=device.source,
+        profile=settings.profile.name,
+        mode=timing.mode,
+        baud=timing.baud,
+        format=str(timing.format),
+        margin=settings.answer_time.margin,
+        timeout_ms=round(settings.answer_time.timeout * 1000, 1),
+        rows=tuple(_rows(line, device)),
+    )
+
+
+def _rows(line: GatewayLine, device: Device) -> Iterator[MeasuredRow]:
+    budget = Budget(line.driver.line.settings.timing, line.plan.latency)
+    for function, times in sorted(device.counts.times.items()):
+        if function not in TABLE_FUNCTIONS:
+            continue
+        for items, row in sorted(times.samples.rows.items()):
+            asked = request_for(function, items)
+            response = budget.response_wire_time(asked)
+            yield MeasuredRow(
+                function=function,
+                items=items,
+                count=row.count,
+                times_ms=tuple(round(max(time - response, 0.0) * 1000, 2) for time in row.times),
+                longest_ms=round(max(row.longest - response, 0.0) * 1000, 2),
+                limit_ms=round(budget.limit(asked, device.answer_time) * 1000, 1),
+                allowed_ms=round(device.answer_time.allowed(asked) * 1000, 1),
+            )

@@ -1,0 +1,135 @@
+"""The config for those who look: what runs, what `check` says of the file as it is now, and how the two differ."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from difflib import unified_diff
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from gateway.clock.threads import ThreadPerCall
+from gateway.config.plan.plan import Plan
+from gateway.config.problem import Problem
+from gateway.config.reading.masking import masked
+from gateway.errors import ConfigError
+from gateway.readconfig.process import READING_TIME, ConfigRead
+from gateway.runtime.reload import Outcome, Reloader, differences, need_restart
+from gateway.runtime.running import Running
+
+#: This many lines of a comparison are shown, and this many characters of a file.
+MOST_LINES: Final = 400
+MOST_TEXT: Final = 128 * 1024
+#: Files that it names may change too: after this many seconds all is looked at again.
+KEPT: Final = 30.0
+#: The reason why a file cannot be read is kept for this many seconds: finding it may have taken READING_TIME.
+UNREAD_KEPT: Final = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigView:
+    """`text` is that of the config in use, with masks for secrets, and `difference` what was changed in the file since.
+
+    Comments are in neither, and a file that is no TOML is not compared.
+
+    `changes` are those that a reload would make; `problems` say why it would be rejected, or are warnings. `reloaded`
+    is the outcome of the last reload `at` this time of the day, if there was one. A gateway that `is_service` was
+    started by systemd.
+    """
+
+    file: str
+    text: str
+    problems: tuple[Problem, ...]
+    has_errors: bool
+    difference: tuple[str, ...]
+    changes: Outcome
+    reloaded: Outcome | None
+    at: float
+    is_service: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """The file as it was looked at: `sign` changes when it does, and it is good `until` this time of the loop."""
+
+    sign: tuple[int, ...]
+    until: float
+    loaded: ConfigRead
+
+
+class ConfigViewer:
+    """Looks at the file again when it has changed, or after a while: checking a long one takes tenths of a second."""
+
+    def __init__(self, running: Running, reloader: Reloader, clock: Callable[[], float] = time.time) -> None:
+        self._running = running
+        self._reloader = reloader
+        self._clock = clock
+        self._seen: _Seen | None = None
+
+    async def view(self) -> ConfigView:
+        """The config as it is now; one view at a time."""
+        loop = asyncio.get_running_loop()
+        self._seen = await self._look(loop)
+        return await loop.run_in_executor(ThreadPerCall("web config"), self._view, self._seen, loop.time())
+
+    async def _look(self, loop: asyncio.AbstractEventLoop) -> _Seen:
+        sign: tuple[int, ...] = ()
+        now = loop.time()
+        try:
+            async with asyncio.timeout(READING_TIME):
+                sign = await loop.run_in_executor(ThreadPerCall("web config"), _sign, self._reloader.file)
+                if self._seen is not None and sign and self._seen.sign == sign and now < self._seen.until:
+                    return self._seen
+                read = partial(self._reloader.read, self._reloader.file, look_around=True)
+                return _Seen(sign, now + KEPT, await loop.run_in_executor(ThreadPerCall("web config"), read))
+        except TimeoutError:
+            why = f"cannot be read within {READING_TIME:g} s; is its disk there?"
+        except ConfigError as error:
+            why = str(error)
+        return _Seen(sign, loop.time() + UNREAD_KEPT, ConfigRead(None, (Problem("error", (), why),)))
+
+    def _view(self, seen: _Seen, now: float) -> ConfigView:
+        reloader = self._reloader
+        shown, current = _shown(reloader.text), _shown(seen.loaded.text)
+        return ConfigView(
+            file=str(reloader.file),
+            text=shown[:MOST_TEXT],
+            problems=seen.loaded.problems,
+            has_errors=seen.loaded.plan is None,
+            difference=_difference(shown, current) if shown and current else (),
+            changes=Outcome() if seen.loaded.plan is None else self._changes(seen.loaded.plan),
+            reloaded=None if reloader.last is None else reloader.last.outcome,
+            at=0.0 if reloader.last is None else self._clock() - now + reloader.last.at,
+            is_service=reloader.is_service,
+        )
+
+    def _changes(self, plan: Plan) -> Outcome:
+        found = differences(self._running.gateway.plan, plan)
+        return Outcome(
+            added=found.added,
+            removed=found.removed,
+            changed=found.changed,
+            restart=need_restart(self._reloader.at_start, plan),
+        )
+
+
+def _sign(file: Path) -> tuple[int, ...]:
+    try:
+        status = file.stat()
+    except OSError:
+        return ()
+    return status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode, status.st_uid
+
+
+def _shown(text: str) -> str:
+    """The text without secrets; nothing of a file that is no TOML."""
+    try:
+        return masked(text)
+    except (ValueError, RecursionError):
+        return ""
+
+
+def _difference(old: str, new: str) -> tuple[str, ...]:
+    lines = list(unified_diff(old.splitlines(), new.splitlines(), "in use", "in the file", n=2, lineterm=""))
+    return (*lines[:MOST_LINES], *(["..."] if len(lines) > MOST_LINES else []))

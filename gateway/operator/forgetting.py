@@ -1,0 +1,50 @@
+"""The verb `forget`: a device that changed its address or rate is again where the config says."""
+
+from dataclasses import dataclass
+
+from gateway.devices.device import Device
+from gateway.errors import WrongQuestion
+from gateway.events import AddressMoved, BaudChanged, Emit
+from gateway.operator.units import find_unit
+from gateway.runtime.build import Gateway
+from gateway.runtime.parts import GatewayLine
+
+_ADVICE = "what was remembered is forgotten, so the config counts again"
+
+
+@dataclass(frozen=True, slots=True)
+class Forgotten:
+    """A device, and what the config says of it and of its line. It was expected at one of the units in `was_at`."""
+
+    line: str
+    device: str
+    unit: int
+    was_at: tuple[int, ...]
+    baud: int
+    was_baud: int
+
+
+def forget(gateway: Gateway, wanted: object, emit: Emit) -> Forgotten:
+    """Forget the address and the rate of the device with this name or number.
+
+    Raises:
+        WrongQuestion: there is no such device on a line, or something is in the way.
+    """
+    line, device = _find(gateway, wanted)
+    was_at, was_baud = device.possible_units, line.driver.line.settings.timing.baud
+    line.forget(device)
+    unit, baud = device.settings.unit, line.plan.line.timing.baud
+    if was_at != (unit,):
+        emit(AddressMoved(line.name, device.name, unit, next(iter(was_at), unit), _ADVICE))
+    if was_baud != baud:
+        emit(BaudChanged(line.name, device.name, baud, _ADVICE))
+    return Forgotten(line.name, device.name, unit, was_at, baud, was_baud)
+
+
+def _find(gateway: Gateway, wanted: object) -> tuple[GatewayLine, Device]:
+    unit = find_unit(gateway.plan, wanted)
+    found = [line for line in gateway.lines if unit in line.devices]
+    if not found:
+        raise WrongQuestion(f"nothing is remembered of {wanted}: it is no device on a line")
+    line = min(found, key=lambda each: unit in each.plan.own_units)  # that of all clients, if there is one
+    return line, line.devices[unit]

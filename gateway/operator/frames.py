@@ -1,0 +1,38 @@
+"""The frames on a line that a request has led to, as the ring has them."""
+
+from gateway.modbus import ascii as ascii_framing
+from gateway.modbus import mbap, rtu
+from gateway.runtime.build import Gateway
+from gateway.trace.records import Incident, Sent
+from gateway.trace.ring import STEP
+
+
+def frames_of(gateway: Gateway, client: str, pdu: bytes, received_at: float) -> dict[str, str]:
+    """What was `sent` for a client's request that has just ended, and `received`; nothing if there is none."""
+    found = _exchange(gateway, client, pdu, received_at)
+    if found is None:
+        return {}
+    received = found.heard if isinstance(found, Incident) else b""
+    if found.response is not None:
+        by = found.answered_by if isinstance(found, Incident) else None
+        received = _frame(gateway, found.line, found.address if by is None else by, found.response)
+    sent = _frame(gateway, found.line, found.address, found.request)
+    return {"sent": sent.hex(" ").upper(), "received": received.hex(" ").upper()}
+
+
+def _exchange(gateway: Gateway, client: str, pdu: bytes, received_at: float) -> Sent | None:
+    ring = gateway.ring
+    for record in reversed(ring.after(max(0, ring.added - STEP))):
+        if isinstance(record, Sent) and record.request == pdu:
+            sharers = record.others if isinstance(record, Incident) else ()
+            asked = ((record.client, record.received_at), *((who, at) for who, _, at in sharers))
+            if (client, received_at) in asked:
+                return record
+    return None
+
+
+def _frame(gateway: Gateway, line: str, unit: int, pdu: bytes) -> bytes:
+    mode = next((each.plan.line.timing.mode for each in gateway.lines if each.name == line), None)
+    if mode is None:
+        return mbap.encode(0, unit, pdu)
+    return ascii_framing.encode(unit, pdu) if mode == "ascii" else rtu.encode(unit, pdu)

@@ -1,0 +1,271 @@
+"""The metrics of a gateway, read from its counters at each scrape.
+
+Labels are names in the config, units, function codes and words of this program, never data or names of clients.
+"""
+
+import asyncio
+from collections.abc import Iterable, Iterator
+from itertools import accumulate
+from operator import add, attrgetter
+from typing import Final
+
+from gateway import __version__
+from gateway.clock.slices import in_slices
+from gateway.devices.device import Device
+from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
+from gateway.observe.metrics import Family, Spread
+from gateway.runtime.fleet import FleetStatus
+from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.runtime.publishing import BrokerStatus
+from gateway.runtime.running import Running
+from gateway.timing.histogram import Histogram
+from gateway.tls.store import TlsStore
+
+#: The bucket bounds that are exported, of those that are counted.
+_SECONDS: Final = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+_SHARES: Final = (0.25, 0.5, 0.75, 0.8, 0.9, 1.0)
+#: Results that are exported from the first request on, so that their first increase is visible; others once they occur.
+_ALWAYS: Final = frozenset({"ok", "exception", "timeout", "bad_frame"})
+#: What was received on a line besides responses.
+_ERRORS: Final = ("late_responses", "early_responses", "foreign_frames", "noise", "echoes")
+_ERRORS_OF: Final = attrgetter(*_ERRORS)
+
+_UNIT: Final = ("line", "unit", "function")
+
+
+async def read(running: Running) -> list[Family]:
+    """All metrics of the running gateway, with pauses for its lines: each unit is read when it is its turn."""
+    now = asyncio.get_running_loop().time
+    gateway = running.gateway
+    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    requests, times, units = _Requests(), _Times(), _Units()
+    await in_slices(part for each in (requests, times, units) for owner in owners for part in each.read(owner))
+    requests.read_routers(running)
+    return [
+        *requests.families,
+        *times.families,
+        *_lines(gateway.lines, now()),
+        *units.families,
+        *_clients(running),
+        _image_ages(running, now()),
+        _upstreams(gateway.upstreams),
+        _certificates(gateway.contexts),
+        *_broker(gateway.publishing.status()),
+        *_fleet(gateway.fleet.status()),
+        *_process(running),
+    ]
+
+
+class _Requests:
+    """What became of the requests of clients."""
+
+    def __init__(self) -> None:
+        self._results = Family("counter", "requests", "Requests of clients by result.", (*_UNIT, "result"))
+        self._exceptions = Family("counter", "exceptions", "Exception responses of units.", ("line", "unit", "code"))
+        self._coalesced = Family("counter", "coalesced", "Reads that shared a transaction with another one.", ("line",))
+        self._retries = Family("counter", "retries", "Reads that were repeated.", ("line",))
+        self._errors = Family(
+            "counter", "line_errors", "What was received besides the expected responses.", ("line", "kind")
+        )
+        self.families = (self._results, self._exceptions, self._coalesced, self._retries, self._errors)
+
+    def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
+        """Add those of a line or another server, one unit at a time."""
+        coalesced = retries = 0
+        errors = [0] * len(_ERRORS)
+        for unit, counts in _counted(owner):
+            for function, each in counts.items():
+                coalesced, retries = coalesced + each.coalesced, retries + each.retries
+                errors = [*map(add, errors, _ERRORS_OF(each))]
+                for result in RESULTS:
+                    count = getattr(each, result)
+                    if count or result in _ALWAYS:
+                        self._results.add(count, owner.name, unit, _function(function), result)
+            for code, count in counts.codes.items():
+                self._exceptions.add(count, owner.name, unit, f"{code:02X}")
+            yield
+        self._coalesced.add(coalesced, owner.name)
+        self._retries.add(retries, owner.name)
+        if isinstance(owner, GatewayLine):
+            for kind, count in zip(_ERRORS, errors, strict=True):
+                self._errors.add(count, owner.name, kind)
+
+    def read_routers(self, running: Running) -> None:
+        """Add the requests that no unit has got."""
+        routers = [each.router.counts for each in (*running.gateway.listeners, *running.gateway.servers)]
+        self._results.add(sum(each.no_route for each in routers), "", "", "", "no_route")
+        self._results.add(sum(each.denied for each in routers), "", "", "", "denied")
+
+
+class _Times:
+    """How long requests took, and what part of their limits."""
+
+    def __init__(self) -> None:
+        self._request = _histogram("request_duration_seconds", "From a request's arrival to its response.")
+        self._answer = _histogram("device_response_seconds", "From the end of a request to the end of its response.")
+        self._wait = _histogram("queue_wait_seconds", "From a request's arrival until it was sent.")
+        self._share = _histogram("budget_used_ratio", "The share of its time limit that a response took.")
+        self.families = (self._request, self._answer, self._wait, self._share)
+
+    def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
+        """Add those of a line or another server, one unit at a time."""
+        for unit, counts in _counted(owner):
+            for function in counts:
+                labels, times = (owner.name, unit, _function(function)), counts.times[function]
+                self._request.add(_spread(times.request, _SECONDS), *labels)
+                self._answer.add(_spread(times.answer, _SECONDS), *labels)
+                self._wait.add(_spread(times.wait, _SECONDS), *labels)
+                self._share.add(_spread(times.share, _SHARES), *labels)
+            yield
+
+
+def _histogram(name: str, text: str) -> Family:
+    return Family("histogram", name, text, _UNIT)
+
+
+def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
+    busy = Family("counter", "line_busy_seconds", "Time of a line by phase.", ("line", "phase"))
+    waiting = Family("gauge", "line_queue_length", "Requests that wait for the line.", ("line",))
+    up = Family("gauge", "line_up", "Whether the port is open.", ("line",))
+    reopens = Family("counter", "line_reopens", "How often the port was reopened after a loss.", ("line",))
+    held = Family("gauge", "lease_held", "Whether this gateway holds the lease of the line.", ("line", "lease"))
+    taken = Family("counter", "lease_taken", "How often it took the lease.", ("line", "lease"))
+    for line in lines:
+        phases = line.driver.line.phases(now)
+        for phase in ("request", "wait", "response", "gap"):
+            busy.add(getattr(phases, phase), line.name, phase)
+        waiting.add(len(line.driver.line.queue), line.name)
+        up.add(line.reconnector.is_open, line.name)
+        reopens.add(line.reconnector.reopened, line.name)
+        if line.standby is not None:
+            held.add(line.standby.lease.is_held, line.name, line.standby.name)
+            taken.add(line.standby.taken, line.name, line.standby.name)
+    return busy, waiting, up, reopens, *(each for each in (held, taken) if each.values)
+
+
+class _Units:
+    """Whether units answer, and how long that may take."""
+
+    def __init__(self) -> None:
+        self._up = Family("gauge", "unit_up", "Whether the unit answered last, and its line is up.", ("line", "unit"))
+        self._limit = Family(
+            "gauge", "unit_timeout_limit_seconds", "The longest time limit in force.", ("line", "unit")
+        )
+        self.families = (self._up, self._limit)
+
+    def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
+        """Add those of a line or another server, one at a time."""
+        now = asyncio.get_running_loop().time
+        for unit, device in _asked(owner):
+            is_up = owner.reconnector.error is None
+            is_up = is_up and not device.breaker.failures and not device.breaker.is_resting(now())
+            self._up.add(is_up, owner.name, unit)
+            self._limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
+            yield
+
+
+def _clients(running: Running) -> Iterable[Family]:
+    clients = Family("gauge", "clients", "Clients that are connected.", ("listener",))
+    rejected = Family("counter", "client_rejected", "Clients that were rejected or closed.", ("listener",))
+    for listener in running.gateway.listeners:
+        clients.add(listener.clients, listener.settings.name)
+        rejected.add(listener.counts.rejected, listener.settings.name)
+    return clients, rejected
+
+
+def _image_ages(running: Running, now: float) -> Family:
+    """The ages for mirrors whose values are all known."""
+    ages = Family("gauge", "image_age_seconds", "Age of the oldest values of a mirror.", ("unit",))
+    for driver in running.gateway.mirrors:
+        known = [age for _, age in driver.mirror.ages(now)]
+        if None not in known:
+            ages.add(max((age for age in known if age is not None), default=0.0), str(driver.mirror.settings.unit))
+    return ages
+
+
+def _upstreams(upstreams: Iterable[GatewayUpstream]) -> Family:
+    up = Family("gauge", "upstream_up", "Whether there is a connection.", ("upstream",))
+    for upstream in upstreams:
+        up.add(upstream.reconnector.is_open, upstream.name)
+    return up
+
+
+def _certificates(contexts: TlsStore) -> Family:
+    """The first to expire of each kind: a file may have several."""
+    ends = Family(
+        "gauge", "certificate_expiry_timestamp_seconds", "Until when certificates are valid.", ("used_by", "key")
+    )
+    first: dict[tuple[str, str], float] = {}
+    for secured, expiry in contexts.expiries():
+        place = secured.name, expiry.what
+        first[place] = min(first.get(place, expiry.at), expiry.at)
+    for place, at in first.items():
+        ends.add(at, *place)
+    return ends
+
+
+def _fleet(fleet: FleetStatus | None) -> Iterable[Family]:
+    """What other sites ask; nothing without [fleet]."""
+    if fleet is None:
+        return
+    up = Family("gauge", "fleet_up", "Whether the gateway is connected to NATS, and other sites can reach it.")
+    up.add(fleet.state == "up")
+    requests = Family("counter", "fleet_requests", "Requests from other sites by what became of them.", ("result",))
+    for result in ("responses", "busy", "expired", "refused", "dropped"):
+        requests.add(getattr(fleet, result), {"responses": "ok"}.get(result, result))
+    lost = Family("counter", "fleet_lost_messages", "Messages of other sites that were not delivered.", ("reason",))
+    lost.add(fleet.unreadable, "unreadable")
+    lost.add(fleet.overflowed, "overflowed")
+    yield from (up, requests, lost)
+
+
+def _broker(mqtt: BrokerStatus | None) -> Iterable[Family]:
+    """What is published; nothing without [mqtt]."""
+    if mqtt is None:
+        return
+    up = Family("gauge", "broker_up", "Whether values are published at the MQTT broker.")
+    up.add(mqtt.state == "up")
+    messages = Family("counter", "mqtt_messages", "Messages to the MQTT broker by what became of them.", ("result",))
+    messages.add(mqtt.messages, "ok")
+    messages.add(mqtt.refused_messages, "refused")
+    commands = Family("counter", "mqtt_commands", "Values for points that the MQTT broker has delivered.", ("result",))
+    commands.add(mqtt.commands - mqtt.refused_commands, "ok")
+    commands.add(mqtt.refused_commands, "refused")
+    polls = Family("counter", "mqtt_polls", "Reads of published points.", ("result",))
+    polls.add(mqtt.polls - mqtt.failed_polls, "ok")
+    polls.add(mqtt.failed_polls, "failed")
+    devices = Family("gauge", "mqtt_devices", "Published devices by whether they answer.", ("state",))
+    devices.add(mqtt.available, "online")
+    devices.add(mqtt.devices - mqtt.available, "offline")
+    yield from (up, messages, commands, polls, devices)
+
+
+def _process(running: Running) -> Iterable[Family]:
+    lag = Family("gauge", "loop_lag_seconds", "The largest delay of the event loop in the last minute.")
+    lag.add(running.recent.loop_lag)
+    reload = Family("gauge", "config_last_reload_successful", "Whether the config was accepted when it was last read.")
+    reload.add(running.reload_succeeded)
+    build = Family("gauge", "build_info", "1, with the version.", ("version",))
+    build.add(1, __version__)
+    return lag, reload, build
+
+
+def _asked(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, Device]]:
+    """The units that were polled, by their numbers for clients; by its name a unit whose number is another one's."""
+    asked = [(device, device.settings.known_as) for device in owner.all_devices if device.counts]
+    return [(str(unit) if owner.devices.get(unit, each) is each else each.name, each) for each, unit in asked]
+
+
+def _counted(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, UnitCounts]]:
+    """The counters by unit; broadcasts are unit 0."""
+    units = [(unit, device.counts) for unit, device in _asked(owner)]
+    return [("0", owner.every_device.counts), *units] if isinstance(owner, GatewayLine) else units
+
+
+def _function(function: int) -> str:
+    return "other" if function == OTHER_FUNCTIONS else str(function)
+
+
+def _spread(histogram: Histogram, bounds: tuple[float, ...]) -> Spread:
+    up_to = dict(zip(histogram.scale.bounds, accumulate(histogram.counts), strict=False))
+    return Spread([(bound, up_to[bound]) for bound in bounds], sum(histogram.counts), histogram.total)

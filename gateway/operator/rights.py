@@ -1,0 +1,57 @@
+"""The access rights for display: the rows in words, and what they mean for one request of one client."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from ipaddress import ip_address
+
+from gateway.config.plan.rights_in_words import RightsRow, right_in_words, row_in_words, rows_in_words
+from gateway.errors import WrongQuestion
+from gateway.routing.router import Router
+from gateway.runtime.build import Gateway
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a client may do something, all that it may do with this unit, and the rows that say so.
+
+    Without a row the rules for clients that no row names apply. `is_admitted`: the client has any right there, without
+    which a listener rejects it. `is_routed`: there is such a unit at this listener.
+    """
+
+    is_admitted: bool
+    is_allowed: bool
+    is_routed: bool
+    may: str
+    rows: tuple[RightsRow, ...]
+
+
+def rights_in_words(gateway: Gateway) -> Sequence[RightsRow]:
+    """The table of rights, of which the first row that applies counts."""
+    return rows_in_words(gateway.plan)
+
+
+def verdict(gateway: Gateway, host: str, listener: str, unit: int, function: int, role: str) -> Verdict:
+    """What the rights say to a request with this function to this unit, of a client at the address `host`.
+
+    `role` counts if the listener is a TLS listener.
+
+    Raises:
+        WrongQuestion: this is no address, or there is no such listener.
+    """
+    router = routers(gateway).get(listener)
+    if router is None:
+        raise WrongQuestion(f'there is no listener "{listener}"; there are {", ".join(routers(gateway))}')
+    try:
+        ip_address(host)
+    except ValueError:
+        raise WrongQuestion(f'"{host}" is not an IP address') from None
+    rights = router.rights.of_role(role) if router.entry.kind == "certified" else router.rights
+    rows = tuple(row_in_words(row, gateway.plan) for row in rights.rows_for(host, unit))
+    may = right_in_words(rights[host][unit])
+    is_admitted = router is gateway.web or rights.admits(host)
+    return Verdict(is_admitted, rights.allows(host, unit, function), unit in router.routes, may, rows)
+
+
+def routers(gateway: Gateway) -> Mapping[str, Router]:
+    """Where clients with an address come in, by the names that rows have for it."""
+    return {listener.settings.name: listener.router for listener in gateway.listeners} | {"web": gateway.web}

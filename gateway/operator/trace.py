@@ -1,0 +1,399 @@
+"""What the ring holds, for those who ask: pages of facts, and the story of requests that failed.
+
+A fact is an object as JSON has them, with `kind` and `time` (seconds since 1970) and what `_FACTS` adds. PDUs and bytes
+are hexadecimal. Nothing is decoded here: that is done where it is read, and not beside the lines.
+"""
+
+import asyncio
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from ipaddress import ip_address
+from typing import Any, Final
+
+from gateway.errors import RequestError, WrongQuestion
+from gateway.operator.unit_names import UnitNames
+from gateway.operator.units import find_unit
+from gateway.ports.port import SiteSettings
+from gateway.runtime.build import Gateway
+from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.trace.records import (
+    MOST_STORIES,
+    RESULTS,
+    Answered,
+    Heard,
+    Incident,
+    PortChanged,
+    Record,
+    Refused,
+    Sent,
+)
+from gateway.trace.ring import STEP
+
+#: How many records a reader gets first, if it names no time.
+TAIL: Final = 20
+#: How many records before a failure are searched for what it waited behind.
+_LOOK_BACK: Final = 4 * STEP
+
+#: The digits of the largest unit ID.
+_DIGITS: Final = 3
+#: Why requests are not sent after another one has failed.
+_CONSEQUENCES: Final = ("overdue", "resting")
+
+_OFF: Final = 'nothing is kept: [trace] ring is "0"; set it to "4 MiB", then modbus-gateway reload'
+
+Fact = dict[str, Any]
+Clock = tuple[float, float]
+"""The time of the event loop, and that of the day, at the same moment."""
+Tell = Callable[[Record, Clock, UnitNames], Any]
+Choose = Callable[[Sequence[Record]], Sequence[Record]]
+
+
+def clocks() -> Clock:
+    """What both clocks show now."""
+    return asyncio.get_running_loop().time(), time.time()
+
+
+def page(
+    gateway: Gateway,
+    question: Mapping[str, Any],
+    clock: Clock,
+    tell: Tell | None = None,
+    choose: Choose = lambda records: records,
+) -> dict[str, Any]:
+    """The facts from number `after` on; or those of the last `since` seconds, or the last few: as many as one step has.
+
+    `line`, `unit` (number or name), `function`, `client` and `result` choose among them, and then `choose` does. `next`
+    is the number to ask for next, `missed` is how many records before were gone already, and `is_all` says that there
+    are no more at the moment. `tell` makes of a record what stands in place of its fact.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
+    """
+    ring = gateway.ring
+    is_wanted = wanted(gateway, question)
+    number = _number(gateway, question, clock)
+    records = ring.after(number)
+    following = max(number, ring.first) + len(records)
+    begins_at = ring.begins_at
+    names = UnitNames(gateway.plan)
+    chosen = choose([record for record in records if is_wanted(record)])
+    return {
+        "facts": [(tell or fact)(record, clock, names) for record in chosen],
+        "next": following,
+        "missed": max(0, ring.first - number),
+        "is_all": following == ring.added,
+        "reaches_back_s": 0.0 if begins_at is None else round(clock[0] - begins_at, 3),
+    }
+
+
+def wanted(gateway: Gateway, question: Mapping[str, Any]) -> Callable[[Record], bool]:
+    """Whether a record is among those that `line`, `unit`, `function`, `client` and `result` choose.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
+    """
+    if not gateway.ring.is_on:
+        raise WrongQuestion(_OFF)
+    is_there = _filter(gateway, question.get("line"), question.get("unit"))
+    function, client, result = (question.get(name) for name in ("function", "client", "result"))
+    if result is not None and result not in RESULTS:
+        raise WrongQuestion(f'there is no result "{result}"; there are {", ".join(RESULTS)}')
+
+    def is_wanted(record: Record) -> bool:
+        return (
+            is_there(record)
+            and (function is None or record.function == function)
+            and (client is None or _asked_by(record, client))
+            and (result is None or record.has_result(result))
+        )
+
+    return is_wanted
+
+
+def stories(
+    gateway: Gateway, question: Mapping[str, Any], clock: Clock, is_seen: Callable[[Record], bool] = lambda _: True
+) -> dict[str, Any]:
+    """The last `count` requests that failed, newest first, of `who`: a unit by number or name, a line, or a client.
+
+    A client is called by its name or its address. Records that are not `is_seen` by the reader are left out.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is nobody like that.
+    """
+    if not gateway.ring.is_on:
+        raise WrongQuestion(_OFF)
+    who, count = question.get("who"), question.get("count", 5)
+    if not isinstance(who, str) or not who:
+        raise WrongQuestion('"who" must be a unit, or a client such as "10.2.0.7"')
+    if not isinstance(count, int) or not 1 <= count <= MOST_STORIES:
+        raise WrongQuestion(f'"count" must be 1 to {MOST_STORIES}')
+    is_wanted = _filter(gateway, question.get("line"), None)
+    names = UnitNames(gateway.plan)
+    try:
+        unit = find_unit(gateway.plan, int(who) if who.isdecimal() and len(who) <= _DIGITS else who)
+        is_his = names.is_of(unit)
+    except WrongQuestion:
+        unit = None
+        if any(each["name"] == who for each in lines(gateway)):
+            is_his = _is_of_line(gateway, who)
+        elif _is_client(gateway, who):
+            is_his = _asked_by_any(who)
+        else:
+            raise
+    found = []
+    for record in gateway.ring.failures():
+        if is_his(record) and is_wanted(record) and is_seen(record):
+            found.append(_story(gateway, record, clock, names))
+            if len(found) == count:
+                break
+    clients = sorted({each for record in gateway.ring.failures() for each in _clients(record)})
+    return {"stories": found, "unit": unit, "clients_that_failed": clients[:20]}
+
+
+def causes(
+    gateway: Gateway, unit: int, most: int, clock: Clock, is_seen: Callable[[Record], bool]
+) -> list[tuple[Fact, Mapping[str, int]]]:
+    """The last failures of a unit with a cause of their own, newest first, as stories.
+
+    With each stands how many later requests were not sent because of it, by result; or, of requests that were not sent
+    for one and the same reason, how many others there were before.
+
+    Raises:
+        WrongQuestion: nothing is kept.
+    """
+    if not gateway.ring.is_on:
+        raise WrongQuestion(_OFF)
+    names = UnitNames(gateway.plan)
+    is_his = names.is_of(unit)
+    found: list[tuple[Fact, Counter[str]]] = []
+    followed, first_of_them, last = Counter[str](), None, ""
+    for record in gateway.ring.failures():
+        if not is_his(record) or not is_seen(record):
+            continue
+        result = record.error.result if isinstance(record, Refused) else ""
+        if result in _CONSEQUENCES:
+            followed[result] += 1
+            first_of_them = first_of_them or record
+        elif result and result == last and not followed:
+            found[-1][1][result] += 1
+        elif len(found) == most:
+            break
+        else:
+            found.append((_story(gateway, record, clock, names), followed))
+            followed, first_of_them, last = Counter[str](), None, result
+    else:
+        if first_of_them is not None and len(found) < most:  # the cause is no longer kept
+            story = _story(gateway, first_of_them, clock, names)
+            followed[story["result"]] -= 1
+            found.append((story, followed))
+    return [(story, {result: count for result, count in counts.items() if count}) for story, counts in found]
+
+
+def fact(record: Record, clock: Clock, names: UnitNames) -> Fact:
+    """One record."""
+    kind, tell = next((kind, tell) for each, kind, tell in _FACTS if isinstance(record, each))
+    told = {"kind": kind, "time": _time(record.at, clock), "line": record.line}
+    unit = getattr(record, "unit", None)
+    if unit is not None:
+        told["unit"] = unit
+        told["name"] = names.of(record)
+    return told | tell(record, clock)
+
+
+def lines(gateway: Gateway) -> list[dict[str, Any]]:
+    """The lines and upstreams that facts may name."""
+    on_wire = [(each.name, each.plan.line.timing, each.plan.port.port) for each in _serial(gateway)]
+    told = [
+        {"name": name, "mode": timing.mode, "baud": timing.baud, "format": str(timing.format), "port": port}
+        for name, timing, port in on_wire
+    ]
+    return told + [{"name": each.name, "mode": "tcp", "port": each.plan.port.port} for each in gateway.upstreams]
+
+
+def _site(upstream: GatewayUpstream) -> str:
+    port = upstream.plan.port
+    return port.site if isinstance(port, SiteSettings) else ""
+
+
+def _serial(gateway: Gateway) -> tuple[GatewayLine | GatewayServer, ...]:
+    return (*gateway.lines, *gateway.servers)
+
+
+def _number(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> int:
+    ring = gateway.ring
+    after, since = question.get("after"), question.get("since")
+    if isinstance(after, int) and not isinstance(after, bool):
+        return min(after, ring.added)
+    if isinstance(since, int | float) and not isinstance(since, bool):
+        return ring.number_at(clock[0] - since)
+    return max(ring.first, ring.added - TAIL)
+
+
+def _filter(gateway: Gateway, line: object, unit: object) -> Callable[[Record], bool]:
+    known = [each["name"] for each in lines(gateway)]
+    if line is not None and line not in known:
+        raise WrongQuestion(f'there is no line "{line}"; there are {", ".join(known)}')
+    if unit is None:
+        return lambda record: line is None or record.line == line
+    names = UnitNames(gateway.plan)
+    is_his, name = names.is_of(unit), names.shared.get(find_unit(gateway.plan, unit))
+    places = {
+        (part.name, device.unit) for part in gateway.lines for device in part.devices.values() if device.name == name
+    }
+
+    def is_wanted(record: Record) -> bool:
+        if line is not None and record.line != line:
+            return False
+        if isinstance(record, Heard):
+            return (record.line, record.frame[0]) in places
+        return is_his(record)
+
+    return is_wanted
+
+
+def _is_client(gateway: Gateway, who: str) -> bool:
+    """Whether it is an address, with or without a port, or what a client is called whose requests have failed."""
+    for address in (who, who.rpartition(":")[0].strip("[]")):
+        with suppress(ValueError):
+            return bool(ip_address(address))
+    return any(map(_asked_by_any(who), gateway.ring.failures()))
+
+
+def _is_of_line(gateway: Gateway, name: str) -> Callable[[Record], bool]:
+    """Whether it was on this line, or is from the client there: a server line is called as its client is."""
+    is_there, is_from_there = _filter(gateway, name, None), _asked_by_any(name)
+    return lambda record: is_there(record) or is_from_there(record)
+
+
+def _asked_by(record: Record, who: str) -> bool:
+    """Whether a client asked for it that is called so, or has this address."""
+    clients = [getattr(record, "client", ""), *_clients(record)]
+    return any(who in (client, client.rpartition(":")[0].strip("[]"), client.rpartition("@")[2]) for client in clients)
+
+
+def _asked_by_any(who: str) -> Callable[[Record], bool]:
+    """Whether it is from a client that is called so, or has this address."""
+    return lambda record: any(who in (each, each.rpartition(":")[0].strip("[]")) for each in _clients(record))
+
+
+def _clients(record: Record) -> list[str]:
+    others = [client for client, _, _ in record.others] if isinstance(record, Incident) else []
+    return [record.client, *others] if isinstance(record, Sent | Refused) else others
+
+
+def _story(gateway: Gateway, record: Record, clock: Clock, names: UnitNames) -> Fact:
+    """A failure with what else there is to know of it: what it waited behind, and why its line is down."""
+    told = fact(record, clock, names)
+    if isinstance(record, Sent | Refused):
+        end = record.sent_at if isinstance(record, Sent) else record.at
+        others = _on_line_between(gateway, record.line, record.received_at, end, record)
+        behind = [(each.unit, names.of(each)) for each in others]
+        told["behind"] = [{"unit": unit, "name": name} for unit, name in dict.fromkeys(behind)]
+        told["behind_count"] = len(behind)
+    told["mode"] = next((each["mode"] for each in lines(gateway) if each["name"] == record.line), "")
+    told["site"] = next((_site(each) for each in gateway.upstreams if each.name == record.line), "")
+    trouble = next((part.reconnector.error for part in gateway.parts if part.name == record.line), None)
+    told["line_trouble"] = "" if trouble is None else str(trouble)
+    return told
+
+
+def _on_line_between(gateway: Gateway, line: str, begin: float, end: float, than: Sent | Refused) -> Iterator[Sent]:
+    """What was asked on this line meanwhile, but for what was sent of this request itself."""
+    if end <= begin:
+        return
+    ring = gateway.ring
+    number = max(ring.number_at(begin), ring.first)
+    for record in ring.after(number, _LOOK_BACK):
+        if isinstance(record, Sent) and record.line == line and record.sent_at < end and not _is_same(record, than):
+            yield record
+
+
+def _is_same(record: Sent, other: Sent | Refused) -> bool:
+    """Whether both are of the same request, which was sent again, then."""
+    return (record.client, record.received_at, record.request) == (other.client, other.received_at, other.request)
+
+
+def _time(at: float, clock: Clock) -> float:
+    return round(at - clock[0] + clock[1], 6)
+
+
+def _hex(data: bytes | None) -> str | None:
+    return None if data is None else data.hex(" ").upper()
+
+
+def _milliseconds(seconds: float) -> float:
+    return round(seconds * 1000, 3)
+
+
+def _error(error: RequestError | None) -> Fact:
+    return {} if error is None else {"result": error.result, "code": f"{error.code:02X}", "reason": str(error)}
+
+
+def _exchange(record: Sent, clock: Clock) -> Fact:
+    return {
+        "client": record.client,
+        "address": record.address,
+        "request": _hex(record.request),
+        "response": _hex(record.response),
+        "received": _time(record.received_at, clock),
+        "sent": _time(record.sent_at, clock),
+        "wait_ms": _milliseconds(record.sent_at - record.received_at),
+        "elapsed_ms": _milliseconds(max(0.0, record.at - record.ends_at)),
+        "limit_ms": _milliseconds(record.limit),
+    }
+
+
+def _incident(record: Incident, clock: Clock) -> Fact:
+    return {
+        **_exchange(record, clock),
+        **_error(record.error),
+        "heard": _hex(record.heard),
+        "late_until": _time(record.late_until, clock) if record.late_until else None,
+        "retries": record.retries,
+        "sent_again": record.sent_again,
+        "answered_by": record.answered_by,
+        "others": [{"client": client, "unit": unit} for client, unit, _ in record.others],
+    }
+
+
+def _refused(record: Refused, clock: Clock) -> Fact:
+    return {
+        "client": record.client,
+        "request": _hex(record.request),
+        "received": _time(record.received_at, clock),
+        "wait_ms": _milliseconds(record.at - record.received_at),
+        "until": _time(record.until, clock) if record.until else None,
+        "count": record.count,
+        **_error(record.error),
+    }
+
+
+def _answered(record: Answered, clock: Clock) -> Fact:
+    return {
+        "client": record.client,
+        "request": _hex(record.request),
+        "response": _hex(record.response),
+        "received": _time(record.received_at, clock),
+        "reason": record.reason,
+    }
+
+
+def _heard(record: Heard, _: Clock) -> Fact:
+    return {"owner": record.kind, "frame": _hex(record.frame), "count": record.count}
+
+
+def _port(record: PortChanged, _: Clock) -> Fact:
+    return {"reason": record.reason}
+
+
+#: The kinds of facts, subclasses first.
+_FACTS: Final[Iterable[tuple[type[Record], str, Callable[[Any, Clock], Fact]]]] = (
+    (Incident, "exchange", _incident),
+    (Sent, "exchange", _exchange),
+    (Refused, "refused", _refused),
+    (Answered, "answered", _answered),
+    (Heard, "heard", _heard),
+    (PortChanged, "port", _port),
+)

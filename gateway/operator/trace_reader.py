@@ -1,0 +1,234 @@
+"""The ring for readers over HTTP: as a stream of facts, and as a capture file. Without what they may not read."""
+
+import asyncio
+import json
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from gateway import __version__
+from gateway.clock.threads import ThreadPerCall
+from gateway.errors import WrongQuestion
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.functions import READING_FUNCTIONS
+from gateway.operator.capture import description, packets
+from gateway.operator.sampling import Sample
+from gateway.operator.trace import Clock, Fact, clocks, fact, lines, page, wanted
+from gateway.operator.unit_names import UnitNames
+from gateway.routing.access import READING, Right
+from gateway.runtime.build import Gateway
+from gateway.trace.pcapng import Writer
+from gateway.trace.records import FAILURES, Heard, PortChanged, Record, Sent
+from gateway.trace.ring import STEP, Ring
+
+#: How often to look for what is new, after how long for more of what there is, how often the time is told, in seconds.
+_STEP: Final = 0.1
+_MORE: Final = 0.01
+_CLOCK_EVERY: Final = 1.0
+#: How many texts are kept for other readers: those of a few steps at full rate.
+_MOST_TEXTS: Final = 1024
+#: The PDUs and bytes in facts: None where a reader may not see them.
+_VALUES: Final = ("request", "response", "heard", "frame")
+
+#: What chooses among the records.
+_CHOICES: Final = ("line", "unit", "function", "client", "result")
+#: At most this many records are searched for the latest ones.
+MOST_LOOKED_AT: Final = 20_000
+
+Query = Mapping[str, Any]
+MaySee = Callable[[Record], bool]
+
+
+class Texts:
+    """Records as JSON, made once for all who read them at about the same time."""
+
+    def __init__(self) -> None:
+        #: By the identity of the record, which is kept with its text so that no other can have it.
+        self._texts: OrderedDict[int, tuple[Record, str]] = OrderedDict()
+
+    def of(self, record: Record, clock: Clock, names: UnitNames) -> str:
+        """The text of a record with its values."""
+        found = self._texts.get(id(record))
+        if found is not None:
+            return found[1]
+        text = json.dumps(fact(record, clock, names), ensure_ascii=False)
+        self._texts[id(record)] = (record, text)
+        if len(self._texts) > _MOST_TEXTS:
+            self._texts.popitem(last=False)
+        return text
+
+
+class TraceReader:
+    """What happens, for one reader at the address `host`: facts as JSON, and the time each second.
+
+    If the question says how many `per_second`, it tells with the time how many others there were. It is lost when what
+    it asked for is there no longer: the ring, its line or its unit.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
+    """
+
+    def __init__(self, gateway: Callable[[], Gateway], question: Query, host: str, texts: Texts) -> None:
+        self.is_lost = False
+        self._gateway = gateway
+        self._chosen = _choices(question)
+        per_second = question.get("per_second")
+        self._sample = None if per_second is None else Sample(per_second, asyncio.get_running_loop().time())
+        self._host = host
+        self._texts = texts
+        self._told_at = 0.0
+        self._after = 0
+        self._is_up_to_date = False
+        self._first = self._fetch({"since": question.get("seconds", 0)})
+
+    async def next(self, patience: float) -> Sequence[str]:
+        """What has happened since the last call; none if nothing has within `patience` seconds."""
+        loop = asyncio.get_running_loop()
+        until = loop.time() + patience
+        found, self._first = self._first, []
+        while not found and loop.time() < until:
+            await asyncio.sleep(_STEP if self._is_up_to_date else _MORE)
+            try:
+                found = self._fetch({"after": self._after})
+            except WrongQuestion:
+                self.is_lost = True
+                return []
+        return found
+
+    def _fetch(self, place: Query) -> list[str]:
+        gateway, clock = self._gateway(), clocks()
+        may_see = what_is_seen(gateway, self._host)
+
+        def tell(record: Record, clock: Clock, names: UnitNames) -> str:
+            if may_see(record):
+                return self._texts.of(record, clock, names)
+            return json.dumps(without_values(fact(record, clock, names)), ensure_ascii=False)
+
+        found = page(gateway, {**self._chosen, **place}, clock, tell, self._choose)
+        self._after, self._is_up_to_date = found["next"], found["is_all"]
+        told: list[str] = found["facts"]
+        if found["missed"] and "after" in place:
+            told.insert(0, json.dumps({"kind": "missed", "time": round(clock[1], 6), "count": found["missed"]}))
+        if found["is_all"] and clock[0] - self._told_at >= _CLOCK_EVERY:
+            self._told_at = clock[0]
+            told.append(json.dumps({"kind": "clock", "time": round(clock[1], 6), **self._left_out()}))
+        return told
+
+    def _choose(self, records: Sequence[Record]) -> Sequence[Record]:
+        return records if self._sample is None else self._sample.of(records, asyncio.get_running_loop().time())
+
+    def _left_out(self) -> Mapping[str, int]:
+        return {} if self._sample is None else {"left_out": self._sample.taken()}
+
+
+async def latest(gateway: Gateway, question: Query, host: str, most: int) -> Sequence[Fact]:
+    """The last facts, the newest first, as a reader at the address `host` may see them: `most` at most.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
+    """
+    clock, is_wanted, may_see = clocks(), wanted(gateway, question), what_is_seen(gateway, host)
+    names = UnitNames(gateway.plan)
+    found: list[Fact] = []
+    for records in _newest_first(gateway.ring, only_failures=question.get("result") in FAILURES):
+        for record in records:
+            if is_wanted(record) and len(found) < most:
+                told = fact(record, clock, names)
+                found.append(told if may_see(record) else without_values(told))
+        if len(found) >= most:
+            break
+        await asyncio.sleep(0)
+    return found
+
+
+def _newest_first(ring: Ring, *, only_failures: bool) -> Iterator[Sequence[Record]]:
+    """The records in the ring, some at a time; it may go on meanwhile."""
+    if only_failures:
+        failures = list(ring.failures())
+        yield from (failures[at : at + STEP] for at in range(0, len(failures), STEP))
+        return
+    number = ring.added
+    last = number - MOST_LOOKED_AT
+    while number > max(ring.first, last):
+        begin = max(ring.first, number - STEP)
+        yield ring.after(begin, number - begin)[::-1]
+        number = begin
+
+
+async def capture(gateway_now: Callable[[], Gateway], question: Query, host: str) -> AsyncIterator[bytes]:
+    """A capture file of what the ring has of the last `seconds`, part by part: each with the rights of its moment.
+
+    Raises:
+        WrongQuestion: nothing is kept, or there is no such line, unit or result.
+    """
+    loop, gateway = asyncio.get_running_loop(), gateway_now()
+    told = lines(gateway)
+    modes = {line["name"]: line["mode"] for line in told}
+    descriptions = {line["name"]: description(line) for line in told}
+    writer, chosen = Writer(f"modbus-gateway {__version__}"), _choices(question)
+
+    def fetch(place: Query) -> dict[str, Any]:
+        gateway = gateway_now()
+        may_see = what_is_seen(gateway, host)
+
+        def tell(record: Record, clock: Clock, names: UnitNames) -> Fact | None:
+            return fact(record, clock, names) if may_see(record) else None
+
+        return page(gateway, {**chosen, **place}, clocks(), tell)
+
+    def written(facts: Sequence[Fact | None]) -> bytes:
+        frames = (packet for each in facts if each is not None for packet in packets(each, modes))
+        return b"".join(writer.interface(each.line, descriptions[each.line]) + writer.packet(each) for each in frames)
+
+    end = gateway.ring.added
+    found = fetch({"since": question.get("seconds", 0)})
+    yield writer.head()
+    while True:
+        yield await loop.run_in_executor(ThreadPerCall("web capture"), written, found["facts"])
+        if found["next"] >= end:
+            return
+        found = fetch({"after": found["next"]})
+
+
+def _choices(question: Query) -> Query:
+    return {name: question[name] for name in _CHOICES if question.get(name) is not None}
+
+
+def may_see_all(gateway: Gateway, host: str) -> bool:
+    """Whether a reader at this address may read every unit over HTTP."""
+    return all(right >= READING for right in set(gateway.web.rights[host]))  # most units have the same
+
+
+def what_is_seen(gateway: Gateway, host: str) -> MaySee:
+    """Whether a reader at this address may see the values of a record: those that he may read over HTTP.
+
+    Written values, frames of unknown origin and units that only a listener for their line or upstream leads to are for
+    clients with the right to read everything.
+    """
+    if may_see_all(gateway, host):
+        return lambda _: True
+    rights = gateway.web.rights[host]
+    names = UnitNames(gateway.plan)
+    units = {name: unit for unit, name in names.shared.items()}
+    places = {(line.name, device.unit): device.name for line in gateway.lines for device in line.devices.values()}
+
+    def is_seen(record: Record) -> bool:
+        if isinstance(record, PortChanged):
+            return True
+        if isinstance(record, Heard):
+            name = "" if record.kind == "noise" else places.get((record.line, record.frame[0]), "")
+            return name in units and _may_read(rights[units[name]], record.frame[1:])
+        name = record.name if isinstance(record, Sent) else names.of(record)
+        return name in units and _may_read(rights[units[name]], getattr(record, "request", b""))
+
+    return is_seen
+
+
+def without_values(told: Fact) -> Fact:
+    """A fact of which only is told that it was."""
+    return {name: None if name in _VALUES else value for name, value in told.items()}
+
+
+def _may_read(right: Right, pdu: bytes) -> bool:
+    function = pdu[0] & ~EXCEPTION_BIT if pdu else 0
+    return function in right if function in READING_FUNCTIONS else right >= READING

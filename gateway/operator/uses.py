@@ -1,0 +1,106 @@
+"""What lines and units have done since the last look at their counters: nothing is counted twice for it."""
+
+import asyncio
+from collections.abc import Mapping
+from operator import attrgetter, sub
+from typing import Final, NamedTuple
+
+from gateway.devices.device import Device, EveryDevice
+from gateway.lines.counts import RESULTS
+from gateway.runtime.build import Gateway
+from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.timing.history import LineUse, UnitUse
+
+#: The lines never wait longer for a look than this, in seconds.
+_SLICE: Final = 0.0005
+
+_RESULTS: Final = attrgetter(*RESULTS)
+_FAILED: Final = attrgetter("bad_frame", "ambiguous", "line_lost")
+#: Without those that the gateway answers for the unit (`refused`), and those that nobody waits for.
+_UNSENT: Final = attrgetter("line_down", "resting", "overdue", "echo_suspected", "queue_full", "expired")
+
+_LookedAt = Device | EveryDevice
+_Part = GatewayLine | GatewayUpstream
+
+
+class _Total(NamedTuple):
+    """What a unit has done since its start, and how many requests were sent to it."""
+
+    use: UnitUse
+    sent: int
+
+
+_NOTHING: Final = _Total(UnitUse(), 0)
+
+
+class Uses(NamedTuple):
+    """What was done, by the names of lines and units."""
+
+    lines: Mapping[str, LineUse]
+    units: Mapping[str, UnitUse]
+
+
+class Look:
+    """Compares the counters with those of the time before. What a reload has built begins at 0."""
+
+    def __init__(self) -> None:
+        self._at = asyncio.get_running_loop().time()
+        self._units: dict[_LookedAt, _Total] = {}
+        self._busy: dict[_Part, float] = {}
+
+    async def take(self, gateway: Gateway) -> Uses:
+        """What lines and units have done since the last time; with pauses, in which lines work."""
+        now = asyncio.get_running_loop().time
+        seconds, self._at = now() - self._at, now()
+        lines: dict[str, LineUse] = {}
+        units: dict[str, UnitUse] = {}
+        totals: dict[_LookedAt, _Total] = {}
+        busy: dict[_Part, float] = {}
+        until = now() + _SLICE
+        parts: tuple[_Part, ...] = (*gateway.lines, *gateway.upstreams)
+        for part in parts:
+            sent = failed = 0
+            for device in _devices(part):
+                if now() >= until:
+                    await asyncio.sleep(0)
+                    until = now() + _SLICE
+                totals[device] = total = _total(device)
+                before = self._units.get(device, _NOTHING)
+                resting = seconds if device.breaker.is_resting(now()) else 0.0
+                sent += total.sent - before.sent
+                failed += total.use.timeouts + total.use.failed - before.use.timeouts - before.use.failed
+                if isinstance(device, Device) and (resting or total != before):
+                    units[device.name] = UnitUse(*map(sub, total.use, before.use))._replace(resting=resting)
+            busy[part] = _busy_seconds(part, now())
+            more = max(0.0, busy[part] - self._busy.get(part, 0.0))
+            lines[part.name] = LineUse(seconds, more, 0.0 if part.reconnector.is_open else seconds, sent, failed)
+        self._units, self._busy = totals, busy
+        return Uses(lines, units)
+
+
+def _devices(part: _Part) -> list[_LookedAt]:
+    all_of_them = [part.every_device] if isinstance(part, GatewayLine) else []
+    return [*all_of_them, *part.all_devices]
+
+
+def _total(device: _LookedAt) -> _Total:
+    total = _NOTHING
+    for function, counts in device.counts.items():
+        times = device.counts.times[function]
+        use = UnitUse(
+            requests=sum(_RESULTS(counts)),
+            timeouts=counts.timeout,
+            failed=sum(_FAILED(counts)),
+            unsent=sum(_UNSENT(counts)),
+            exceptions=counts.exception,
+            responses=counts.responses,
+            answer=times.answer.total,
+            share=times.share.total,
+        )
+        total = _Total(total.use.plus(use), total.sent + counts.sent)
+    return total
+
+
+def _busy_seconds(part: _Part, now: float) -> float:
+    """For how long a line was busy since its start; another server takes several requests at a time."""
+    return part.driver.line.phases(now).busy if isinstance(part, GatewayLine) else 0.0

@@ -1,0 +1,56 @@
+"""What brokers keep of devices: a device or point that is gone must be taken back there.
+
+    {"homeassistant/device/plant-2/silo-1/config": {"weight": "sensor"}, "modbus/plant-2/silo-1": {"": "plain"}}
+
+Brokers keep what was announced, so it outlives reloads and restarts.
+"""
+
+from typing import TYPE_CHECKING, Final
+
+from gateway.state.shared_file import SharedFile
+
+if TYPE_CHECKING:
+    from gateway.plant.discovery import Announced
+
+FILE_NAME: Final = "home-assistant.json"
+
+
+class AnnouncedDevices:
+    """What was announced, and not taken back yet; in a `file`, if there is one."""
+
+    def __init__(self, file: SharedFile | None = None) -> None:
+        self._file = file
+        self._entries: dict[str, dict[str, str]] = {} if file is None else file.read()
+
+    def entries(self) -> "Announced":
+        """All of it."""
+        return dict(self._entries)
+
+    def add(self, announced: "Announced") -> None:
+        """More is going to be announced."""
+        for topic, components in announced.items():
+            self._change(topic, {**self._entries.get(topic, {}), **components})
+
+    def replace(self, now: "Announced") -> None:
+        """Everything has been taken back that is not announced `now`."""
+        for topic in {*self._entries, *now}:
+            self._change(topic, dict(now.get(topic, {})))
+
+    def close(self) -> None:
+        """Remember no more; returns when the file has been written."""
+        if self._file is not None:
+            self._file.close()
+
+    def _change(self, topic: str, components: dict[str, str]) -> None:
+        if components == self._entries.get(topic, {}):
+            return
+        self._entries[topic] = components
+        if not components:
+            del self._entries[topic]
+        if self._file is not None:
+            self._file.change(topic, components or None)
+
+
+def is_entry(value: object) -> bool:
+    """Whether this is an entry of the file."""
+    return isinstance(value, dict) and all(isinstance(each, str) for each in (*value, *value.values()))

@@ -1,0 +1,64 @@
+"""What brokers keep of devices by one plan: what announces those that there are, and takes back those that are gone.
+
+Whatever was announced before, under any site and in any form, is taken back once it is announced no more.
+"""
+
+import asyncio
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+from gateway.clock.threads import ThreadPerCall
+from gateway.config.plan.plan import MqttPlan
+from gateway.plant.discovery import Announced, Discovery
+from gateway.plant.messages import Message
+from gateway.plant.plain import gone
+from gateway.plant.topics import Topics
+from gateway.runtime.announced import AnnouncedDevices
+
+#: The entry of a device whose last values a broker keeps, in the list of what was announced.
+_PLAIN: Final[Mapping[str, str]] = {"": "plain"}
+
+
+class Announcing:
+    """`messages` are to be published in each connection; the list `announced` knows about them until they are."""
+
+    def __init__(self, messages: Sequence[Message], now: Announced, announced: AnnouncedDevices) -> None:
+        self.messages = messages
+        self._now = now
+        self._announced = announced
+        announced.add(now)
+
+    @classmethod
+    async def of(cls, plan: MqttPlan, announced: AnnouncedDevices) -> "Announcing":
+        """For a plan. Thousands of points take their time, so a thread does it."""
+        loop = asyncio.get_running_loop()
+        return cls(*await loop.run_in_executor(ThreadPerCall("announce"), _made, plan, announced.entries()), announced)
+
+    def withdrawal(self) -> list[Message]:
+        """What takes all of it back."""
+        return list(_taken_back(self._announced.entries(), {}))
+
+    def done(self) -> None:
+        """The messages have been published."""
+        self._announced.replace(self._now)
+
+    def withdrawn(self) -> None:
+        """All of it has been taken back."""
+        self._announced.replace({})
+
+
+def _made(plan: MqttPlan, before: Announced) -> tuple[Sequence[Message], Announced]:
+    """The messages, and what they announce."""
+    topics = Topics(plan.site)
+    discovery = Discovery(topics, plan.home_assistant or "")
+    found = () if plan.home_assistant is None else plan.devices
+    now = dict(discovery.announced(found))
+    if plan.sparkplug is None:
+        now |= {topics.values(device.name): _PLAIN for device in plan.devices}
+    return [*_taken_back(before, now), *discovery.messages(found, before)], now
+
+
+def _taken_back(before: Announced, now: Announced) -> Iterator[Message]:
+    for topic, entry in before.items():
+        if topic not in now:
+            yield from gone(topic) if entry == _PLAIN else (Message(topic, b"", retain=True),)

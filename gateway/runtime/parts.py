@@ -1,0 +1,328 @@
+"""The parts of one table of the config: a reload keeps or rebuilds them together."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from math import ceil
+from typing import TYPE_CHECKING
+
+from gateway.config.plan.forecast import longest_wait_behind, longest_waits
+from gateway.config.plan.plan import LinePlan, ServerPlan, UpstreamPlan
+from gateway.devices.addresses import UnitAddresses
+from gateway.devices.device import Device, DeviceSettings, EveryDevice
+from gateway.devices.quirks import AddressZeroDevice, EveryQuirkyDevice, MovableDevice
+from gateway.errors import WrongQuestion
+from gateway.events import Emit, Event, LineLost, LineReopened, LineUp, discard_event
+from gateway.lines.counts import UnitCounts
+from gateway.lines.driver import LineDriver
+from gateway.lines.exchange import Exchange
+from gateway.lines.line import Line
+from gateway.listeners.serial import SerialListener
+from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.ports.port import Opener, OpenPort, Port, PortUser, SerialSettings, SiteSettings
+from gateway.ports.reconnector import Reconnector
+from gateway.routing.access import EntryPoint
+from gateway.routing.router import Router
+from gateway.runtime import remembered
+from gateway.state.memory import Memory
+from gateway.timing.characters import CharacterFormat
+from gateway.trace.ring import Ring
+from gateway.upstreams.driver import TcpDriver
+from gateway.upstreams.upstream import Upstream
+
+if TYPE_CHECKING:
+    from gateway.fleet.asker import Asker
+    from gateway.fleet.standby import Standby
+    from gateway.runtime.shared_line import Buckets
+
+
+class GatewayLine:
+    """A client line with its parts. Keys of devices are the units for clients, those of longest waits their names.
+
+    `opener` opens ports. `buckets` is where its lease is kept, if the plan names one.
+    """
+
+    def __init__(
+        self,
+        plan: LinePlan,
+        loop: asyncio.AbstractEventLoop,
+        opener: Opener,
+        memory: Memory,
+        emit: Emit,
+        ring: Ring,
+        buckets: "Buckets | None" = None,
+    ) -> None:
+        self.plan = plan
+        #: Whether a scan goes on.
+        self.is_scanned = False
+        self._least_patience = 0.0
+        self._loop = loop
+        self._memory = memory
+        self._emit = emit
+        self._ring = ring
+        self._addresses = UnitAddresses()
+        self.name = name = plan.line.name
+        timing = plan.line.timing
+        self.opener = opener
+        self._port = _RememberedPort(plan, opener, memory)
+        settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
+        #: Whether it may ask, if others ask there too.
+        self.standby = None if plan.lease is None or buckets is None else self._standby(plan, buckets)
+        self.driver = LineDriver(Line(settings, emit, ring), loop, emit, self._port.rate_changed, self.standby)
+        self.reconnector = Reconnector(
+            name, plan.port.port, self._port.open, self.driver, kept_in(ring, loop.time, emit)
+        )
+        self.every_device = self._every_device(plan)
+        self.devices: dict[int, Device] = {}
+        self.longest_wait: dict[str, float] = {}
+        self.adopt(plan, self.devices_of(plan))
+
+    def at_speed(self, baud: int, format_: CharacterFormat | None = None) -> "GatewayLine":
+        """A line of its own on the same port, at another rate or format and without devices, that remembers nothing."""
+        plan, port = self.plan, self.plan.port
+        format_ = format_ or plan.line.timing.format
+        if isinstance(port, SerialSettings):
+            port = replace(port, baud=baud, format=format_)
+        line = replace(plan.line, timing=replace(plan.line.timing, baud=baud, format=format_))
+        plan = replace(plan, port=port, line=line, devices=(), passes_through=False, lease=None)
+        there = GatewayLine(plan, self._loop, self.opener, Memory(), discard_event, Ring())
+        there._least_patience = self.patience
+        return there
+
+    async def run(self) -> None:
+        """Keep the port open until cancelled, as long as the line may ask."""
+        await (self.reconnector.run() if self.standby is None else self.standby.run())
+
+    @property
+    def is_standby(self) -> bool:
+        """Whether another gateway may ask there, and this one not."""
+        return self.standby is not None and not self.standby.lease.is_held
+
+    def now(self) -> float:
+        """The time by which the line counts."""
+        return self._loop.time()
+
+    def means(self, plan: LinePlan) -> bool:
+        """Whether `plan` is for the same line. The passed-through units may differ."""
+        return self.plan.meaning == plan.meaning
+
+    @property
+    def counts(self) -> tuple[UnitCounts, ...]:
+        """The counters of its units and of its broadcasts."""
+        return (self.every_device.counts, *(device.counts for device in self.devices.values()))
+
+    @property
+    def all_devices(self) -> tuple[Device, ...]:
+        """Its units."""
+        return tuple(self.devices.values())
+
+    @property
+    def sent(self) -> int:
+        """How many frames were sent to its units, and as broadcasts."""
+        return sum(counts.sent for unit in self.counts for counts in unit.values())
+
+    @property
+    def patience(self) -> float:
+        """For how many seconds after a request its response may arrive, late ones included."""
+        line = self.plan.line
+        limit = max(self.longest_wait.values(), default=line.max_wait) - line.max_wait
+        slowest = max((device.answer_time.slowest for device in self.plan.devices), default=0.0)
+        late = max(2 * limit, slowest) if line.late_window is None else line.late_window
+        return max(limit + late, self._least_patience)
+
+    def handed_on(self, now: float) -> list[Exchange]:
+        """List what may still arrive on the port, for the next line there: see Ledger."""
+        return self.driver.line.ledger.handed_on(now, self.patience)
+
+    def begin(self) -> None:
+        """Go on from where the line before on this port has left its devices, which it may have done just now."""
+        plan, memory = self.plan, self._memory
+        memory.expect(remembered.rate_key(plan), plan.line.timing.baud)
+        for each in plan.devices:
+            memory.expect(remembered.address_key(plan, each), each.unit)
+        self.place_devices()
+        rate = remembered.rate(plan, memory)
+        if rate != self.driver.line.settings.timing.baud:
+            self.driver.change_rate(rate)
+
+    def place_devices(self) -> None:
+        """Let all devices be where they are remembered to be."""
+        addresses = remembered.addresses(self.plan, self._memory)
+        for device in self.devices.values():
+            if isinstance(device, MovableDevice):
+                device.begin_at(*addresses[device.name])
+
+    def forget(self, device: Device) -> None:
+        """Let a device be where the config says, and the line have the configured rate.
+
+        Raises:
+            WrongQuestion: another gateway has the line now, another device has that address, or this one may be about
+                to change its own.
+        """
+        settings, baud = device.settings, self.plan.line.timing.baud
+        if self.is_standby:
+            raise WrongQuestion(f"another gateway has the lease of {self.name}: tell that one to forget")
+        wait = self.driver.line.ledger.changes_until(device.possible_units) - self.now()
+        if wait > 0.0:
+            raise WrongQuestion(
+                f"{settings.name} was sent a change of its address, and may act on it yet: try again in {ceil(wait)} s"
+            )
+        is_free = self._addresses.is_free(settings.unit, settings.name)
+        if not is_free or remembered.rivals(self.plan, settings, self._memory, settings.unit):
+            raise WrongQuestion(
+                f"another device of {self.name} has, or may have, the address {settings.unit}: forget that one first, "
+                f"or give {settings.name} another unit in {device.source}"
+            )
+        remembered.forget(self.plan, self._memory, settings)
+        self.place_devices()
+        if baud != self.driver.line.settings.timing.baud:
+            self.driver.change_rate(baud)
+
+    def devices_of(self, plan: LinePlan) -> dict[int, Device]:
+        """The devices of `plan`: existing ones and new ones."""
+        return {each.known_as: self.devices.get(each.known_as) or self._device(each) for each in plan.devices}
+
+    def adopt(self, plan: LinePlan, devices: dict[int, Device]) -> None:
+        """Take over `plan`, which differs only in its place in the file or in passed-through units."""
+        self.plan = plan
+        self.devices = devices
+        self.longest_wait = longest_waits(plan)
+        for each in plan.devices:
+            devices[each.known_as].source = each.source
+        self.place_devices()
+
+    def _standby(self, plan: LinePlan, buckets: "Buckets") -> "Standby":
+        """What it takes is loaded only with a lease."""
+        standby: Standby = import_module("gateway.runtime.shared_line").standby_for(
+            self, plan, self._memory, buckets, self._emit
+        )
+        return standby
+
+    def _every_device(self, plan: LinePlan) -> EveryDevice:
+        quirks = frozenset[str]().union(*(each.profile.quirks for each in plan.devices))
+        if not quirks:
+            return EveryDevice(self.driver)
+        return EveryQuirkyDevice(self.driver, quirks, self._emit, self._ring, self.name)
+
+    def _device(self, settings: DeviceSettings) -> Device:
+        if settings.unit == BROADCAST_UNIT:
+            return AddressZeroDevice(settings, self.driver, self._emit, self._ring, self.name)
+        if not settings.profile.quirks:
+            self._addresses.place(settings.name, settings.unit)
+            return Device(settings, self.driver, self._emit, self._ring, self.name)
+        return self._restless_device(settings)
+
+    def _restless_device(self, settings: DeviceSettings) -> Device:
+        line, key = self.plan.line, remembered.address_key(self.plan, settings)
+        return MovableDevice(
+            settings,
+            self.driver,
+            line_name=line.name,
+            line_source=line.source,
+            addresses=self._addresses,
+            is_alone=len(self.plan.devices) == 1,
+            remember=partial(self._memory.remember, key, settings.unit),
+            emit=self._emit,
+            ring=self._ring,
+        )
+
+
+class GatewayUpstream:
+    """An upstream with its parts, with the attributes of a GatewayLine."""
+
+    def __init__(
+        self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, open_port: OpenPort, emit: Emit, ring: Ring
+    ) -> None:
+        self.plan = plan
+        self.now = loop.time
+        self.name = plan.upstream.name
+        upstream = Upstream(plan.upstream, emit, ring)
+        self.driver: TcpDriver | Asker = (
+            import_module("gateway.fleet.asker").Asker(upstream, loop, emit)
+            if isinstance(plan.port, SiteSettings)
+            else TcpDriver(upstream, loop, emit)
+        )
+        tell = kept_in(ring, loop.time, emit)
+        self.reconnector = Reconnector(self.name, plan.port.port, open_port, self.driver, tell)
+        self._new_device = partial(Device, line=self.driver, emit=emit, ring=ring, line_name=self.name)
+        self.devices = {each.known_as: self._new_device(each) for each in plan.devices}
+        #: The units that the config does not name, by their numbers there: only the listeners for it lead to them.
+        self.unnamed: dict[int, Device] = {}
+        self.longest_wait: dict[str, float] = {}
+        self.adopt(plan)
+
+    @property
+    def all_devices(self) -> tuple[Device, ...]:
+        """Its units; of those that the config does not name, the ones that were asked."""
+        return (*self.devices.values(), *(device for device in self.unnamed.values() if device.counts))
+
+    def unnamed_of(self, plan: UpstreamPlan) -> dict[int, Device]:
+        """The units that `plan` does not name: existing ones and new ones."""
+        for each in plan.unnamed:
+            if each.unit not in self.unnamed:
+                self.unnamed[each.unit] = self._new_device(each)
+        return {each.unit: self.unnamed[each.unit] for each in plan.unnamed}
+
+    def adopt(self, plan: UpstreamPlan) -> None:
+        """Take over `plan`, which differs only in its place in the file or in the listeners that lead to it."""
+        self.plan = plan
+        self.unnamed = self.unnamed_of(plan)
+        self.longest_wait = {each.name: longest_wait_behind(plan) for each in (*plan.devices, *plan.unnamed)}
+        for each in plan.devices:
+            self.devices[each.known_as].source = each.source
+        for each in plan.unnamed:
+            self.unnamed[each.unit].source = each.source
+
+
+class GatewayServer:
+    """A server line with its parts."""
+
+    def __init__(
+        self, plan: ServerPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit, ring: Ring
+    ) -> None:
+        self.plan = plan
+        self.name = plan.line.name
+        self.router = Router(EntryPoint(self.name, "local"), loop.time, emit, ring=ring)
+        self.driver = SerialListener(plan.line, self.router, loop, emit, ring)
+        tell = kept_in(ring, loop.time, emit)
+        self.reconnector = Reconnector(self.name, plan.port.port, opener(plan.port), self.driver, tell)
+
+
+def kept_in(ring: Ring, clock: Callable[[], float], emit: Emit) -> Emit:
+    """Emits events with `emit`, and records in `ring` when a port was opened or lost."""
+
+    def tell(event: Event) -> None:
+        if isinstance(event, LineLost):
+            ring.add_port(event.line, clock(), event.reason)
+        elif isinstance(event, LineUp | LineReopened):
+            ring.add_port(event.line, clock())
+        emit(event)
+
+    return tell
+
+
+class _RememberedPort:
+    """A line's port, opened at the rate that the line has changed to, if any. A device server keeps its rate."""
+
+    def __init__(self, plan: LinePlan, opener: Opener, memory: Memory) -> None:
+        self._plan = plan
+        self._opener = opener
+        self._memory = memory
+
+    @property
+    def baud(self) -> int:
+        """The present rate."""
+        return remembered.rate(self._plan, self._memory)
+
+    def rate_changed(self, baud: int) -> None:
+        """The line has changed its rate."""
+        self._memory.remember(remembered.rate_key(self._plan), self._plan.line.timing.baud, baud)
+
+    async def open(self, user: PortUser) -> Port:
+        """Open the port. Raises PortError."""
+        settings = self._plan.port
+        if isinstance(settings, SerialSettings):
+            settings = replace(settings, baud=self.baud)
+        return await self._opener(settings)(user)

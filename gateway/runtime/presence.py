@@ -1,0 +1,32 @@
+"""What this gateway tells the other sites of itself."""
+
+import asyncio
+from collections.abc import Iterator, Mapping
+from socket import gethostname
+from typing import Any
+
+from gateway import __version__
+from gateway.runtime.build import Gateway
+from gateway.runtime.parts import GatewayLine, GatewayServer
+from gateway.runtime.running import Running
+
+
+def tell(running: Running) -> Mapping[str, Any]:
+    """Its host, how long it is up, its lines and its units; see gateway.fleet.presence."""
+    gateway = running.gateway
+    lines: list[GatewayLine | GatewayServer] = [*gateway.lines, *gateway.servers]
+    down = [part.name for part in gateway.parts if not part.reconnector.is_open and not getattr(part, "is_standby", 0)]
+    return {
+        "host": gethostname(),
+        "version": __version__,
+        "up_s": round(asyncio.get_running_loop().time() - running.started, 1),
+        "lines": sum(part.name not in down for part in lines),
+        "lines_down": down,
+        "units": len(set(served_units(gateway))),
+    }
+
+
+def served_units(gateway: Gateway) -> Iterator[int]:
+    """The units that other sites reach here at the moment: not those of a line on which another gateway may ask."""
+    elsewhere = {unit for line in gateway.lines if line.is_standby for unit in line.devices}
+    return (unit for unit in gateway.sites.routes if unit not in elsewhere)

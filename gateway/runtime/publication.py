@@ -1,0 +1,216 @@
+"""What publishes: the devices of a gateway, a form of messages, and the task that keeps the connection.
+
+Loaded only if configured, and the library with it.
+"""
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+from gateway import events
+from gateway.config.plan.plan import MqttPlan
+from gateway.config.values.broker import HOME_ASSISTANT
+from gateway.plant.commands import CarriedOut
+from gateway.plant.driver import PublisherDriver
+from gateway.plant.messages import Form, Message
+from gateway.plant.plain import PlainForm
+from gateway.plant.polls import PolledTarget
+from gateway.plant.publisher import PublisherSettings
+from gateway.plant.sparkplug import Sparkplug
+from gateway.readconfig.libraries import not_installed
+from gateway.readconfig.password import read_password
+from gateway.request import Request, Target
+from gateway.runtime.announcing import Announcing
+from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.runtime.publishing import BrokerStatus
+from gateway.tls.contexts import load
+from gateway.tls.store import TlsStore
+
+if TYPE_CHECKING:
+    from gateway.runtime.build import Gateway
+
+#: How long the last messages may take at a stop, in seconds.
+_STOPPING_TIME: Final = 1.2
+
+
+def reading(
+    plan: MqttPlan,
+    gateway: "Gateway",
+    emit: events.Emit,
+    carried_out: CarriedOut,
+    unix: Callable[[], float] = time.time,
+    announcements: Sequence[Message] = (),
+) -> PublisherDriver:
+    """Begin to read what the plan publishes of a gateway. `announcements` belong to each birth."""
+    targets = {name: _as_target(each) for name, each in _destinations(plan, gateway).items()}
+    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    patience = {name: wait for owner in owners for name, wait in owner.longest_wait.items()}
+    waits = {each.name: patience.get(each.name, 0.0) for each in plan.devices}
+    settings = PublisherSettings(plan.devices, waits, plan.source)
+    driver = PublisherDriver(settings, _form(plan, announcements), targets, gateway.mqtt, emit, unix, carried_out)
+    driver.start()
+    return driver
+
+
+class Publication:
+    """What one plan needs: the devices of a gateway, and the task that keeps the connection."""
+
+    def __init__(
+        self,
+        plan: MqttPlan,
+        gateway: "Gateway",
+        emit: events.Emit,
+        contexts: TlsStore,
+        announcing: Announcing,
+        carried_out: CarriedOut,
+        unix: Callable[[], float],
+    ) -> None:
+        self.plan = plan
+        self._announcing = announcing
+        self._destinations = _destinations(plan, gateway)
+        self.driver = reading(plan, gateway, emit, carried_out, unix, announcing.messages)
+        #: What keeps the connection; None if it cannot, because its library is missing.
+        self.broker: Any = None
+        self.reason = ""
+        try:
+            module = import_module("gateway.plant.broker")
+        except ModuleNotFoundError as error:
+            self.reason = not_installed(error.name, "mqtt")
+            emit(events.BrokerLost(str(plan.broker), self.reason))
+            return
+        self.broker = module.Broker(
+            str(plan.broker),
+            _Access(plan, contexts, asyncio.get_running_loop()).settings,
+            self.driver,
+            emit,
+            unix,
+        )
+        self._task = asyncio.create_task(self.broker.run(), name="broker")
+
+    def means(self, plan: MqttPlan | None, gateway: "Gateway") -> bool:
+        """Whether it does what this plan asks for, with the devices of this gateway."""
+        if plan != self.plan:
+            return False
+        new = _destinations(self.plan, gateway)
+        return all(new[name] is each for name, each in self._destinations.items())
+
+    def status(self) -> BrokerStatus:
+        """How it stands."""
+        publisher, broker = self.driver.publisher, self.broker
+        reason = self.reason if broker is None else broker.reason
+        now = asyncio.get_running_loop().time()
+        refused_at = broker.counts.refused_at if broker is not None and broker.counts.refused else None
+        return BrokerStatus(
+            broker=str(self.plan.broker),
+            source=self.plan.source,
+            state="down" if reason else "up",
+            reason=reason,
+            down_ms=self._down_ms(),
+            version="" if broker is None else broker.version,
+            attempts=0 if broker is None else broker.attempts,
+            devices=len(publisher.watches),
+            available=sum(watch.is_available for watch in publisher.watches.values()),
+            points=sum(len(device.points) for device in self.plan.devices),
+            messages=0 if broker is None else broker.counts.confirmed,
+            refused_messages=0 if broker is None else broker.counts.refused,
+            commands=publisher.commands.counts.received,
+            refused_commands=publisher.commands.counts.refused,
+            polls=publisher.polls.counts.polls,
+            failed_polls=publisher.polls.counts.failed,
+            last_refused_ms=None if refused_at is None else 1000 * (now - refused_at),
+            unsteady="" if broker is None else broker.unsteady,
+        )
+
+    def _down_ms(self) -> float | None:
+        since = None if self.broker is None else self.broker.down_since
+        return None if since is None else 1000 * (asyncio.get_running_loop().time() - since)
+
+    async def stop(self, *, is_over: bool = False) -> None:
+        """Publish that it is offline, and end. If it `is_over`, brokers are told that these devices are gone."""
+        self.driver.close()
+        if self.broker is None:
+            return
+        is_up = self.broker.reason == ""
+        self.broker.stop(self._announcing.withdrawal() if is_over else ())
+        if is_up:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(_STOPPING_TIME):
+                    await asyncio.shield(self._task)
+            self._announcing.done()
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        if is_over and self.broker.has_left:
+            self._announcing.withdrawn()
+
+
+@dataclass(frozen=True, slots=True)
+class _Access:
+    """How the broker is reached. Files are read for each connection, so that new ones count at once."""
+
+    plan: MqttPlan
+    contexts: TlsStore
+    loop: asyncio.AbstractEventLoop
+
+    def settings(self) -> Any:
+        """Read the files. Blocks.
+
+        Raises:
+            BrokerError: the password cannot be read.
+            TlsError: a certificate cannot be used.
+        """
+        plan, context = self.plan, None
+        for secured in plan.secured:
+            loaded = load(secured.settings)
+            self.loop.call_soon_threadsafe(self.contexts.add, {secured: loaded})
+            context = loaded.context
+        address = plan.broker.address
+        return import_module("gateway.plant.client").BrokerSettings(
+            host=address.host,
+            port=address.port,
+            path=plan.broker.path,
+            client=f"mbgw-{plan.site}",
+            user=plan.user,
+            password=None if plan.password is None else read_password(plan.password),
+            context=context,
+            server_name="" if plan.tls is None else plan.tls.server_name,
+        )
+
+
+class _AtOnce:
+    """An image or a mirror as a target of reads: it answers at once, and never backs off."""
+
+    def __init__(self, destination: Target) -> None:
+        self._destination = destination
+
+    def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - nobody waits
+        """See PolledTarget."""
+        self._destination.submit(request, now)
+
+    def is_resting(self, now: float) -> bool:  # noqa: ARG002 - at any time
+        """See PolledTarget."""
+        return False
+
+
+def _destinations(plan: MqttPlan, gateway: "Gateway") -> Mapping[str, Target]:
+    """What answers for each published device."""
+    return {device.name: gateway.mqtt.routes[device.unit] for device in plan.devices}
+
+
+def _as_target(destination: Any) -> PolledTarget:
+    return destination if hasattr(destination, "is_resting") else _AtOnce(destination)
+
+
+def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
+    if plan.sparkplug is None:
+        return PlainForm(plan.site, plan.devices, announcements, _hosts(plan.home_assistant))
+    names = plan.sparkplug
+    return Sparkplug(names.group, names.node or plan.site, plan.devices, names.primary_host or None, announcements)
+
+
+def _hosts(prefix: str | None) -> Sequence[str]:
+    """Where Home Assistant says that it has started: with another discovery prefix too, unless its settings differ."""
+    return () if prefix is None else tuple({f"{each}/status": None for each in (prefix, HOME_ASSISTANT)})

@@ -1,0 +1,109 @@
+"""`[mqtt]`: what is published, as long as the config says so. What does it is loaded only then."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Literal
+
+from gateway import events
+from gateway.runtime.announced import AnnouncedDevices
+from gateway.tls.store import TlsStore
+
+if TYPE_CHECKING:
+    from gateway.plant.commands import CarriedOut
+    from gateway.runtime.build import Gateway
+    from gateway.runtime.publication import Publication
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerStatus:
+    """The broker at which values are published. `reason` says why nothing is published; it is empty when all is well.
+
+    `unsteady` says why connections were lost, each soon after it was made; it is empty once one has held for a minute.
+
+    `down_ms`: nothing has been published for so long; None when all is well, or the library is missing. `version` is
+    that of MQTT. Of `devices`, so many `available` ones answer. `messages` were confirmed by the broker, and
+    `refused_messages` were not, the last one `last_refused_ms` ago. `polls` is how often points were read, and
+    `failed_polls` how often in vain.
+    """
+
+    broker: str
+    source: str
+    state: Literal["up", "down"]
+    reason: str
+    down_ms: float | None
+    version: str
+    attempts: int
+    devices: int
+    available: int
+    points: int
+    messages: int
+    refused_messages: int
+    commands: int
+    refused_commands: int
+    polls: int
+    failed_polls: int
+    last_refused_ms: float | None = None
+    unsteady: str = ""
+
+
+class Publishing:
+    """Publishes what the plan of a gateway says, as long as it says so. `unix` is the time of the day."""
+
+    def __init__(
+        self,
+        emit: events.Emit,
+        contexts: TlsStore,
+        unix: Callable[[], float] = time.time,
+    ) -> None:
+        self._emit = emit
+        #: What Home Assistant was told.
+        self.announced = AnnouncedDevices()
+        self._carried_out: CarriedOut | None = None
+        self._contexts = contexts
+        self._unix = unix
+        #: What publishes; None without [mqtt].
+        self.part: Publication | None = None
+
+    def rerouted(self, gateway: "Gateway") -> None:
+        """Units have just got the routes of this gateway. What was published of others takes no more commands."""
+        if self.part is not None and not self.part.means(gateway.plan.mqtt, gateway):
+            self.part.driver.close()
+
+    async def adopt(self, gateway: "Gateway") -> None:
+        """Publish what this gateway's plan says from now on. Without a change the connection is kept."""
+        plan, part = gateway.plan.mqtt, self.part
+        if part is not None and part.means(plan, gateway):
+            return
+        await self.stop(is_over=plan is None)
+        if plan is not None:
+            announcing = await import_module("gateway.runtime.announcing").Announcing.of(plan, self.announced)
+            publication = import_module("gateway.runtime.publication").Publication
+            if self._carried_out is None:
+                self._carried_out = import_module("gateway.plant.commands").CarriedOut()
+            self.part = publication(
+                plan, gateway, self._emit, self._contexts, announcing, self._carried_out, self._unix
+            )
+
+    def status(self) -> BrokerStatus | None:
+        """How it stands; None without [mqtt]."""
+        return None if self.part is None else self.part.status()
+
+    @asynccontextmanager
+    async def stopping(self) -> AsyncIterator[None]:
+        """`stop` beside what is done in the context."""
+        if self.part is None:  # a turn of the event loop would let lines open that were not tried yet
+            yield
+            return
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self.stop(), name="mqtt: stop")
+            yield
+
+    async def stop(self, *, is_over: bool = False) -> None:
+        """Publish nothing any more, for good if it `is_over`."""
+        part, self.part = self.part, None
+        if part is not None:
+            await part.stop(is_over=is_over)

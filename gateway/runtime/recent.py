@@ -1,0 +1,140 @@
+"""Rates of the last minute, from samples of the counters."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Final, Literal, NamedTuple
+
+from gateway.diagnosis.last import NOW, Last
+from gateway.runtime.build import Gateway
+from gateway.runtime.parts import GatewayLine
+from gateway.timing.usage import Use, User
+
+#: The time between two samples in seconds, and how many are kept: those of a minute.
+STEP: Final = 5.0
+_KEPT: Final = 13
+#: What a driver finds wrong with a character.
+Wrong = Literal["parity", "framing"]
+WRONG: Final[tuple[Wrong, ...]] = ("parity", "framing")
+#: How often the lag of the event loop is measured within a step.
+_LOOKS: Final = 5
+
+
+class Rate(NamedTuple):
+    """The share of time in which a line was busy, and requests sent per second."""
+
+    busy: float
+    per_second: float
+
+
+class LineUser(NamedTuple):
+    """Somebody's share of a line's time, and how many transactions in a second were his."""
+
+    user: User
+    share: float
+    per_second: float
+
+
+class _Sample(NamedTuple):
+    at: float
+    lag: float
+    busy: Mapping[GatewayLine, float]
+    sent: Mapping[GatewayLine, int]
+    #: Who used the lines since the sample before.
+    used: Mapping[GatewayLine, Mapping[User, Use]]
+
+
+class _Wrong(NamedTuple):
+    """How many characters of a line were wrong at the last look, and at which look there was one more.
+
+    The line had sent so many requests by then.
+    """
+
+    characters: int
+    at: float
+    sent: int
+
+
+class Recent:
+    """Samples of the last minute. A reload may have replaced some lines."""
+
+    def __init__(self, gateway: Gateway, now: float) -> None:
+        self._wrong: dict[tuple[GatewayLine, Wrong], _Wrong] = {}
+        self._samples: deque[_Sample] = deque([_sample(gateway, now, 0.0)], maxlen=_KEPT)
+
+    async def keep_sampling(self, gateway: Callable[[], Gateway]) -> None:
+        """Take samples until cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            lag = 0.0
+            for _ in range(_LOOKS):
+                due = loop.time() + STEP / _LOOKS
+                await asyncio.sleep(STEP / _LOOKS)
+                lag = max(lag, loop.time() - due)
+            self._samples.append(_sample(gateway(), loop.time(), lag))
+            self._look_at_characters(gateway(), loop.time())
+
+    def rate(self, line: GatewayLine, now: float) -> Rate | None:
+        """The rates of `line`; None if it is too new."""
+        first = next((each for each in self._samples if line in each.busy), None)
+        if first is None or now - first.at < 1.0:
+            return None
+        busy, sent = _busy(line, now) - first.busy[line], line.sent - first.sent[line]
+        return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
+
+    def last_wrong(self, line: GatewayLine, kind: Wrong, now: float) -> Last:
+        """When a character was last wrong in this way, to the next sample."""
+        seen, errors = self._wrong.get((line, kind)), line.driver.errors
+        if seen is None or errors is None or getattr(errors, kind) > seen.characters:
+            return NOW
+        return Last(now - seen.at, line.sent - seen.sent)
+
+    def _look_at_characters(self, gateway: Gateway, now: float) -> None:
+        before, self._wrong = self._wrong, {}
+        for line in gateway.lines:
+            errors = line.driver.errors
+            for kind in WRONG if errors is not None else ():
+                wrong, seen = getattr(errors, kind), before.get((line, kind))
+                if seen is None or wrong > seen.characters:
+                    self._wrong[line, kind] = _Wrong(wrong, now, line.sent)
+                else:  # fewer, if the port was opened again
+                    self._wrong[line, kind] = seen._replace(characters=wrong)
+
+    def users(self, line: GatewayLine, now: float) -> list[LineUser]:
+        """Who used `line`, the most time first; a shared request counts for the client that asked first."""
+        first = next((at for at, each in enumerate(self._samples) if line in each.busy), None)
+        if first is None or now <= self._samples[first].at:
+            return []
+        elapsed = now - self._samples[first].at
+        uses: dict[User, Use] = {}
+        behind = list(self._samples)[first + 1 :]
+        for rows in (*(each.used.get(line, {}) for each in behind), line.driver.line.spent.usage.look()):
+            for user, use in rows.items():
+                uses.setdefault(user, Use()).add(use.seconds, use.transactions)
+        users = [LineUser(user, use.seconds / elapsed, use.transactions / elapsed) for user, use in uses.items()]
+        return sorted(users, key=lambda each: -each.share)
+
+    def was_asked(self, line: GatewayLine) -> bool:
+        """Whether anything was asked of its units in the last minute; since it is there, if it is new."""
+        first = next((each.sent[line] for each in self._samples if line in each.sent), 0)
+        return len(line.driver.line.queue) > 0 or line.driver.line.is_busy or line.sent > first
+
+    @property
+    def loop_lag(self) -> float:
+        """The largest delay of the event loop, in seconds."""
+        return max(each.lag for each in self._samples)
+
+
+def _sample(gateway: Gateway, now: float, lag: float) -> _Sample:
+    lines = gateway.lines
+    return _Sample(
+        now,
+        lag,
+        {line: _busy(line, now) for line in lines},
+        {line: line.sent for line in lines},
+        {line: line.driver.line.spent.usage.take() for line in lines},
+    )
+
+
+def _busy(line: GatewayLine, now: float) -> float:
+    return line.driver.line.phases(now).busy

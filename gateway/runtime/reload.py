@@ -1,0 +1,247 @@
+"""Reload: reads the config again, compares it with the one in use, and applies the differences."""
+
+import asyncio
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from gateway import events
+from gateway.clock.threads import ThreadPerCall
+from gateway.config.plan.plan import Plan
+from gateway.config.problem import Problem
+from gateway.errors import ConfigError, ListenError, StateError, TlsError
+from gateway.readconfig.process import READING_TIME, ReadConfig, read_config
+from gateway.runtime import garbage
+from gateway.runtime.build import Gateway
+from gateway.runtime.running import Running
+from gateway.service.systemd import Notifier
+from gateway.service.watchdog import summary
+from gateway.tls.contexts import Loaded as LoadedTls
+from gateway.tls.settings import Secured
+from gateway.tls.store import TlsStore, find_warnings, load_all
+
+#: How long reading what images keep, or certificates, may take, in seconds. The client waits for 50 s.
+LOADING_TIME: Final = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The result of a reload: `problems` if the file was rejected, else the changed tables.
+
+    `restart` are changes that apply after a restart; `warnings` are those of `check`. `defect` is an error that
+    occurred after the new config was in use.
+    """
+
+    problems: tuple[str, ...] = ()
+    added: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+    changed: tuple[str, ...] = ()
+    restart: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    defect: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Reloaded:
+    """The last reload: `at` this time of the loop's clock, in seconds."""
+
+    at: float
+    outcome: Outcome
+
+
+class Reloader:
+    """Applies `file` to a `running` gateway, one reload at a time.
+
+    `text` is that of the file when it was used last. `read` reads it, in a thread.
+    `prepare` reads saved values for a plan from the disk, in a thread: an image may have a hundred thousand. So are
+    certificates read, those of unchanged tables too, and then replace those in `contexts`.
+    `rebuild` builds the gateway of a plan, reusing unchanged parts of the present one.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        running: Running,
+        rebuild: Callable[[Plan, Gateway], Gateway],
+        systemd: Notifier,
+        prepare: Callable[[Plan], None] = lambda _: None,
+        *,
+        text: str = "",
+        contexts: TlsStore | None = None,
+        read: ReadConfig = read_config,
+    ) -> None:
+        self.file = file
+        self.read = read
+        self.text = text
+        self.last: Reloaded | None = None
+        self._running = running
+        self._rebuild = rebuild
+        self._prepare = prepare
+        self._contexts = contexts or TlsStore()
+        self._systemd = systemd
+        self.at_start = running.gateway.plan
+        self._turn = asyncio.Lock()
+        self._next: asyncio.Task[Outcome] | None = None
+        self._tasks: set[asyncio.Task[Outcome]] = set()
+
+    @property
+    def is_service(self) -> bool:
+        """Whether systemd has started the gateway."""
+        return self._systemd.is_service
+
+    def order(self) -> asyncio.Task[Outcome]:
+        """Reload soon. Orders before a reload has begun are combined into one."""
+        if self._next is None:
+            self._next = asyncio.create_task(self._run(), name="reload")
+            self._tasks.add(self._next)
+            self._next.add_done_callback(self._tasks.discard)
+        return self._next
+
+    async def close(self) -> None:
+        """Cancel the reload in progress."""
+        tasks = list(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _run(self) -> Outcome:
+        async with self._turn:
+            await self._running.ready.wait()
+            self._next = None
+            self._systemd.reloading()
+            try:
+                return self._told(await self._reload())
+            except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: the gateway keeps running
+                self._running.reload_succeeded = False
+                self._running.emit(events.PartFailed.of("reload", error))
+                return self._told(Outcome((f"a defect in the gateway: {error!r}",)))
+            finally:
+                if self._running.ready.is_set():
+                    self._systemd.ready(summary(self._running.gateway))
+
+    def _told(self, outcome: Outcome) -> Outcome:
+        self.last = Reloaded(asyncio.get_running_loop().time(), outcome)
+        return outcome
+
+    async def _reload(self) -> Outcome:
+        loop = asyncio.get_running_loop()
+        try:
+            async with asyncio.timeout(READING_TIME):
+                loaded = await loop.run_in_executor(ThreadPerCall("read config"), self.read, self.file)
+        except TimeoutError:
+            return self._rejected((f"{self.file}: cannot be read within {READING_TIME:g} s; is its disk there?",))
+        except ConfigError as error:
+            return self._rejected((str(error),))
+        if loaded.plan is None:
+            return self._rejected(loaded.errors)
+        old, new = self._running.gateway.plan, loaded.plan
+        try:
+            async with asyncio.timeout(LOADING_TIME):
+                certificates, unusable = await loop.run_in_executor(ThreadPerCall("read certificates"), _load, new)
+                await loop.run_in_executor(ThreadPerCall("read state"), self._prepare, new)
+            defect = await self._switch(self._rebuild(new, self._running.gateway), certificates)
+        except TimeoutError:
+            return self._rejected((f"what images keep, or certificates, cannot be read within {LOADING_TIME:g} s",))
+        except (ListenError, StateError, TlsError) as error:
+            return self._rejected((str(error),))
+        garbage.settle()
+        self.text = loaded.text
+        self._running.reload_succeeded = not defect
+        warnings = (*map(str, loaded.problems), *unusable)
+        outcome = replace(
+            differences(old, new), restart=need_restart(self.at_start, new), warnings=warnings, defect=defect
+        )
+        warn(loaded.problems, self._running.emit)
+        warn_of_certificates(certificates, self._running.emit)
+        for said in unusable:
+            self._running.emit(events.ConfigWarning(said, ""))
+        self._running.emit(
+            events.ConfigApplied(str(self.file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
+        )
+        return outcome
+
+    async def _switch(self, new: Gateway, certificates: Mapping[Secured, LoadedTls]) -> str:
+        """Switch to `new`; returns a defect, if one occurred and `new` is in use nevertheless.
+
+        Raises:
+            ListenError: as Running.switch.
+        """
+        before = self._contexts.add(certificates)  # what is replaced goes on with its own until then
+        try:
+            await self._running.switch(new)
+        except Exception as error:
+            if self._running.gateway is not new:
+                self._contexts.adopt(before)
+                raise
+            self._running.emit(events.PartFailed.of("reload", error))
+            return f"a defect in the gateway: {error!r}; restart it, and please report this"
+        finally:
+            if self._running.gateway is new:
+                self._contexts.adopt(certificates)
+                self._running.renew_certificates()
+        return ""
+
+    def _rejected(self, problems: tuple[str, ...]) -> Outcome:
+        self._running.reload_succeeded = False
+        self._running.emit(events.ConfigRejected.of(str(self.file), problems))
+        return Outcome(problems)
+
+
+def _load(plan: Plan) -> tuple[dict[Secured, LoadedTls], list[str]]:
+    """Load the certificates of a plan; and what cannot be used of those without which a start goes on too.
+
+    Raises:
+        TlsError: what clients or lines need cannot be used.
+    """
+    found, unusable = load_all(plan.secured), []
+    besides = (plan.web, plan.mqtt, plan.fleet)
+    for secured in (part.secured for part in besides if part is not None):
+        try:
+            found |= load_all(secured)
+        except TlsError as error:
+            unusable.append(str(error))
+    return found, unusable
+
+
+def warn(problems: Iterable[Problem], emit: events.Emit) -> None:
+    """Log the warnings about a config that is used."""
+    for problem in problems:
+        emit(events.ConfigWarning(str(replace(problem, remedy="")), problem.remedy))
+
+
+def warn_of_certificates(loaded: Mapping[Secured, LoadedTls], emit: events.Emit) -> None:
+    """Log who cannot connect with these certificates."""
+    for said in find_warnings(loaded):
+        emit(events.ConfigWarning(said, ""))
+
+
+def differences(old: Plan, new: Plan) -> Outcome:
+    """The differences of `new`, by section and name: `line hall-a`."""
+    before, after = _tables(old), _tables(new)
+    return Outcome(
+        added=tuple(name for name in after if name not in before),
+        removed=tuple(name for name in before if name not in after),
+        changed=tuple(name for name, table in after.items() if name in before and before[name] != table),
+    )
+
+
+def _tables(plan: Plan) -> Mapping[str, object]:
+    return {
+        **{f"listen {one.name}": one for one in plan.listeners},
+        **{f"line {one.line.name}": one.meaning for one in plan.lines},
+        **{f"line {server.line.name}": server for server in plan.servers},
+        **{f"upstream {one.upstream.name}": one for one in plan.upstreams},
+        **{f"image {one.name}": one for one in plan.images},
+        **{f"image {mirror.name}": mirror for mirror in plan.mirrors},
+        "access": plan.access,
+        "trace": plan.ring,
+        **({} if plan.mqtt is None else {"mqtt": plan.mqtt}),
+        **({} if plan.fleet is None else {"fleet": plan.fleet}),
+    }
+
+
+def need_restart(at_start: Plan, new: Plan) -> tuple[str, ...]:
+    """Find the changes in `new` that apply only after a restart."""
+    fixed = (("log", at_start.log, new.log), ("control", at_start.control, new.control), ("web", at_start.web, new.web))
+    return tuple(name for name, one, other in fixed if one != other)

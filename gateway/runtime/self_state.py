@@ -1,0 +1,152 @@
+"""What the gateway's own unit shows."""
+
+from typing import Final, Protocol
+
+from gateway.images.self_image import SelfImage
+from gateway.images.self_map import LAYOUT, LINES, SERVERS, UPSTREAMS, Shown, Values
+from gateway.images.services import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
+from gateway.lines.counts import Counts, UnitCounts, total, total_of_units
+from gateway.ports.reconnector import Reconnector
+from gateway.runtime.build import Gateway
+from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.runtime.recent import Recent
+from gateway.timing.measured import NEVER
+
+_UP, _DOWN, _NOT_TRIED = 1, 2, 3
+_UNKNOWN: Final = 0xFFFF
+_NO_ANSWER_YET: Final = 0xFFFFFFFF
+
+
+class Watched(Protocol):
+    """A gateway at work. It was `started` then, and its config was good when it was read last."""
+
+    gateway: Gateway
+    recent: Recent
+    started: float
+    reload_succeeded: bool
+
+
+def show_itself(running: Watched) -> None:
+    """Let the image of the gateway, if there is one, show how `running` is doing."""
+    for image in running.gateway.images:
+        if isinstance(image, SelfImage):
+            image.look = lambda now: shown(running, now)
+
+
+def shown(running: Watched, now: float) -> Shown:
+    """How the gateway is doing."""
+    gateway = running.gateway
+    lines = tuple(_line(running, line, now) for line in gateway.lines)
+    servers = tuple(map(_server, gateway.servers))
+    upstreams = tuple(_upstream(each, now) for each in gateway.upstreams)
+    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    units = (owner.counts if isinstance(owner, GatewayLine) else _counts(owner) for owner in owners)
+    counts = total(map(total_of_units, units))
+    failing = {unit for owner in owners for unit in _failing(owner, now)}
+    down = [sum(part["state"] == _DOWN for part in parts) for parts in (lines, servers, upstreams)]
+    values: Values = {
+        "layout": LAYOUT,
+        "trouble": int(any(down) or bool(failing)),
+        "uptime": int(now - running.started),
+        "lines": len(lines),
+        "lines-down": down[0],
+        "server-lines": len(servers),
+        "server-lines-down": down[1],
+        "upstreams": len(upstreams),
+        "upstreams-down": down[2],
+        "units": sum(len(owner.all_devices) for owner in owners),
+        "units-failing": len(failing),
+        "clients": sum(listener.clients for listener in gateway.listeners),
+        "reload-failed": int(not running.reload_succeeded),
+        "loop-lag": int(1000 * running.recent.loop_lag),
+        "answered": _answered(counts),
+        "failed": _failed(counts),
+    }
+    counters = {
+        BUS_MESSAGES: counts.sent + counts.responses,
+        COMMUNICATION_ERRORS: counts.bad_frame,
+        NO_RESPONSES: counts.timeout,
+        BUS_BUSY: counts.queue_full + counts.expired,
+    }
+    return Shown(values, {LINES.title: lines, SERVERS.title: servers, UPSTREAMS.title: upstreams}, failing, counters)
+
+
+def _line(running: Watched, line: GatewayLine, now: float) -> Values:
+    counts, rate = total_of_units(line.counts), running.recent.rate(line, now)
+    times = [each for device in line.devices.values() for each in device.counts.times.values()]
+    answered_at = max((each.answered_at for each in times), default=NEVER)
+    return {
+        "state": _state(line.reconnector),
+        "busy": _UNKNOWN if rate is None else round(1000 * rate.busy),
+        "rate": _UNKNOWN if rate is None else round(10 * rate.per_second),
+        "waiting": len(line.driver.line.queue),
+        "units": len(line.devices),
+        "units-failing": len(_failing(line, now)),
+        "answered": _answered(counts),
+        "exceptions": counts.exception,
+        "timeouts": counts.timeout,
+        "bad-frames": counts.bad_frame,
+        "late": counts.late_responses,
+        "line-down": counts.line_down + counts.line_lost,
+        "refused-busy": counts.queue_full + counts.expired,
+        "resting": counts.resting,
+        "reopened": line.reconnector.reopened,
+        "silent-for": _NO_ANSWER_YET if answered_at == NEVER else int(now - answered_at),
+        "name": line.name,
+    }
+
+
+def _server(server: GatewayServer) -> Values:
+    counts = server.driver.session.counts
+    return {
+        "state": _state(server.reconnector),
+        "requests": counts.requests,
+        "responses": counts.responses,
+        "name": server.name,
+    }
+
+
+def _upstream(upstream: GatewayUpstream, now: float) -> Values:
+    counts = total_of_units(_counts(upstream))
+    return {
+        "state": _state(upstream.reconnector),
+        "waiting": upstream.driver.upstream.waiting,
+        "units": len(upstream.all_devices),
+        "units-failing": len(_failing(upstream, now)),
+        "answered": _answered(counts),
+        "exceptions": counts.exception,
+        "timeouts": counts.timeout,
+        "reopened": upstream.reconnector.reopened,
+        "name": upstream.name,
+    }
+
+
+def _state(reconnector: Reconnector) -> int:
+    if not reconnector.tried.is_set():
+        return _NOT_TRIED
+    return _UP if reconnector.error is None else _DOWN
+
+
+def _failing(owner: GatewayLine | GatewayUpstream, now: float) -> list[int]:
+    """The units that did not answer when they were asked last; while their line is down, all that were ever asked."""
+    is_down = _state(owner.reconnector) == _DOWN
+    return [
+        device.settings.known_as
+        for device in owner.all_devices
+        if device.breaker.failures or device.breaker.is_resting(now) or (is_down and device.counts)
+    ]
+
+
+def _counts(upstream: GatewayUpstream) -> list[UnitCounts]:
+    return [device.counts for device in upstream.all_devices]
+
+
+def _answered(counts: Counts) -> int:
+    return counts.ok + counts.exception + counts.broadcast
+
+
+def _failed(counts: Counts) -> int:
+    """All that got no answer of a unit, but for what its profile refuses and what nobody wanted any more."""
+    not_sent = counts.line_down + counts.resting + counts.overdue + counts.echo_suspected
+    not_sent += counts.queue_full + counts.expired
+    return counts.timeout + counts.bad_frame + counts.ambiguous + counts.line_lost + not_sent

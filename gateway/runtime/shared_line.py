@@ -1,0 +1,120 @@
+"""A line on which gateways ask in turn: what one leaves to the next."""
+
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from functools import partial
+from math import inf
+from socket import gethostname
+from typing import TYPE_CHECKING, Any, Final
+
+from gateway.config.plan.forecast import guard, longest_late_window
+from gateway.config.plan.plan import LinePlan
+from gateway.devices.quirks import BAUD_RATES
+from gateway.errors import PortError
+from gateway.events import Emit
+from gateway.fleet.lease_settings import LeaseSettings
+from gateway.fleet.standby import BUCKET, Bucket, Standby
+from gateway.ports.port import TcpSettings
+from gateway.runtime import remembered
+from gateway.runtime.overdue import as_entry, is_entry, read_entry
+from gateway.state.memory import Memory
+
+if TYPE_CHECKING:
+    from gateway.runtime.parts import GatewayLine
+
+#: Stands for the rate among names of devices, none of which can be empty.
+_RATE: Final = ""
+
+#: The bucket of a name. Raises FleetError if NATS cannot be reached.
+Buckets = Callable[[str], Awaitable[Bucket]]
+
+
+def standby_for(line: "GatewayLine", plan: LinePlan, memory: Memory, buckets: Buckets, emit: Emit) -> Standby:
+    """Who keeps the port of `line` open while it holds the lease of its plan."""
+    lease = plan.lease
+    assert lease is not None  # noqa: S101 - for lines with a lease
+    settings = LeaseSettings(lease.name, lease.ttl, guard(plan), longest_late_window(plan), lease.fallback)
+    holder = f"{lease.site} at {gethostname()}"
+    return Standby(line.name, settings, holder, partial(buckets, BUCKET), SharedPort(line, memory), emit)
+
+
+class SharedPort:
+    """The port and the state of `line`, as its Standby sees them."""
+
+    def __init__(self, line: "GatewayLine", memory: Memory) -> None:
+        self._line = line
+        self._memory = memory
+        #: What has changed once: that it is as the config says again is told too. Who knows nothing tells nothing.
+        self._changed: set[str] = set()
+
+    @property
+    def is_usable(self) -> bool:
+        """See SharedLine."""
+        return self._line.reconnector.error is None
+
+    async def keep_open(self) -> None:
+        """See SharedLine."""
+        self._line.reconnector.begin_anew()
+        await self._line.reconnector.run()
+
+    def withhold(self, reason: PortError) -> None:
+        """See SharedLine."""
+        self._line.reconnector.withhold(reason)
+
+    def state(self) -> dict[str, Any]:
+        """Which devices have moved, and the rate if it was changed, each with what the config says."""
+        plan = self._line.plan
+        at = {each.name: remembered.recall(plan, each, self._memory) for each in plan.devices}
+        self._changed |= {each.name for each in plan.devices if at[each.name] != (each.unit,)}
+        addresses = {each.name: [each.unit, *at[each.name]] for each in plan.devices if each.name in self._changed}
+        state: dict[str, Any] = {"addresses": addresses} if addresses else {}
+        rate, configured = remembered.rate(plan, self._memory), plan.line.timing.baud
+        self._changed |= {_RATE} if rate != configured else set()
+        return state | ({"rate": [configured, rate]} if _RATE in self._changed else {})
+
+    def final_state(self) -> dict[str, Any]:
+        """With what may still arrive on the port; its times count from now on."""
+        now = self._line.now()
+        late = self._line.handed_on(now)
+        return self.state() | ({"late": as_entry(late, now, -now)} if late else {})
+
+    def adopt(self, state: Mapping[str, Any]) -> None:
+        """What does not fit this gateway's config is not taken, and what is not told stays as it is known here."""
+        self._adopt_addresses(dict(_changes(state.get("addresses"))))
+        rate = _change(state.get("rate"))
+        if rate is not None:
+            self._adopt_rate(*rate[:2])
+        late = state.get("late")
+        if late is not None and is_entry(late):
+            exchanges = read_entry(late, -inf, self._line.now())
+            self._line.driver.line.ledger.take_over(exchanges, self._line.patience)
+
+    def _adopt_addresses(self, moved: Mapping[str, tuple[int, ...]]) -> None:
+        plan = self._line.plan
+        for each in plan.devices:
+            configured, *units = moved.get(each.name, (0, 0))
+            if configured == each.unit and all(remembered.is_possible(each, unit) for unit in units):
+                self._changed.add(each.name)
+                self._memory.remember(remembered.address_key(plan, each), each.unit, *units)
+        self._line.place_devices()
+
+    def _adopt_rate(self, configured: int, rate: int) -> None:
+        plan = self._line.plan
+        if configured != plan.line.timing.baud or rate not in BAUD_RATES or isinstance(plan.port, TcpSettings):
+            return
+        self._changed.add(_RATE)
+        if rate != remembered.rate(plan, self._memory):
+            self._line.driver.change_rate(rate)
+
+
+def _changes(value: object) -> Iterator[tuple[str, tuple[int, ...]]]:
+    for name, values in value.items() if isinstance(value, dict) else ():
+        change = _change(values)
+        if isinstance(name, str) and change is not None:
+            yield name, change
+
+
+def _change(values: object) -> tuple[int, ...] | None:
+    """What the config of the holder before said, what is so, and what else may be so."""
+    if isinstance(values, list) and len(values) > 1 and all(isinstance(each, int) for each in values):
+        return tuple(values)
+    return None

@@ -1,0 +1,87 @@
+"""Watches for devices whose response times are near their limits: the next slow one is a time-out."""
+
+import asyncio
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import inf
+from typing import Final
+
+from gateway.devices.device import Device
+from gateway.events import Emit, TimingTight
+from gateway.runtime.build import Gateway
+from gateway.runtime.parts import GatewayLine
+from gateway.timing.histogram import SHARES, Histogram
+from gateway.timing.measured import Times
+
+#: How often it is looked, in seconds, and how many responses say something.
+STEP: Final = 60.0
+ENOUGH: Final = 100
+#: From which share of the limit on 99 of 100 responses are near it.
+TIGHT: Final = 0.8
+#: How long nothing is said of a device's function again, in seconds.
+PAUSE: Final = 3600.0
+
+
+@dataclass(slots=True)
+class _Seen:
+    """What was there when it was looked last, and when something was said."""
+
+    times: Times
+    counts: list[int]
+    told_at: float = -inf
+
+
+class TightLimits:
+    """Compares what came since the last look with the limits."""
+
+    def __init__(self) -> None:
+        self._seen: dict[tuple[str, str, int], _Seen] = {}
+
+    async def keep_looking(self, gateway: Callable[[], Gateway], emit: Emit) -> None:
+        """Tell what is tight until cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(STEP)
+            for event in self.look(gateway(), loop.time()):
+                emit(event)
+
+    def look(self, gateway: Gateway, now: float) -> list[TimingTight]:
+        """What is to be told at `now`."""
+        before, self._seen = self._seen, {}
+        return [event for line, device in _devices(gateway) for event in self._tight(line, device, before, now)]
+
+    def _tight(
+        self, line: GatewayLine, device: Device, before: dict[tuple[str, str, int], _Seen], now: float
+    ) -> Iterator[TimingTight]:
+        for function, times in device.counts.times.items():
+            key = (line.name, device.name, function)
+            seen = before.get(key)
+            if seen is None or seen.times is not times:
+                seen = _Seen(times, [0] * len(times.share.counts))
+            self._seen[key] = seen
+            recent = Histogram(SHARES)
+            recent.counts = [count - old for count, old in zip(times.share.counts, seen.counts, strict=True)]
+            if sum(recent.counts) < ENOUGH:
+                continue
+            seen.counts = list(times.share.counts)
+            share = recent.quantile(0.99) or 0.0
+            if share >= TIGHT and now - seen.told_at >= PAUSE:
+                seen.told_at = now
+                yield _event(line, device, function, share, times.limit)
+
+
+def _devices(gateway: Gateway) -> Iterator[tuple[GatewayLine, Device]]:
+    return ((line, device) for line in gateway.lines for device in line.devices.values())
+
+
+def _event(line: GatewayLine, device: Device, function: int, share: float, limit: float) -> TimingTight:
+    return TimingTight(
+        line=line.name,
+        unit=device.unit,
+        device=device.name,
+        function=function,
+        elapsed_ms=round(share * limit * 1000, 1),
+        limit_ms=round(limit * 1000, 1),
+        source=device.source,
+        advice=f"modbus-gateway calibrate {device.name} shows which limit it needs",
+    )

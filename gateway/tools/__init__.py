@@ -1,0 +1,1 @@
+"""What finds faults and measures: these send requests of their own."""

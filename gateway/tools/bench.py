@@ -1,0 +1,253 @@
+"""`bench`: what a line can carry by arithmetic, and what it carries in a time of reads, one right behind the other.
+
+The reads are requests of the client `control`: they wait in the line's queue, in turn with those of other clients, and
+have its rights. At most READS_AHEAD of them are under way, so another client waits for one of them at most.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncGenerator, Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, NamedTuple
+
+from gateway.config.plan.line_load import a_read, time_of
+from gateway.config.plan.plan import LinePlan, Plan
+from gateway.devices.device import DeviceSettings
+from gateway.errors import WrongQuestion
+from gateway.lines.breaker import FAILURES
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.functions import READERS
+from gateway.modbus.pdu import Span
+from gateway.operator.units import AwaitedOrigin, find_line, find_unit
+from gateway.profiles.batches import batches
+from gateway.registers.items import read_request
+from gateway.request import Request
+from gateway.runtime.build import Gateway
+from gateway.runtime.running import Running
+
+#: One is on the line, and the next one waits.
+READS_AHEAD: Final = 2
+#: The longest measurement, and the usual one, in seconds.
+LONGEST: Final = 3600.0
+USUAL: Final = 60.0
+#: How many items a read has when nobody says it.
+USUAL_ITEMS: Final = 10
+#: After this many failures in a row a unit is no longer read: after one more it would rest, for clients too.
+MOST_FAILURES: Final = FAILURES - 1
+_NOT_ANSWERED: Final = ("timeout", "bad_frame", "ambiguous")
+#: How often it is told how far a measurement is, in seconds.
+_STEP: Final = 1.0
+#: How long after a read that failed the next one follows, in seconds: a line that is down refuses at once.
+_PAUSE: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class BenchRead:
+    """What is read of one unit, and how long that takes the line by arithmetic."""
+
+    unit: int
+    name: str
+    area: str
+    address: int
+    items: int
+    line_time_ms: float
+    answer_time_known: bool
+
+
+@dataclass(slots=True)
+class BenchResult:
+    """What a line carried in `seconds`: reads by what became of them.
+
+    `others` are the frames that it carried for other clients meanwhile. Both rates are reads in a second; the
+    arithmetic takes a line that carries nothing else, and is None if nothing takes any time there. Units that rest, or
+    came to rest meanwhile, were `left_out`.
+    """
+
+    line: str
+    reads: tuple[BenchRead, ...]
+    seconds: float = 0.0
+    answered: int = 0
+    exceptions: int = 0
+    failed: int = 0
+    others: int = 0
+    busy_share: float = 0.0
+    last_failure: str = ""
+    left_out: list[str] = field(default_factory=list)
+    expected_per_second: float | None = field(init=False)
+    measured_per_second: float = 0.0
+
+    def __post_init__(self) -> None:
+        time = sum(one.line_time_ms for one in self.reads)
+        self.expected_per_second = round(1000 * len(self.reads) / time, 3) if time else None
+
+
+@dataclass(slots=True, eq=False)
+class _Read:
+    """A read of a device, how often it has failed in a row, and how often it is under way."""
+
+    name: str
+    unit: int
+    pdu: bytes
+    failures: int = 0
+    under_way: int = 0
+
+    @property
+    def may_be_sent(self) -> bool:
+        """Whether its unit would still not rest if it failed again."""
+        return self.failures + self.under_way < MOST_FAILURES
+
+
+async def bench_in_steps(
+    running: Running, question: Mapping[str, Any], is_there: Callable[[], bool]
+) -> AsyncGenerator[dict[str, Any], None]:
+    """The result of `bench`; if the question wants `progress`, how far it is comes before it again and again."""
+    begun: list[BenchResult] = []
+    now = asyncio.get_running_loop().time
+    began, measuring = now(), asyncio.create_task(bench(running, question, is_there, begun.append), name="bench")
+    try:
+        while not (await asyncio.wait((measuring,), timeout=_STEP))[0]:
+            if question.get("progress"):
+                reads = sum(each.answered + each.exceptions + each.failed for each in begun)
+                yield {"progress": {"elapsed_s": round(now() - began, 1), "reads": reads}}
+        yield {"bench": measuring.result()}
+    finally:
+        measuring.cancel()
+        await asyncio.gather(measuring, return_exceptions=True)
+
+
+async def bench(
+    running: Running,
+    question: Mapping[str, Any],
+    is_there: Callable[[], bool],
+    begin: Callable[[BenchResult], object] = lambda _: None,
+) -> BenchResult:
+    """Read the units of `line`, or one `unit` of it, for this many `seconds`; `begin` gets the result as it grows.
+
+    Each read is of this many `items` from `address` on. It ends sooner if the client has left, or no unit answers.
+
+    Raises:
+        WrongQuestion: there is no such line or unit, nothing of it can be read, or a reload has changed the line.
+    """
+    gateway = running.gateway
+    line = find_line(gateway, question.get("line"))
+    seconds = _number(question, "seconds", USUAL, LONGEST)
+    wanted = list(_reads(gateway, line.plan, question))
+    if not wanted:
+        raise WrongQuestion(f"no unit of {line.name} can be read by its number; name one of them")
+    planned = [one for one in wanted if not line.devices[one.device.known_as].breaker.is_resting(line.now())]
+    left_out = [one.device.name for one in wanted if one not in planned]
+    if not planned:
+        what = f"{', '.join(left_out)} backs off after several failures, and nothing is sent to it"
+        raise WrongQuestion(f"{what}; modbus-gateway status says until when")
+    result = BenchResult(line.name, tuple(_picture(line.plan, one) for one in planned), left_out=left_out)
+    begin(result)
+    now = asyncio.get_running_loop().time
+    began, sent_before, busy_before = now(), line.sent, line.driver.line.phases(now()).busy
+    reads = deque(_Read(one.device.name, one.device.known_as, read_request(one.span)) for one in planned)
+
+    def is_wanted() -> bool:
+        return is_there() and running.keeps(line)
+
+    async with asyncio.TaskGroup() as group:
+        for number in range(READS_AHEAD):
+            reading = _read_on(gateway, reads, began + seconds, is_wanted, result)
+            group.create_task(reading, name=f"bench:{line.name}:{number}")
+    if not running.keeps(line):
+        raise WrongQuestion(f"a reload has changed {line.name}: measure it again")
+    elapsed = now() - began
+    own = result.answered + result.exceptions
+    result.seconds = round(elapsed, 3)
+    result.others = max(0, line.sent - sent_before - own - result.failed)
+    result.busy_share = round(min(1.0, (line.driver.line.phases(now()).busy - busy_before) / elapsed), 3)
+    result.measured_per_second = round(own / elapsed, 3)
+    return result
+
+
+class _Planned(NamedTuple):
+    device: DeviceSettings
+    span: Span
+
+
+async def _read_on(
+    gateway: Gateway, reads: deque[_Read], until: float, is_wanted: Callable[[], bool], result: BenchResult
+) -> None:
+    """Read until it is time to stop or no unit answers, and count what becomes of it."""
+    now = asyncio.get_running_loop().time
+    while now() < until and is_wanted() and any(each.failures < MOST_FAILURES for each in reads):
+        read, origin = reads[0], AwaitedOrigin(is_wanted)
+        reads.rotate(-1)
+        if not read.may_be_sent:
+            await asyncio.sleep(0 if any(each.may_be_sent for each in reads) else _PAUSE)
+            continue
+        read.under_way += 1
+        gateway.control.submit(Request(read.unit, read.pdu, origin, now()), now())
+        error, response = await origin.outcome
+        read.under_way -= 1
+        if error is None:
+            read.failures = 0
+        elif error.result in _NOT_ANSWERED:
+            read.failures += 1
+        if error is not None and error.result == "resting":  # by what other clients have asked meanwhile
+            read.failures = MOST_FAILURES
+            result.left_out = sorted({*result.left_out, read.name})
+        elif error is not None and error.result == "overdue":  # a late response of the unit may still come
+            await asyncio.sleep(_PAUSE)
+        elif error is not None or response is None:
+            result.failed += 1
+            result.last_failure = "" if error is None else error.result
+            await asyncio.sleep(_PAUSE)
+        elif response[0] & EXCEPTION_BIT:
+            result.exceptions += 1
+        else:
+            result.answered += 1
+
+
+def _number(question: Mapping[str, Any], key: str, usual: float, most: float) -> float:
+    value = question.get(key)
+    if value is None:
+        return usual
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value <= most:
+        raise WrongQuestion(f'"{key}" must be a number above 0, {most:g} at most')
+    return float(value)
+
+
+def _reads(gateway: Gateway, line: LinePlan, question: Mapping[str, Any]) -> Iterator[_Planned]:
+    """What is read of which devices."""
+    items = int(_number(question, "items", USUAL_ITEMS, 2000))
+    address = question.get("address")
+    if address is not None and (isinstance(address, bool) or not isinstance(address, int) or not 0 <= address <= 65535):
+        raise WrongQuestion('"address" must be a number from 0 to 65535')
+    for device in _devices(gateway, line, question.get("unit")):
+        span = _span(gateway.plan, device, items)
+        if span is not None:
+            yield _Planned(device, span if address is None else replace(span, start=address))
+
+
+def _devices(gateway: Gateway, line: LinePlan, wanted: object) -> list[DeviceSettings]:
+    if wanted is None:
+        return [] if line.passes_through else list(line.devices)
+    unit = find_unit(gateway.plan, wanted)
+    found = [device for device in line.shared if device.known_as == unit]
+    if not found:
+        raise WrongQuestion(f"unit {unit} is not on {line.line.name}")
+    return found
+
+
+def _span(plan: Plan, device: DeviceSettings, items: int) -> Span | None:
+    """A read that the device answers: of the longest run of its points, or what its profile has."""
+    points = [point for point in plan.points.get(device.known_as, ()) if point.write != "only"]
+    runs = [batch.span for batch in batches(points, device.profile.limits)]
+    known = [span for span in runs if device.profile.knows(READERS[span.area][0])]
+    if not known:
+        return a_read(device.profile, items)
+    longest = max(known, key=lambda span: span.count)
+    return replace(longest, count=min(items, longest.count))
+
+
+def _picture(line: LinePlan, one: _Planned) -> BenchRead:
+    time = time_of(line, one.device, read_request(one.span))
+    has_time = READERS[one.span.area][0] in one.device.profile.timing.rows
+    span = one.span
+    return BenchRead(
+        one.device.known_as, one.device.name, span.area, span.start, span.count, round(1000 * time, 3), has_time
+    )

@@ -1,0 +1,296 @@
+"""The verb `doctor`: reads units of which too little is known, and finds what is wrong on the lines.
+
+What can be seen of ports from outside, `tools/outside.py` says; the caller puts them together.
+"""
+
+import asyncio
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from gateway.config.reading.source import place_of
+from gateway.control.server import IsThere
+from gateway.devices.device import Device
+from gateway.diagnosis.broker import BrokerEvidence, about_broker
+from gateway.diagnosis.clients import about_client
+from gateway.diagnosis.evidence import PortInUse, Search
+from gateway.diagnosis.finding import IS_DOWN, Finding
+from gateway.diagnosis.fleet import FleetEvidence, about_fleet
+from gateway.diagnosis.last import RECENT, Last
+from gateway.diagnosis.lines import about_line
+from gateway.diagnosis.state import about_state_file
+from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
+from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.operator.units import may_read_all, no_such_line
+from gateway.ports.port import SerialSettings, SiteSettings
+from gateway.readconfig.expiry import about_certificates
+from gateway.runtime.build import Gateway
+from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.runtime.running import Running
+from gateway.timing.measured import NEVER
+from gateway.tools.evidence import (
+    client_evidence,
+    line_evidence,
+    shown_devices,
+    unit_evidence,
+    units_evidence,
+    upstream_evidence,
+)
+from gateway.tools.questions import harmless_read, outcome_of
+from gateway.tools.search import search
+
+#: What has units that can be asked.
+_Asked = GatewayLine | GatewayUpstream
+
+#: A unit with fewer requests than this is asked until it has this many, or until it has failed to answer this often.
+SAMPLES: Final = 4
+FAILURES: Final = 2
+#: How long all that may take on a line, and how long late answers are waited for at least and at most, in seconds.
+LONGEST_ASKING: Final = 30.0
+SHORTEST_WINDOW: Final = 2.0
+LONGEST_WINDOW: Final = 5.0
+_STEP: Final = 0.05
+#: How long a line is listened to of which little is known, in seconds.
+LISTENING: Final = 3.0
+
+
+async def examine(running: Running, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
+    """Findings about one `line`, or upstream, or about all, and the ports to look at. Without `ask` nothing is sent.
+
+    Raises:
+        WrongQuestion: there is no such line.
+    """
+    groups, ports = await examined(running, request.get("line"), is_there, asks=bool(request.get("ask", True)))
+    findings = [finding for _, findings in groups for finding in findings]
+    if not (findings or running.gateway.parts):
+        findings = [Finding("ok", "gateway", "runs; it has no lines and no upstreams")]
+    return {"findings": findings, "ports": ports}
+
+
+async def examined(
+    running: Running, wanted: object, is_there: IsThere, *, asks: bool
+) -> tuple[list[tuple[str, list[Finding]]], list[PortInUse]]:
+    """The findings by line, under no name those about clients; and the ports to look at.
+
+    Raises:
+        WrongQuestion: there is no such line.
+    """
+    gateway = running.gateway
+    lines = [line for line in gateway.lines if wanted in (None, line.name)]
+    servers = [server for server in gateway.servers if wanted in (None, server.name)]
+    upstreams = [upstream for upstream in gateway.upstreams if wanted in (None, upstream.name)]
+    if wanted is not None and not (lines or servers or upstreams):
+        raise no_such_line(wanted, [part.name for part in gateway.parts])
+    asked: tuple[_Asked, ...] = (*lines, *upstreams)
+    if asks:
+        found_about = await asyncio.gather(*(_about(running, part, is_there, asks=True) for part in asked))
+    else:  # one after the other, each with pauses
+        found_about = [await _about(running, part, is_there, asks=False) for part in asked]
+    about = {part.name: found for part, found in zip(asked, found_about, strict=True)}
+    groups = [(line.name, about[line.name]) for line in lines]
+    groups += [(server.name, _about_server(server)) for server in servers]
+    groups += [(upstream.name, about[upstream.name]) for upstream in upstreams]
+    if wanted is None:
+        outwards = (*_about_publishing(gateway), *_about_fleet(gateway), *_about_state(running), *_about_page(running))
+        groups.append(("", [*about_certificates(gateway.contexts, time.time()), *outwards]))
+    listeners = [each for each in gateway.listeners if wanted is None or each.settings.only in ("", wanted)]
+    now = asyncio.get_running_loop().time()
+    clients = [client for listener in listeners for client in client_evidence(listener, gateway, now)]
+    groups.append(("", [finding for client in clients for finding in about_client(client)]))
+    parts: tuple[GatewayLine | GatewayServer, ...] = (*lines, *servers)
+    return groups, [each for part in parts for each in _port_of(part)]
+
+
+def _about_publishing(gateway: Gateway) -> Iterator[Finding]:
+    told = gateway.publishing.status()
+    if told is not None:
+        yield from about_broker(
+            BrokerEvidence(
+                address=told.broker,
+                source=told.source,
+                reason=told.reason,
+                devices=told.devices,
+                available=told.available,
+                refused=told.refused_messages,
+                last_refused=Last((told.last_refused_ms or 0.0) / 1000),
+                unsteady=told.unsteady,
+            )
+        )
+
+
+def _about_fleet(gateway: Gateway) -> Iterator[Finding]:
+    told = gateway.fleet.status()
+    if told is not None:
+        last = Last((told.last_dropped_ms or 0.0) / 1000)
+        yield from about_fleet(FleetEvidence(told.server, told.source, told.reason, told.unseen, told.dropped, last))
+
+
+def _about_state(running: Running) -> Iterator[Finding]:
+    for each in () if running.troubles is None else running.troubles.status():
+        yield about_state_file(each.file, each.reason, was_damaged=each.state == "damaged")
+
+
+def _about_page(running: Running) -> Iterator[Finding]:
+    if running.page_trouble:
+        yield Finding("fix", "web", running.page_trouble, "correct [web] in the config, then restart the gateway")
+
+
+async def _about(running: Running, part: _Asked, is_there: IsThere, *, asks: bool) -> list[Finding]:
+    if isinstance(part, GatewayUpstream):
+        return await _about_upstream(running, part, is_there, asks=asks)
+    line, now = part, asyncio.get_running_loop().time
+    began, found, said = now(), None, []
+    if asks and line.reconnector.is_open:
+        asked, is_cut_short = await _ask_units(running, line, is_there)
+        if asked:
+            await asyncio.sleep(max(0.0, began + LISTENING - now()))  # other clients may ask now and then
+            said.append(_told_of_reads(asked, is_cut_short=is_cut_short))
+        found = await _look_for_silent_units(running, line, is_there)
+        if found is not None:
+            said += _told(found)
+    units = await units_evidence(line)
+    findings = list(about_line(line_evidence(line, now(), running.recent, units, found)))
+    if said:
+        findings.append(_has_sent(line, said))
+    return findings
+
+
+async def _about_upstream(
+    running: Running, upstream: GatewayUpstream, is_there: IsThere, *, asks: bool
+) -> list[Finding]:
+    if upstream.reconnector.error is not None:
+        return _why_down(upstream, running.gateway)
+    asked, is_cut_short = await _ask_units(running, upstream, is_there) if asks else (0, False)
+    findings = list(about_line(upstream_evidence(upstream, await units_evidence(upstream))))
+    if asked:
+        findings.append(_has_sent(upstream, [_told_of_reads(asked, is_cut_short=is_cut_short)]))
+    return findings
+
+
+def _told_of_reads(asked: int, *, is_cut_short: bool) -> str:
+    limit = f" in {LONGEST_ASKING:g} s, which was too short for all" if is_cut_short else ""
+    return ("one read of a configured unit" if asked == 1 else f"{asked} reads of configured units") + limit
+
+
+def _has_sent(part: _Asked, said: list[str]) -> Finding:
+    return Finding("note", part.name, f"doctor has sent {', and '.join(said)}")
+
+
+async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple[int, bool]:
+    """Read the units of which too little is known; the number of requests, and whether LONGEST_ASKING was too short."""
+
+    def is_wanted() -> bool:
+        return is_there() and running.keeps(part)
+
+    asked = 0
+    try:
+        async with asyncio.timeout(LONGEST_ASKING):
+            for device in _doubtful_first(part):
+                await asyncio.sleep(0)  # let others run: a line may have hundreds
+                settings, before = device.settings, asked
+                pdu = harmless_read(settings.profile)
+                while pdu is not None and is_wanted() and _needs_more(part, device, asked - before):
+                    error, _ = await outcome_of(running.gateway.control, settings.known_as, pdu, is_there)
+                    if error is not None and not _was_sent(error.result):
+                        break  # it rests, or the operator may not read
+                    asked += 1
+                    if error is not None and isinstance(part, GatewayLine):
+                        await _wait_for_late_answer(part)
+    except TimeoutError:
+        return asked, True
+    return asked, False
+
+
+def _doubtful_first(part: _Asked) -> list[Device]:
+    """The units to ask: if one of them does not answer, the others must answer after that."""
+    named = part.plan.shared if isinstance(part, GatewayLine) else part.plan.devices
+    names = {settings.name for settings in named}
+    return sorted((device for device in shown_devices(part) if device.name in names), key=_has_answered)
+
+
+def _has_answered(device: Device) -> bool:
+    times = device.counts.times.values()
+    return not device.breaker.failures and any(each.answered_at != NEVER for each in times)
+
+
+async def _wait_for_late_answer(line: GatewayLine) -> None:
+    """Wait for the end of the late windows, and at least SHORTEST_WINDOW: a response may come even later."""
+    now = asyncio.get_running_loop().time
+    until = now() + LONGEST_WINDOW
+    await asyncio.sleep(SHORTEST_WINDOW)
+    while line.driver.line.ledger.count_late(now()) and now() < until:  # noqa: ASYNC110 - nobody tells when it is over
+        await asyncio.sleep(_STEP)
+
+
+async def _look_for_silent_units(running: Running, line: GatewayLine, is_there: IsThere) -> Search | None:
+    known = [(device, unit_evidence(line, device)) for device in shown_devices(line)]
+    silent = [device for device, unit in known if unit.is_silent and device.unit != BROADCAST_UNIT]
+    if not silent or not _may_be_searched(running, line):
+        return None
+    overheard = line.driver.line.attribution.overheard
+    is_dead = all(unit.is_silent for _, unit in known if unit.asked) and not overheard.requests
+    return await search(running, line, silent, is_dead=is_dead, asked_by=is_there)
+
+
+def _may_be_searched(running: Running, line: GatewayLine) -> bool:
+    """Whether other addresses may be asked. A late response from one would be that of a device asked at address 0."""
+    answers_from_any = any(device.unit == BROADCAST_UNIT for device in line.devices.values())
+    return may_read_all(running.gateway) and not (line.plan.passes_through or answers_from_any)
+
+
+def _told(found: Search) -> list[str]:
+    told = []
+    if found.addresses:
+        told.append(f"one read to each of the addresses {', '.join(map(str, sorted(found.addresses)))}")
+    if found.speeds:
+        told.append(f"reads at {found.speeds} other rates and formats")
+    return told
+
+
+def _needs_more(part: _Asked, device: Device, asked_here: int) -> bool:
+    unit = unit_evidence(part, device)
+    if unit.answered and unit.in_a_row:  # did it lose a few requests, does it answer again?
+        return not asked_here or max(unit.in_a_row, asked_here) < ENOUGH_IN_A_ROW
+    if unit.ago is not None and unit.ago > min(RECENT, _failed_ago(part)):
+        return asked_here < ENOUGH_IN_A_ROW
+    if unit.bad_frames and not unit.answered:  # are two devices there, or is the line disturbed?
+        return asked_here < SAMPLES
+    return unit.asked < SAMPLES and unit.timeouts < FAILURES and not unit.late
+
+
+def _failed_ago(part: _Asked) -> float:
+    """How long ago a unit of the line has failed that has not answered since, in seconds."""
+    failing = (device.counts.last_error_at for device in part.all_devices if device.breaker.failures)
+    return part.now() - max(failing, default=NEVER)
+
+
+def _was_sent(result: str) -> bool:
+    return result in ("timeout", "bad_frame", "ambiguous", "exception")
+
+
+def _about_server(server: GatewayServer) -> list[Finding]:
+    if server.reconnector.error is not None:
+        remedy = f"see the rows about the port of {server.name}"
+        return [Finding("fix", server.name, f"{IS_DOWN}{server.reconnector.error}", remedy)]
+    counts = server.driver.session.counts
+    return [Finding("ok", server.name, f"responses to its client: {counts.responses}")]
+
+
+def _why_down(upstream: GatewayUpstream, gateway: Gateway) -> list[Finding]:
+    port, error = upstream.plan.port, upstream.reconnector.error
+    place = place_of(upstream.plan.upstream.source, "to")
+    remedy = f'{place}: check to = "{upstream.reconnector.port_path}", and the server there'
+    if isinstance(port, SiteSettings):
+        nats = gateway.fleet.status()
+        if nats is not None and nats.reason:
+            return []  # the row about NATS says it
+        remedy = f"check the gateway of {port.site}, and its connection to NATS: modbus-gateway status --fleet"
+    return [Finding("fix", upstream.name, f"is down: {error}", remedy)]
+
+
+def _port_of(part: GatewayLine | GatewayServer) -> list[PortInUse]:
+    if not isinstance(part.plan.port, SerialSettings):
+        return []
+    is_standby = isinstance(part, GatewayLine) and part.is_standby
+    place = place_of(part.plan.line.source, "port")
+    return [PortInUse(part.name, place, part.plan.port.port, part.reconnector.is_open, is_standby)]

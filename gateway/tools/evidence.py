@@ -1,0 +1,137 @@
+"""Evidence about lines, units and clients for the rules of `diagnosis`, from the counters."""
+
+from gateway.clock.slices import in_slices
+from gateway.devices.device import Device
+from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
+from gateway.diagnosis.last import NOW, Last
+from gateway.lines.counts import Belated, Overheard, UnitCounts, total
+from gateway.listeners.tcp import TcpListener
+from gateway.ports.port import SerialSettings
+from gateway.runtime.build import Gateway, Listener
+from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.runtime.recent import Recent
+from gateway.timing.histogram import SHARES, merged
+from gateway.timing.measured import NEVER
+
+
+async def units_evidence(part: GatewayLine | GatewayUpstream) -> tuple[UnitEvidence, ...]:
+    """The evidence about the devices of a line or an upstream, with pauses for the lines."""
+    return tuple(await in_slices(unit_evidence(part, device) for device in shown_devices(part)))
+
+
+def upstream_evidence(upstream: GatewayUpstream, units: tuple[UnitEvidence, ...]) -> LineEvidence:
+    """The evidence about an upstream that is not down, with that about its `units`."""
+    settings = upstream.plan.upstream
+    return LineEvidence(
+        settings.name, settings.source, 0, "", is_serial=False, units=units, in_flight=settings.in_flight
+    )
+
+
+def line_evidence(
+    line: GatewayLine, now: float, recent: Recent, units: tuple[UnitEvidence, ...], found: Search | None = None
+) -> LineEvidence:
+    """The evidence about a line with that about its `units`; `found` is the result of a search there."""
+    machine, plan = line.driver.line, line.plan
+    timing, overheard = machine.settings.timing, machine.attribution.overheard
+    rate = recent.rate(line, now)
+    return LineEvidence(
+        name=line.name,
+        source=plan.line.source,
+        baud=timing.baud,
+        format=str(timing.format),
+        reason=str(line.reconnector.error or ""),
+        is_standby=line.is_standby,
+        is_serial=isinstance(plan.port, SerialSettings),
+        echo=machine.settings.echo,
+        busy_share=None if rate is None else rate.busy,
+        sent=line.sent,
+        copies=overheard.copies,
+        copies_in_a_row=machine.attribution.echoes_in_a_row,
+        last_copy=Last(now - overheard.copied_at, overheard.sent_since_copy),
+        others=overheard.requests,
+        last_other=Last(now - overheard.requested_at, overheard.sent_since_request),
+        errors=line.driver.errors,
+        last_parity=recent.last_wrong(line, "parity", now),
+        last_framing=recent.last_wrong(line, "framing", now),
+        units=units,
+        search=found,
+    )
+
+
+def shown_devices(part: GatewayLine | GatewayUpstream) -> list[Device]:
+    """The devices of a line or an upstream; of those that the config does not name, the ones that got requests."""
+    return [device for device in part.all_devices if device.counts or _is_configured(part, device)]
+
+
+def _is_configured(part: GatewayLine | GatewayUpstream, device: Device) -> bool:
+    """Tell whether the config names the device, which is else only passed through."""
+    if isinstance(part, GatewayLine):
+        return not part.plan.passes_through
+    return part.unnamed.get(device.settings.unit) is not device
+
+
+def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEvidence:
+    """The evidence about a device of the line, or of the upstream."""
+    settings, counts = device.settings, device.counts
+    whole = total(counts.values())
+    times = tuple(counts.times[function] for function in counts)
+    late = sum(each.late for each in times)
+    overheard = part.driver.line.attribution.overheard if isinstance(part, GatewayLine) else Overheard()
+    belated = overheard.belated.get(device.unit, Belated())
+    slowest = [(each.latest, each.latest_limit) for each in times]
+    latest, latest_limit = max([(belated.longest, belated.limit), *slowest])
+    answered_at = max((each.answered_at for each in times), default=NEVER)
+    return UnitEvidence(
+        unit=settings.known_as,
+        on_the_wire=device.unit,
+        name=settings.name,
+        source=device.source if isinstance(part, GatewayLine) else part.plan.upstream.source,
+        profile=settings.profile.name,
+        answered=whole.ok + whole.exception,
+        exceptions=whole.exception,
+        timeouts=whole.timeout,
+        bad_frames=whole.bad_frame,
+        ambiguous=whole.ambiguous,
+        late=late + belated.count,
+        latest=latest,
+        latest_limit=latest_limit,
+        behind=whole.late_responses - late,
+        limit=max((each.limit for each in times), default=0.0),
+        limit_share=merged(SHARES, (each.share for each in times)).quantile(0.99),
+        twice=overheard.second_responses.get(device.unit, 0),
+        instead=tuple(counts.received_instead),
+        explained=whole.explained,
+        why=counts.why,
+        in_a_row=device.breaker.failures,
+        ago=None if answered_at == NEVER else part.now() - answered_at,
+        is_configured=_is_configured(part, device),
+        has_table=device.answer_time.has_table,
+        moved_from=device.moved_from,
+        last_failed=_last(counts, part.now(), "timeout", "bad_frame", "ambiguous"),
+        last_bad=_last(counts, part.now(), "bad_frame"),
+        last_late=_last(counts, part.now(), "late"),
+        last_twice=_last(counts, part.now(), "twice"),
+    )
+
+
+def _last(counts: UnitCounts, now: float, *what: str) -> Last:
+    """The last time of any of them; now, if that is not known."""
+    found = [counts.last_times[each] for each in what if each in counts.last_times]
+    if not found:
+        return NOW
+    last = max(found)
+    return Last(now - last.at, counts.responses - last.responses)
+
+
+def client_evidence(listener: Listener, gateway: Gateway, now: float) -> list[ClientEvidence]:
+    """The evidence about clients of a listener that left before their response."""
+    if not isinstance(listener, TcpListener):
+        return []
+    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
+    own = listener.settings.only
+    waits = [wait for part in parts if own in ("", part.name) for wait in part.longest_wait.values()]
+    longest = max(waits, default=0.0)
+    return [
+        ClientEvidence(host, listener.settings.name, each.count, each.waited, longest, Last(now - each.at))
+        for host, each in listener.counts.departures.items()
+    ]

@@ -1,0 +1,110 @@
+"""What `doctor` finds, for a page: at once what was measured, and by order of an operator also what devices answer.
+
+Who asks devices may disturb their lines, so that is done one at a time, and not again for a while.
+"""
+
+import asyncio
+import os
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final
+
+from gateway import events
+from gateway.clock.threads import ThreadPerCall
+from gateway.diagnosis.evidence import PortInUse
+from gateway.diagnosis.finding import Finding
+from gateway.diagnosis.ports import about_ports, with_ports
+from gateway.runtime.running import Running
+from gateway.tools.doctor import examined
+from gateway.tools.outside import look_at
+
+#: How long what was measured is told again, how long it may take to ask devices, and how long after that they are left
+#: alone, in seconds.
+KEPT: Final = 10.0
+LONGEST: Final = 120.0
+PAUSE: Final = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Findings by line, under no name those about clients; `at` this time of the day, `by` whose order, if any."""
+
+    at: float
+    groups: tuple[tuple[str, tuple[Finding, ...]], ...]
+    by: str = ""
+    took: float = 0.0
+
+
+class Examinations:
+    """Those of a running gateway. `last` is the last one for which devices were asked."""
+
+    def __init__(self, running: Running, clock: Callable[[], float] = time.time) -> None:
+        self.last: Report | None = None
+        self._running = running
+        self._clock = clock
+        self._measured: Report | None = None
+        self._measured_at = 0.0
+        self._ended_at: float | None = None
+        self._one_at_a_time = asyncio.Lock()
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether devices are being asked."""
+        return self._task is not None
+
+    async def measured(self) -> Report:
+        """What can be found without asking anybody: of now, or of less than some seconds ago."""
+        async with self._one_at_a_time:
+            now = asyncio.get_running_loop().time()
+            if self._measured is None or now - self._measured_at >= KEPT:
+                self._measured = await self._report("", asks=False)
+                self._measured_at = now
+            return self._measured
+
+    def start(self, user: str) -> str:
+        """Begin to ask devices, by order of `user`; or why that is not done now."""
+        now = asyncio.get_running_loop().time()
+        if self._task is not None or self._running.examining.locked():
+            return "an examination is in progress"
+        if self._ended_at is not None and now - self._ended_at < PAUSE:
+            return f"the last examination has just ended: try again in {PAUSE - (now - self._ended_at):.0f} s"
+        self._task = asyncio.create_task(self._ask(user), name="web doctor")
+        return ""
+
+    async def close(self) -> None:
+        """End what is in progress."""
+        if self._task is not None:
+            self._task.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._task
+
+    async def _ask(self, user: str) -> None:
+        try:
+            async with asyncio.timeout(LONGEST), self._running.examining:
+                self.last = await self._report(user, asks=True)
+        except TimeoutError:
+            found = Finding("note", "doctor", f"the examination took longer than {LONGEST:.0f} s, and was ended")
+            self.last = Report(self._clock(), (("", (found,)),), user, LONGEST)
+        except Exception as error:  # noqa: BLE001 - a defect in the examination ends there
+            self._running.emit(events.PartFailed.of("doctor", error))
+        finally:
+            self._ended_at = asyncio.get_running_loop().time()
+            self._task = None
+
+    async def _report(self, user: str, *, asks: bool) -> Report:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        groups, ports = await examined(self._running, None, lambda: True, asks=asks)
+        of_ports = await loop.run_in_executor(ThreadPerCall("web doctor"), _about, ports)
+        findings = tuple(
+            (name, tuple(with_ports([each for line, each in of_ports if line == name], found)))
+            for name, found in groups
+        )
+        return Report(self._clock(), findings, user, loop.time() - began)
+
+
+def _about(ports: Sequence[PortInUse]) -> list[tuple[str, Finding]]:
+    return [(port.line, found) for port in ports for found in about_ports(look_at(port, os.getpid()))]

@@ -1,0 +1,324 @@
+"""A scan: asks each unit of a line one harmless question in the line's idle time, and finds out who is there.
+
+What is asked changes nothing: one holding register is read at address 0, and from those who answer a few more that tell
+kinds of devices apart. An exception is an answer too. The questions are no device's requests: silence is neither
+counted nor logged, and no client waits for more than one of them (`lines.idle`).
+
+A late answer is heard as long as late windows last, and so is a second one: then two devices have the address. Where
+something was heard that is no answer, the question is asked again before that is believed.
+"""
+
+import asyncio
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
+from contextlib import aclosing, asynccontextmanager
+from dataclasses import dataclass, replace
+from struct import unpack
+from typing import Final, Literal
+
+from gateway.devices.device import ScannedUnit
+from gateway.errors import (
+    BrokenResponse,
+    ExceptionCode,
+    LineDown,
+    LineLost,
+    PortError,
+    RequestError,
+    ResponseTimeout,
+    Unwanted,
+    WrongQuestion,
+)
+from gateway.lines.transaction import ScanTransaction
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
+from gateway.modbus.pdu import parse_request
+from gateway.operator.units import AwaitedOrigin
+from gateway.request import Request
+from gateway.runtime.parts import GatewayLine
+from gateway.timing.budget import AnswerTime
+from gateway.timing.characters import Mode
+from gateway.timing.table import TimingTable
+
+#: How long an answer may take before it is late, in seconds, unless somebody says otherwise.
+USUAL_LIMIT: Final = 0.3
+#: How long a question may wait for idle time, in seconds. A busy line has some for it every few seconds.
+PATIENCE: Final = 60.0
+#: The usual rates, the most usual ones first.
+RATES: Final = (9600, 19200, 38400, 115200, 57600, 4800, 2400, 1200, 14400)
+#: How often the progress is told at most, in seconds.
+PACE: Final = 0.25
+#: How often a unit is asked that was not understood.
+TRIES: Final = 3
+
+Result = Literal["answers", "exception", "garbled"]
+
+
+def _question(function: int, address: int, count: int = 1) -> bytes:
+    return bytes((function, *address.to_bytes(2, "big"), *count.to_bytes(2, "big")))
+
+
+#: The one question to each unit; at address 0 a weigher answers when it is asked where it is.
+FIRST_QUESTION: Final = _question(FunctionCode.READ_HOLDING_REGISTERS, 0)
+QUESTION_AT_ZERO: Final = _question(FunctionCode.READ_HOLDING_REGISTERS, 0x10)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A unit that was heard. `code` is that of an exception, `answers_from` its address if it was asked at address 0.
+
+    It was heard at the rate `baud`. `answer_ms` is from the end of the question to the end of the answer, None if that
+    was garbled. `profile` is the built-in profile that fits, empty if that cannot be told.
+    """
+
+    unit: int
+    result: Result
+    code: int | None = None
+    answer_ms: float | None = None
+    profile: str = ""
+    answers_from: int | None = None
+    baud: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a scan is, at the rate `baud`. `left_s` is how many seconds the rest takes if it goes on like this."""
+
+    asked: int
+    of: int
+    left_s: float
+    found: tuple[int, ...]
+    baud: int
+
+
+#: The progress of a scan, and at last all that was found.
+Steps = AsyncGenerator[Progress | tuple[Found, ...], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Sign:
+    """A question, and which answers of a unit with this address a kind of device gives."""
+
+    question: bytes
+    fits: Callable[[bytes, int], bool]
+
+
+def _refuses(code: int) -> Callable[[bytes, int], bool]:
+    return lambda pdu, _unit: pdu[0] & EXCEPTION_BIT > 0 and pdu[1] == code
+
+
+def _answers(pdu: bytes, _unit: int) -> bool:
+    return not pdu[0] & EXCEPTION_BIT
+
+
+def _is_own_address(pdu: bytes, unit: int) -> bool:
+    return _answers(pdu, unit) and pdu[-1] == unit
+
+
+def _is_rate(pdu: bytes, unit: int) -> bool:
+    return _answers(pdu, unit) and unpack(">f", pdu[2:6])[0] in (9600, 14400, 19200)
+
+
+_COILS: Final = FunctionCode.READ_COILS
+_HOLDING: Final = FunctionCode.READ_HOLDING_REGISTERS
+_INPUT: Final = FunctionCode.READ_INPUT_REGISTERS
+
+_V80: Final = (
+    Sign(_question(_COILS, 0, 1024), _answers),
+    Sign(_question(_COILS, 0, 1025), _refuses(ExceptionCode.ILLEGAL_DATA_VALUE)),
+)
+#: What the documents say of each kind, as far as reading can tell: see the sources in profiles/*.toml.
+SIGNS: Final[Mapping[Mode, Mapping[str, Sequence[Sign]]]] = {
+    "rtu": {
+        "weigher": [Sign(QUESTION_AT_ZERO, _is_own_address), Sign(_question(_HOLDING, 0x20, 2), _is_rate)],
+        "v80": _V80,
+    },
+    "ascii": {
+        "mint": [
+            Sign(FIRST_QUESTION, _refuses(ExceptionCode.ILLEGAL_DATA_ADDRESS)),
+            Sign(_question(_HOLDING, 1), _answers),
+            Sign(_question(_INPUT, 1), _refuses(ExceptionCode.ILLEGAL_FUNCTION)),
+        ],
+        "v80": _V80,
+    },
+}
+#: What every other device is.
+OTHERS: Final = "generic"
+
+
+def _first_question(unit: ScannedUnit) -> bytes:
+    return QUESTION_AT_ZERO if unit.unit == BROADCAST_UNIT else FIRST_QUESTION
+
+
+class Scan:
+    """Asks `units` of a line. An answer has `limit` seconds before it is late.
+
+    Raises, also while it runs:
+        WrongQuestion: the line is down, or has no idle time.
+    """
+
+    def __init__(self, line: GatewayLine, units: Sequence[int], limit: float = USUAL_LIMIT) -> None:
+        loop = asyncio.get_running_loop()
+        self._line = line
+        self._baud = line.driver.line.settings.timing.baud
+        self._now = loop.time
+        self._of = len(units)
+        answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=limit)
+        self._units = [ScannedUnit(unit, answer_time, loop.time) for unit in units]
+        #: How often something was heard of a unit that is no answer.
+        self._garbled: dict[ScannedUnit, int] = {}
+        self._windows_end = 0.0
+        self._sent_by_others = line.sent
+
+    async def run(self) -> Steps:
+        """Tells the progress, and at last what was found."""
+        started = told = self._now()
+        for asked, unit in enumerate(self._units, 1):
+            await self._ask_first(unit)
+            if self._now() - told >= PACE or asked == self._of:
+                told = self._now()
+                left = (told - started) / asked * (self._of - asked) + max(0.0, self._windows_end - told)
+                yield self._progress(asked, left)
+        await self._late_windows_over()
+        for _ in range(1, TRIES):
+            for unit in list(self._garbled):
+                await self._ask_first(unit)
+                yield self._progress(self._of)
+            await self._late_windows_over()
+        found = []
+        for unit in self._there():
+            found.append(await self._describe(unit))
+            yield self._progress(self._of)
+        yield tuple(found)
+
+    async def _late_windows_over(self) -> None:
+        """Wait until nothing more can come."""
+        await asyncio.sleep(self._windows_end - self._now())
+
+    def _progress(self, asked: int, left: float = 0.0) -> Progress:
+        return Progress(asked, self._of, round(left, 1), tuple(each.unit for each in self._there()), self._baud)
+
+    def _there(self) -> list[ScannedUnit]:
+        """The units that were heard."""
+        return [unit for unit in self._units if unit.heard or self._garbled.get(unit, 0) > 1]
+
+    async def _ask_first(self, unit: ScannedUnit) -> None:
+        """Ask whether it is there, and leave the others on the line as much time as that took."""
+        started, others = self._now(), self._line.sent
+        unit.heard.clear()
+        error = await self._ask(unit, _first_question(unit), awaits_second=True)
+        if isinstance(error, BrokenResponse):
+            self._garbled[unit] = self._garbled.get(unit, 0) + 1
+        if others != self._sent_by_others:
+            self._sent_by_others = others
+            await asyncio.sleep(self._now() - started)
+
+    async def _describe(self, unit: ScannedUnit) -> Found:
+        """What is to be told of a unit that was heard."""
+        if self._garbled.get(unit, 0) > 1 or len(unit.heard) > 1 or not unit.heard:
+            return Found(unit.unit, "garbled", baud=self._baud)
+        frame, elapsed = unit.heard[0]
+        code = frame.pdu[1] if frame.pdu[0] & EXCEPTION_BIT else None
+        there = ScannedUnit(frame.unit, unit.answer_time, self._now)
+        answers: dict[bytes, bytes | None] = {_first_question(unit): frame.pdu}
+        return Found(
+            unit.unit,
+            "answers" if code is None else "exception",
+            code,
+            round(elapsed * 1000, 1),
+            await self._profile_of(there, answers) if there.unit != BROADCAST_UNIT else "",
+            frame.unit if frame.unit != unit.unit else None,
+            self._baud,
+        )
+
+    async def _profile_of(self, unit: ScannedUnit, answers: dict[bytes, bytes | None]) -> str:
+        """The first profile of which all signs fit; some `answers` are known."""
+        for profile, signs in SIGNS[self._line.plan.line.timing.mode].items():
+            for sign in signs:
+                if sign.question not in answers:
+                    answers[sign.question] = await self._answer(unit, sign.question)
+                pdu = answers[sign.question]
+                if pdu is None or not sign.fits(pdu, unit.unit):
+                    break
+            else:
+                return profile
+        return OTHERS
+
+    async def _answer(self, unit: ScannedUnit, pdu: bytes) -> bytes | None:
+        """What a unit answers in time, if anything."""
+        unit.heard.clear()
+        await self._ask(unit, pdu)
+        return unit.heard[0][0].pdu if unit.heard else None
+
+    async def _ask(self, unit: ScannedUnit, pdu: bytes, *, awaits_second: bool = False) -> RequestError | None:
+        """Ask when the line is idle. What has come is in `unit.heard`; the error if nothing has, or nothing good.
+
+        Raises:
+            WrongQuestion: the line cannot be asked.
+        """
+        origin = AwaitedOrigin(lambda: True)
+        request = Request(unit.unit, pdu, origin, self._now())
+        patience = self._line.patience
+        question = ScanTransaction(request, parse_request(pdu), unit, awaits_second=awaits_second, patience=patience)
+        self._line.driver.submit(question, self._now())
+        try:
+            async with asyncio.timeout(PATIENCE):
+                error, _ = await origin.outcome
+        except TimeoutError:
+            raise WrongQuestion(f"{self._line.name} had no idle time for {PATIENCE:g} s") from None
+        finally:
+            origin.outcome.cancel()
+        if isinstance(error, LineDown | LineLost):
+            reason = self._line.reconnector.error
+            raise WrongQuestion(f"{self._line.name} is down" + (f": {reason}" if reason else ""))
+        if isinstance(error, Unwanted):
+            raise WrongQuestion(f"another scan of {self._line.name} has begun")
+        self._windows_end = max(self._windows_end, self._line.driver.line.ledger.end_of(question, question.fails_at))
+        return error if error is None or isinstance(error, ResponseTimeout) else BrokenResponse()
+
+
+@asynccontextmanager
+async def opened(line: GatewayLine) -> AsyncIterator[None]:
+    """In its context a line that belongs to no gateway is open.
+
+    Raises:
+        PortError: its port cannot be opened.
+    """
+    keeping = asyncio.create_task(line.reconnector.run(), name=f"line:{line.name}")
+    try:
+        await line.reconnector.tried.wait()
+        if line.reconnector.error is not None:
+            raise line.reconnector.error
+        yield
+    finally:
+        keeping.cancel()
+        await asyncio.gather(keeping, return_exceptions=True)
+        line.driver.close()
+
+
+async def scan_speeds(at_rate: Callable[[int], GatewayLine], units: Sequence[int], limit: float) -> Steps:
+    """A scan at each of RATES. `at_rate` gives a line that belongs to no gateway.
+
+    A rate that the port cannot do is left out.
+
+    Raises:
+        PortError: it can do none of them.
+        WrongQuestion: as a Scan.
+    """
+    found: tuple[Found, ...] = ()
+    troubles: list[PortError] = []
+    started, of = asyncio.get_running_loop().time(), len(units) * len(RATES)
+    for number, baud in enumerate(RATES):
+        line = at_rate(baud)
+        try:
+            async with opened(line), aclosing(Scan(line, units, limit).run()) as steps:
+                async for step in steps:
+                    if isinstance(step, tuple):
+                        found += step
+                        continue
+                    asked = number * len(units) + step.asked
+                    spent = asyncio.get_running_loop().time() - started
+                    there = (*(each.unit for each in found), *step.found)
+                    yield replace(step, asked=asked, of=of, left_s=round(spent / asked * (of - asked), 1), found=there)
+        except PortError as error:
+            troubles.append(error)
+    if len(troubles) == len(RATES):
+        raise troubles[0]
+    yield found

@@ -1,0 +1,106 @@
+"""Scans of the lines of the running gateway: which may be asked for, and what is left out."""
+
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import aclosing
+from typing import Any, Final
+
+from gateway.config.problem import WrongValue
+from gateway.config.values.unitset import parse_units, show_units
+from gateway.errors import PortError, WrongQuestion
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
+from gateway.operator.units import find_line, may_read_all
+from gateway.ports.port import SerialSettings
+from gateway.runtime.parts import GatewayLine
+from gateway.runtime.running import Running
+from gateway.tools.scan import USUAL_LIMIT, Progress, Scan, Steps, scan_speeds
+
+#: The longest time limit that may be asked for, in seconds: for this long nobody else is asked.
+LONGEST_LIMIT: Final = 10.0
+
+
+async def scan(running: Running, request: Mapping[str, Any]) -> AsyncGenerator[dict[str, Any], None]:
+    """Scan the `line`: the `units`, all numbers by default, that the config does not name. Tells its progress.
+
+    An answer has `limit_s` seconds before it is late. With `all_speeds` the line is scanned at all usual rates; it must
+    not be in use.
+
+    Raises:
+        WrongQuestion: that cannot be asked, or the line cannot.
+    """
+    line = find_line(running.gateway, request.get("line"))
+    units, known = _units(line, request.get("units"))
+    facts = {"asked": len(units), "known": known, "is_answered": _is_answered(line)}
+    limit, all_speeds = _limit(request.get("limit_s", USUAL_LIMIT)), request.get("all_speeds") is True
+    if not may_read_all(running.gateway):
+        raise WrongQuestion("[[access]] does not give the control socket the right to read every unit")
+    if line.is_scanned:
+        raise WrongQuestion(f"a scan of {line.name} goes on already")
+    if all_speeds:
+        _check_is_free(running, line, "--all-speeds changes its rate")
+        if not isinstance(line.plan.port, SerialSettings):
+            raise WrongQuestion(f"the rate of {line.name} is set in its device server")
+    elif BROADCAST_UNIT in (*units, *(device.unit for device in line.devices.values())):
+        _check_is_free(running, line, "after each question at address 0, or beside it, a late answer is waited for")
+    line.is_scanned = True
+    try:
+        async with aclosing(_steps(running, line, units, limit, all_speeds=all_speeds)) as steps:
+            async for step in steps:
+                if line not in running.gateway.lines:
+                    raise WrongQuestion(f"a reload has changed {line.name}: scan it again")
+                yield {"progress": step} if isinstance(step, Progress) else {"found": step, **facts}
+    except PortError as error:
+        raise WrongQuestion(str(error)) from error
+    finally:
+        line.is_scanned = False
+
+
+async def _steps(running: Running, line: GatewayLine, units: list[int], limit: float, *, all_speeds: bool) -> Steps:
+    if not all_speeds:
+        async with aclosing(Scan(line, units, limit).run()) as steps:
+            async for step in steps:
+                yield step
+        return
+    async with running.port_lent(line, "a scan at all speeds") as borrowers:
+
+        def at_rate(baud: int) -> GatewayLine:
+            borrower = line.at_speed(baud)
+            borrowers.append(borrower.driver.line)
+            return borrower
+
+        async with aclosing(scan_speeds(at_rate, units, limit)) as steps:
+            async for step in steps:
+                yield step
+
+
+def _is_answered(line: GatewayLine) -> bool:
+    """Whether a configured unit has answered since the start, and has not failed since then."""
+    return any(
+        not device.breaker.failures and any(each.ok or each.exception for each in device.counts.values())
+        for device in line.devices.values()
+    )
+
+
+def _units(line: GatewayLine, wanted: object) -> tuple[list[int], str]:
+    """The numbers to ask, and the others of the unit set: they are configured, or in use where units pass through."""
+    try:
+        units = parse_units(f"{FIRST_UNIT}-{LAST_UNIT}" if wanted is None else wanted, first=BROADCAST_UNIT)
+    except WrongValue as wrong:
+        raise WrongQuestion(f"{wrong}" + (f"; {wrong.remedy}" if wrong.remedy else "")) from wrong
+    devices = [device for device in line.devices.values() if device.counts or not line.plan.passes_through]
+    taken = {device.unit for device in devices} | {device.settings.unit for device in devices}
+    asked = [unit for unit in units if unit not in taken]
+    if not asked:
+        raise WrongQuestion(f"{show_units(units)} of {line.name}: configured or in use already; status shows how it is")
+    known = [] if wanted is None else [unit for unit in units if unit in taken]
+    return asked, show_units(known) if known else ""
+
+
+def _limit(value: object) -> float:
+    if isinstance(value, int | float) and 0 < value <= LONGEST_LIMIT:
+        return float(value)
+    raise WrongQuestion(f"the time limit of a question must be more than 0 and at most {LONGEST_LIMIT:g} s")
+
+
+def _check_is_free(running: Running, line: GatewayLine, why: str) -> None:
+    if running.recent.was_asked(line):
+        raise WrongQuestion(f"{line.name} is in use: {why}, so no client may have asked in the last minute")

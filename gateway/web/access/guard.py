@@ -1,0 +1,222 @@
+"""Authentication and authorization: every HTTP request passes here first.
+
+A page of another site can make a browser send requests to this server: by a host name of its own that resolves to this
+address (DNS rebinding), or across sites with the cookie that the browser has. So the Host must be an address,
+`localhost` or one of the `hosts`. A request that changes something needs a login, an Origin of ours, and the token of
+the session, which only our own pages know. A request that reads from a device is refused to pages of other sites.
+"""
+
+import asyncio
+import hashlib
+import hmac
+import re
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv6Address, ip_address
+from typing import Final, Literal
+from urllib.parse import quote, urlsplit
+
+from aiohttp import web
+from aiohttp.typedefs import Middleware
+
+from gateway.readconfig.page_users import Role, is_user_name
+from gateway.request import Caller
+from gateway.web.access.sessions import Sessions
+from gateway.web.access.user_table import UserTable
+from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.front.settings import WebSettings
+from gateway.web.text.cookies import cookie
+
+#: What a request needs: nothing, to be allowed to read, to be logged in, to be an operator.
+Need = Literal["nothing", "metrics", "reading", "page", "login", "operator"]
+
+#: A Host: an IPv6 address in brackets, or an IPv4 address or a name; and its port.
+_HOST: Final = re.compile(r"(?:\[([0-9A-Fa-f:.]{2,45})\]|([0-9A-Za-z._-]{1,253}))(?::[0-9]{1,5})?")
+#: How long the body of a request may take to arrive, in seconds.
+_BODY_TIME: Final = 10.0
+_UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+#: What an address may choose for any page: its language and its theme.
+_CHOICES: Final = ("lang", "theme")
+_FORM: Final = "application/x-www-form-urlencoded"
+#: What a request may call its encoding.
+_CHARSETS: Final = frozenset({"utf-8", "utf8"})
+#: What only a proxy adds: the client is elsewhere, although the connection comes from this machine.
+_OF_PROXIES: Final = (
+    *("X-Forwarded-For", "X-Forwarded-User", "X-Forwarded-Host", "X-Forwarded-Proto"),
+    *("X-Real-IP", "Forwarded", "Via"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """The client at the address `host`: with name and role if it has logged in.
+
+    `csrf` is what it has to send to change something. `token` is that of its session, if it has one.
+    """
+
+    host: str
+    may_read: bool = False
+    user: str = ""
+    role: Role | None = None
+    csrf: str = ""
+    token: str = ""
+    is_local: bool = False
+
+    @property
+    def client(self) -> str:
+        """What the log calls him: `web:anna@10.2.0.7`."""
+        return f"web:{self.user}@{self.host}" if self.user else f"web@{self.host}"
+
+    @property
+    def caller(self) -> Caller:
+        """The caller of the requests of this user."""
+        return Caller(self.client, self.host, share_key=self.host or self.client)
+
+
+#: Where handlers find the visitor of a request.
+VISITOR: Final = web.RequestKey("visitor", Visitor)
+
+
+class Guard:
+    """Lets in who may come in, by settings, users and sessions."""
+
+    def __init__(self, settings: WebSettings, table: UserTable, sessions: Sessions) -> None:
+        self._settings = settings
+        self._table = table
+        self._sessions = sessions
+        self._known = frozenset({"localhost", *(host.lower() for host in settings.hosts)})
+        self._bearer = f"Bearer {settings.token}".encode()
+        self._secret = secrets.token_bytes(32)
+        self.cookie: Final = "__Host-mbgw" if settings.is_encrypted else "mbgw"
+
+    def middleware(self, needs: Mapping[object, Need]) -> Middleware:
+        """Middleware that refuses clients by the `needs` of handlers; a handler that is not there needs `reading`."""
+
+        @web.middleware
+        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+            if not _is_ours(request.headers.getall("Host", []), self._known):
+                raise ProblemError(421, "this host is not among the hosts of [web]")
+            if "Transfer-Encoding" in request.headers:  # chunks of one byte take long, and have no end
+                raise ProblemError(411, "a body needs a Content-Length, and is not sent in chunks")
+            if request.match_info.http_exception is not None:
+                return await handler(request)  # there is no such path, or no such method
+            need = needs.get(request.match_info.handler, "reading")
+            visitor = self.visitor(request)
+            request[VISITOR] = visitor
+            if request.method in _UNSAFE:
+                self._check_origin(request)
+                await _take_body(request)
+            self._check(request, visitor, need)
+            if need in ("login", "operator"):
+                await _check_csrf(request, visitor)
+            return await handler(request)
+
+        return guard
+
+    def visitor(self, request: web.Request) -> Visitor:
+        """The client of this request."""
+        address = _address(request.remote or "")
+        host = str(address or request.remote or "")
+        by_proxy = address is not None and any(address in network for network in self._settings.proxy)
+        name = request.headers.get("X-Forwarded-User", "")
+        if by_proxy and is_user_name(name):
+            known = self._table.users.get(name)
+            return Visitor(host, True, name, known.role if known else "viewer", self._csrf_of(name))
+        token = cookie(request, self.cookie)
+        session = self._sessions.find(token, self._table.users, asyncio.get_running_loop().time()) if token else None
+        if session is not None:
+            session.used = asyncio.get_running_loop().time()
+            return Visitor(host, True, session.user.name, session.user.role, session.csrf, token)
+        if self._settings.token and self._has_token(request):
+            return Visitor(host, True)
+        is_local = address is not None and address.is_loopback and not by_proxy
+        is_local = is_local and not any(header in request.headers for header in _OF_PROXIES)
+        return Visitor(host, is_local, is_local=is_local)
+
+    def is_valid(self, visitor: Visitor) -> bool:
+        """Whether a visitor with a session still has it."""
+        now = asyncio.get_running_loop().time()
+        return not visitor.token or self._sessions.find(visitor.token, self._table.users, now) is not None
+
+    def _check(self, request: web.Request, visitor: Visitor, need: Need) -> None:
+        if need == "nothing":
+            return
+        if need in ("login", "operator"):
+            if not visitor.user:
+                raise _unauthorized("log in first")
+            if need == "operator" and visitor.role != "operator":
+                raise ProblemError(403, f"{visitor.user} is a {visitor.role}, and this needs the role operator")
+            return
+        if not visitor.may_read or (need == "metrics" and visitor.is_local and self._settings.token):
+            if need == "page":
+                # The login is shown as the page would have been.
+                shown = "".join(f"&{name}={quote(request.query[name])}" for name in _CHOICES if name in request.query)
+                raise web.HTTPSeeOther(f"/login?next={quote(request.path_qs, safe='')}{shown}")
+            raise _unauthorized("the token, or a login, is needed")
+        if request.headers.get("Sec-Fetch-Site") == "cross-site" and need == "reading":
+            raise ProblemError(403, "pages of other sites get no answer")
+
+    def _check_origin(self, request: web.Request) -> None:
+        """See that a request that changes something comes from a page of ours."""
+        origin = urlsplit(request.headers.get("Origin", ""))
+        is_same = origin.netloc.lower() == request.host.lower()
+        address = _address(request.remote or "")
+        by_proxy = address is not None and any(address in network for network in self._settings.proxy)
+        if origin.scheme not in ("http", "https") or not (
+            is_same or (by_proxy and origin.hostname in self._known - {"localhost"})
+        ):
+            raise ProblemError(403, "the Origin of a POST or PUT must be that of this page")
+
+    def _has_token(self, request: web.Request) -> bool:
+        given = request.headers.get("Authorization", "").encode(errors="surrogateescape")
+        return hmac.compare_digest(given, self._bearer)
+
+    def _csrf_of(self, name: str) -> str:
+        return hmac.digest(self._secret, name.encode(), hashlib.sha256).hex()
+
+
+async def _take_body(request: web.Request) -> None:
+    if request.content_type.startswith("multipart/"):
+        raise ProblemError(415, f"forms are {_FORM}")
+    if (request.charset or "utf-8").lower() not in _CHARSETS:  # some codecs take seconds for 32 KiB
+        raise ProblemError(415, "what is sent must be UTF-8")
+    try:
+        async with asyncio.timeout(_BODY_TIME):
+            await request.read()
+        if request.content_type == _FORM:
+            await request.post()
+    except TimeoutError:
+        raise ProblemError(408, f"the request has not arrived within {_BODY_TIME:g} s") from None
+    except ValueError:
+        raise ProblemError(400, "the form is not UTF-8") from None
+
+
+async def _check_csrf(request: web.Request, visitor: Visitor) -> None:
+    """The token stands in a header, or in the field `csrf` of a form."""
+    given = request.headers.get("X-CSRF-Token", "")
+    if not given and request.content_type == _FORM:
+        given = str((await request.post()).get("csrf", ""))
+    if not hmac.compare_digest(given.encode(errors="surrogateescape"), visitor.csrf.encode()):
+        raise ProblemError(403, "X-CSRF-Token must be that of the session; GET /api/v1/session tells it")
+
+
+def _unauthorized(detail: str) -> ProblemError:
+    return ProblemError(401, detail, {"WWW-Authenticate": "Bearer"})
+
+
+def _is_ours(hosts: Sequence[str], known: frozenset[str]) -> bool:
+    """Whether there is one Host, and it is an address or one of the `known` names, with a port or without."""
+    found = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+    if found is None:
+        return False
+    address, name = found.groups()
+    return (name or "").lower() in known or _address(address or name) is not None
+
+
+def _address(host: str) -> IPv4Address | IPv6Address | None:
+    try:
+        address = ip_address(host.partition("%")[0])
+    except ValueError:
+        return None
+    return (address.ipv4_mapped or address) if isinstance(address, IPv6Address) else address

@@ -1,0 +1,110 @@
+"""The values of an image or mirror as a grid: some addresses in a chosen type, with ages and last writers."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, Final
+
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
+from gateway.profiles.point import Point, Reading
+from gateway.registers.datatypes import registers_of
+from gateway.registers.items import has_bits
+from gateway.web.api.unit_answers import ImageWindow, PolledAge, Written
+
+#: Addresses that are shown at a time, and the columns of a row.
+MOST: Final = 400
+COLUMNS: Final = 10
+_TEXT_COLUMNS: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One value. A mirror's may be unknown, or stale: then no client gets it."""
+
+    reading: Reading
+    is_known: bool = True
+    is_stale: bool = False
+    age_ms: float | None = None
+    written: Written | None = None
+
+    @property
+    def text(self) -> str:
+        """The value as text; empty while it is unknown."""
+        return self.reading.point.show(self.reading.value) if self.is_known else ""
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs."""
+        told = self.reading.as_json(with_area=False)
+        told["text"] = self.text
+        told["state"] = "unknown" if not self.is_known else "stale" if self.is_stale else "fine"
+        if not self.is_known:
+            told |= {"value": None, "registers": []}
+        if self.age_ms is not None:
+            told["age_ms"] = self.age_ms
+        if self.written is not None:
+            told |= {"writer": self.written.client, "written_ms": self.written.ago_ms}
+        return told
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A window in a type: how many addresses a cell takes, and how many cells a row has."""
+
+    window: ImageWindow
+    area: Area
+    type: str
+    swap: str
+    size: int
+    columns: int
+
+    def rows(self) -> Iterator[tuple[int, Sequence[Cell]]]:
+        """Each row with its first address. What is left of a range for no whole value is left out."""
+        width = self.size * self.columns
+        for span, items in self.window.parts:
+            cells, first = self._cells(span, items), span.start
+            while row := list(islice(cells, self.columns)):
+                yield first, row
+                first += width
+
+    def _cells(self, span: Span, items: bytes) -> Iterator[Cell]:
+        written, width = _writers(self.window.writes, self.area), len(items) // span.count
+        ages = self.window.ages
+        for address in range(span.start, span.end - self.size + 1, self.size):
+            point = Point("", self.area, address, self.type, self.swap, self.size)
+            begin = (address - span.start) * width
+            reading = Reading(point, items[begin : begin + self.size * width])
+            writer = next((written[each] for each in range(address, address + self.size) if each in written), None)
+            if self.window.stale_ms is None:
+                yield Cell(reading, written=writer)
+            else:
+                yield _polled(reading, ages, self.window.stale_ms, writer)
+
+
+def grid_of(window: ImageWindow, area: Area, data_type: str, swap: str) -> Grid:
+    """The grid of a window whose type and swap have been checked."""
+    data_type = data_type or ("bit" if has_bits(area) else "uint16")
+    if data_type == "string":
+        return Grid(window, area, data_type, swap, COLUMNS, _TEXT_COLUMNS)
+    size = registers_of(data_type)
+    return Grid(window, area, data_type, swap, size, COLUMNS if size == 1 else COLUMNS // 2)
+
+
+def _writers(writes: Sequence[Written], area: Area) -> dict[int, Written]:
+    """The last write to each address, among at most MOST of them."""
+    found: dict[int, Written] = {}
+    for each in writes:  # the newest first
+        if each.span.area == area and each.span.count <= MOST:
+            for address in range(each.span.start, each.span.end):
+                found.setdefault(address, each)
+    return found
+
+
+def _polled(reading: Reading, ages: Sequence[PolledAge], stale_ms: float, writer: Written | None) -> Cell:
+    span = reading.point.span
+    touched = [each.age_ms for each in ages if each.span.start < span.end and span.start < each.span.end]
+    known = [age for age in touched if age is not None]
+    if not touched or len(known) < len(touched):
+        return Cell(reading, is_known=False, written=writer)
+    age = max(known)
+    return Cell(reading, is_stale=age > stale_ms, age_ms=age, written=writer)

@@ -1,0 +1,1 @@
+"""HTTP connections, from their place among others to the answer."""

@@ -1,0 +1,189 @@
+"""The HTTP server: pages, API, health, readiness and metrics."""
+
+import asyncio
+import logging
+import socket
+from collections.abc import AsyncIterator, Iterable, Sequence
+from contextlib import asynccontextmanager
+from functools import partial
+from typing import Final, cast
+
+from aiohttp import web
+
+from gateway.web.access.guard import Guard, Need
+from gateway.web.access.sessions import Sessions
+from gateway.web.access.user_table import UserTable
+from gateway.web.api.answers import Answers
+from gateway.web.api.api import Api
+from gateway.web.api.shared_reads import SharedReads
+from gateway.web.front.connections import Connect, Connections, listen
+from gateway.web.front.problems import Handler, problems
+from gateway.web.front.settings import HEADERS, WebSettings
+from gateway.web.front.streams import Streams
+from gateway.web.front.turns import Turns
+from gateway.web.pages.assets import Assets
+from gateway.web.pages.clients import ClientsPage
+from gateway.web.pages.config import ConfigPage
+from gateway.web.pages.health import HealthPage
+from gateway.web.pages.heat_map import HeatMap
+from gateway.web.pages.image import ImagePage
+from gateway.web.pages.line import LinePage
+from gateway.web.pages.login import LoginPage
+from gateway.web.pages.overview import OverviewPage
+from gateway.web.pages.problem import problem_pages
+from gateway.web.pages.renderer import Page, Renderer
+from gateway.web.pages.traffic import TrafficPage
+from gateway.web.pages.unit import UnitPage
+from gateway.web.pages.writing import WritePages, WriteRights
+
+#: How long a connection may be idle between two requests, and how long the end waits for requests, in seconds.
+IDLE: Final = 75.0
+_SHUTDOWN: Final = 1.0
+#: The largest request body, in bytes: 1968 coils as JSON.
+_LARGEST_BODY: Final = 32 * 1024
+#: The longest first line, in bytes: finding a route for thousands of slashes takes long.
+_LONGEST_LINE: Final = 2048
+#: The most parameters in an address: what they cost is paid before any login.
+_MOST_PARAMETERS: Final = 32
+
+#: What ends only when its reader leaves, or costs as much for its head as for all of it.
+_STREAMS: Final = frozenset({"/api/v1/events", "/api/v1/trace", "/api/v1/trace.pcapng"})
+
+#: The logger for aiohttp's complaints about clients that do not send HTTP: not shown.
+_SILENT: Final = logging.getLogger(__name__)
+_SILENT.disabled = True
+
+
+@asynccontextmanager
+async def web_open(settings: WebSettings, answers: Answers, taken: Iterable[socket.socket] = ()) -> AsyncIterator[str]:
+    """Run the server inside the context; yields its address. What has `taken` an address keeps it.
+
+    Raises:
+        OSError: the address or the file with the users cannot be used.
+        UsersError: a line of that file is none of a user.
+    """
+    async with serving(settings, answers) as connect:
+        server = await listen(settings.host, settings.port, partial(connect, settings.tls), taken)
+        host, port = server.sockets[0].getsockname()[:2]
+        try:
+            yield f"http{'s' if settings.is_encrypted else ''}://{f'[{host}]' if ':' in host else host}:{port}"
+        finally:
+            server.close()
+
+
+@asynccontextmanager
+async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Connect]:
+    """In its context connections are served; what makes the protocol of each, with or without TLS."""
+    table = UserTable(settings.users, answers.users_rejected)
+    async with table.kept_up_to_date():
+        streams = Streams()
+
+        def serve() -> web.RequestHandler:
+            return cast("web.Server", runner.server)()
+
+        connections = Connections(serve)
+        runner = web.AppRunner(
+            _application(settings, answers, table, streams, connections),
+            access_log=None,
+            logger=_SILENT,
+            keepalive_timeout=IDLE,
+            shutdown_timeout=_SHUTDOWN,
+            lingering_time=0,  # what no handler has read, nobody parses
+            read_bufsize=_LARGEST_BODY // 2,  # twice as much may wait for its handler
+            max_line_size=_LONGEST_LINE,
+            auto_decompress=False,  # no client of ours packs what it sends, and 32 KiB can become 30 MB
+        )
+        await runner.setup()
+        try:
+            yield connections.connected
+        finally:
+            connections.close()
+            streams.end()
+            await runner.cleanup()
+
+
+def _application(
+    settings: WebSettings, answers: Answers, table: UserTable, streams: Streams, connections: Connections
+) -> web.Application:
+    sessions = Sessions()
+    guard = Guard(settings, table, sessions)
+    reads = SharedReads(answers, asyncio.get_running_loop().time)
+    api = Api(answers, guard, streams, reads, may_write=settings.write)
+    assets = Assets()
+    renderer = Renderer(assets, lambda: answers.site, is_encrypted=settings.is_encrypted)
+    heat_map = HeatMap()
+    rights = WriteRights(answers, may_write=settings.write)
+    units = UnitPage(answers, renderer, reads, rights)
+    pages: tuple[Page, ...] = (
+        OverviewPage(answers, renderer, heat_map),
+        LinePage(answers, renderer, heat_map),
+        TrafficPage(answers, renderer),
+        units,
+        ImagePage(answers, renderer, units, rights),
+        WritePages(answers, renderer, reads, rights),
+        ClientsPage(answers, renderer),
+        HealthPage(answers, renderer),
+        ConfigPage(answers, renderer),
+        LoginPage(settings, answers, guard, table, sessions, renderer),
+    )
+    routes = [
+        *_of_machines(answers),
+        *api.routes(),
+        *(route for page in pages for route in page.routes()),
+        ("GET", "/static/{name:.+}", assets.serve, "nothing"),
+    ]
+    needs: dict[object, Need] = {handler: need for _, _, handler, need in routes}
+    app = web.Application(
+        middlewares=[
+            connections.middleware,
+            _bound_query,
+            problem_pages(renderer, guard.visitor),
+            problems(answers),
+            guard.middleware(needs),
+        ],
+        client_max_size=_LARGEST_BODY,
+    )
+    for method, path, handler, _ in routes:
+        if method == "GET":
+            app.router.add_get(path, handler, allow_head=path not in _STREAMS)
+        else:
+            app.router.add_route(method, path, handler)
+    app.on_response_prepare.append(_add_headers)
+    return app
+
+
+@web.middleware
+async def _bound_query(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Refuses more parameters than a page of ours has, before anything looks at them."""
+    if request.rel_url.raw_query_string.count("&") >= _MOST_PARAMETERS:
+        return web.Response(status=414, text=f"at most {_MOST_PARAMETERS} parameters\n")
+    return await handler(request)
+
+
+def _of_machines(answers: Answers) -> Sequence[tuple[str, str, Handler, Need]]:
+    """What programs ask without an API."""
+    turns = Turns()
+
+    async def healthz(_request: web.Request) -> web.Response:
+        return web.Response(text="ok\n")
+
+    async def readyz(_request: web.Request) -> web.Response:
+        trouble = answers.trouble()
+        if trouble:
+            raise web.HTTPServiceUnavailable(text=trouble)
+        return web.Response(text="ready\n")
+
+    async def metrics(request: web.Request) -> web.Response:
+        async with turns.turn(request):
+            body = await answers.metrics()
+        return web.Response(body=body, headers={"Content-Type": answers.content_type, "Cache-Control": "no-store"})
+
+    return [
+        ("GET", "/healthz", healthz, "nothing"),
+        ("GET", "/readyz", readyz, "nothing"),
+        ("GET", "/metrics", metrics, "metrics"),
+    ]
+
+
+async def _add_headers(_request: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)

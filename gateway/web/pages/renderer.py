@@ -1,0 +1,153 @@
+"""How pages are made of templates."""
+
+import asyncio
+import gzip
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from time import sleep, thread_time
+from types import CodeType
+from typing import Any, Final, Protocol
+
+from aiohttp import web
+from jinja2 import BytecodeCache, Environment, FileSystemLoader, StrictUndefined
+from jinja2.bccache import Bucket
+
+from gateway import DOCUMENTATION, __version__
+from gateway.clock.threads import ThreadPerCall
+from gateway.web.access.guard import VISITOR, Need
+from gateway.web.front.problems import Handler
+from gateway.web.front.turns import Turns
+from gateway.web.pages.assets import Assets
+from gateway.web.text.languages import LANGUAGES, Language, Texts, keep_language, language_of
+from gateway.web.text.themes import DARK, keep_theme, theme_of
+
+FOLDER: Final = Path(__file__).parent / "templates"
+_HEADERS: Final = {"Cache-Control": "no-store", "Vary": "Accept-Language, Cookie"}
+
+
+#: How hard pages are packed: harder is slower, and no smaller to speak of.
+_PACKING: Final = 4
+#: A page is made in slices of this time, in seconds, with pauses that are as many times longer: the lines need the
+#: interpreter, and whatever visitors ask for, making pages takes a quarter of a processor.
+_SLICE: Final = 0.00025
+_PAUSES: Final = 3
+
+
+class _Compiled(BytecodeCache):
+    """Templates that were compiled: one serves all languages, for what is said in them is looked up when it is used."""
+
+    def __init__(self) -> None:
+        self._templates: dict[str, CodeType | None] = {}
+
+    def load_bytecode(self, bucket: Bucket) -> None:
+        bucket.code = self._templates.get(bucket.key)
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        self._templates[bucket.key] = bucket.code
+
+
+_COMPILED: Final = _Compiled()
+
+
+class Page(Protocol):
+    """A page, or some that belong together."""
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """Method, path, handler, and what it needs."""
+
+
+class Renderer:
+    """Makes pages, one at a time and in a thread: the lines do not wait for them."""
+
+    def __init__(self, assets: Assets, site: Callable[[], str], *, is_encrypted: bool) -> None:
+        self._site = site
+        self._turns = Turns()
+        self._is_encrypted = is_encrypted
+        self._templates = {code: _templates(language, assets) for code, language in LANGUAGES.items()}
+
+    async def page(
+        self,
+        template: str,
+        request: web.Request,
+        in_thread: Callable[[], Mapping[str, Any]] = dict,
+        **content: Any,
+    ) -> web.Response:
+        """The page that a template makes of this content, for who has sent the request, in his language.
+
+        `in_thread` is called in the thread that makes the page; it adds to the content.
+
+        Raises:
+            HTTPServiceUnavailable: who has sent it has gone before its turn came.
+        """
+        language = language_of(request)
+        # A path that begins with // would lead to somebody else.
+        path, chosen = f"/{request.rel_url.raw_path.lstrip('/')}", request.rel_url.update_query
+        others = [(each, f"{path}?{chosen(lang=each.code).raw_query_string}") for each in LANGUAGES.values()]
+        theme = theme_of(request)
+        frame = {
+            "visitor": request[VISITOR],
+            "path": request.path,
+            "site": self._site(),
+            "is_kiosk": "kiosk" in request.query,
+            "other_languages": [(each, address) for each, address in others if each is not language],
+            "theme": theme,
+            "dark": DARK[theme],
+            "themes": [(each, f"{path}?{chosen(theme=each).raw_query_string}") for each in DARK],
+        }
+        is_packed = "gzip" in request.headers.get("Accept-Encoding", "")
+        async with self._turns.turn(request):
+            body = await self._rendered(language, template, {**frame, **content}, in_thread, is_packed=is_packed)
+        headers = {**_HEADERS, "Content-Encoding": "gzip"} if is_packed else _HEADERS
+        response = web.Response(body=body, content_type="text/html", charset="utf-8", headers=headers)
+        keep_language(request, response, is_encrypted=self._is_encrypted)
+        keep_theme(request, response, is_encrypted=self._is_encrypted)
+        return response
+
+    async def _rendered(
+        self,
+        language: Language,
+        template: str,
+        content: Mapping[str, Any],
+        in_thread: Callable[[], Mapping[str, Any]],
+        *,
+        is_packed: bool,
+    ) -> bytes:
+        templates, loop = self._templates[language.code], asyncio.get_running_loop()
+
+        def make() -> bytes:
+            text = "".join(_in_slices(templates.get_template(template).generate({**content, **in_thread()}))).encode()
+            return gzip.compress(text, _PACKING) if is_packed else text
+
+        return await loop.run_in_executor(ThreadPerCall("web page"), make)
+
+
+def _in_slices(parts: Iterable[str]) -> Iterator[str]:
+    """The parts of a page, in a thread that rests between slices of making them."""
+    begun = thread_time()
+    for part in parts:
+        yield part
+        if (spent := thread_time() - begun) >= _SLICE:
+            sleep(_PAUSES * spent)
+            begun = thread_time()
+
+
+def _templates(language: Language, assets: Assets) -> Environment:
+    """The templates in one language: macros that are imported see the texts of their environment, and no others."""
+    templates = Environment(
+        loader=FileSystemLoader(FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        auto_reload=False,
+        bytecode_cache=_COMPILED,
+        extensions=["jinja2.ext.i18n"],
+    )
+    texts = Texts(language)
+    templates.install_gettext_callables(texts.text, texts.counted, newstyle=True)  # type: ignore[attr-defined]
+    templates.globals |= {
+        "word": texts.word,
+        "language": language,
+        "asset": assets.address,
+        "version": __version__,
+        "documentation": DOCUMENTATION,
+    }
+    return templates

@@ -1,0 +1,1 @@
+"""The languages and themes of the pages."""

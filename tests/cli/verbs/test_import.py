@@ -1,0 +1,83 @@
+"""`import`: what it prints can be used as it is."""
+
+import json
+import os
+
+import pytest
+
+from gateway.cli.main import main
+from gateway.config.reading.load import parse
+
+
+def test_a_config_of_mbusd_is_printed(tmp_path, capsys):
+    (tmp_path / "mbusd-ttyUSB0.conf").write_text("device = /dev/ttyUSB0\nspeed = 9600\n")
+    assert main(["import", "mbusd", str(tmp_path / "mbusd-ttyUSB0.conf")]) == 0
+    config = parse(capsys.readouterr().out, port_trouble=lambda _: None).config
+    assert [(line.port, line.baud) for line in config.line] == [("/dev/ttyUSB0", 9600)]
+
+
+def test_a_config_of_modbus_proxy_is_printed(tmp_path, capsys):
+    file = tmp_path / "modbus-proxy.yml"
+    file.write_text("devices:\n- modbus: {url: 10.0.0.1}\n  listen: {bind: ':502'}\n")
+    assert main(["import", "modbus-proxy", str(file)]) == 0
+    assert parse(capsys.readouterr().out).config is not None
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (None, "there is no such file"),
+        (b"\xff", "this line is not UTF-8 text"),
+        (b"speed = 0", "1: speed must be a number"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_said(content, said, tmp_path, capsys):
+    file = tmp_path / "mbusd.conf"
+    if content is not None:
+        file.write_bytes(content)
+    assert main(["import", "mbusd", str(file)]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(f"modbus-gateway: error: {file}:")
+    assert said in printed.err
+
+
+def test_files_that_are_left_out_are_named_and_the_others_are_printed(tmp_path, capsys):
+    texts = {
+        "a": "device = /dev/ttyS1\n",
+        "b": "device = /dev/ttyS1\nport = 503\n",
+        "d": "device = /dev/ttyS3\nport = 505\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / f"{name}.conf").write_text(text)
+    files = [str(tmp_path / f"{name}.conf") for name in "abcd"]
+    assert main(["import", "mbusd", *files]) == 1
+    printed = capsys.readouterr()
+    why = [f"{files[1]}: /dev/ttyS1 is the port of {files[0]} too", f"{files[2]}: there is no such file"]
+    assert printed.err.splitlines() == [f"modbus-gateway: error: left out: {each}" for each in why]
+    assert all(f"\n# Left out: {each}\n" in printed.out for each in why)
+    config = parse(printed.out, port_trouble=lambda _: None).config
+    assert [line.port for line in config.line] == ["/dev/ttyS1", "/dev/ttyS3"]
+
+
+def test_a_device_of_modbus_proxy_that_is_left_out_is_named(tmp_path, capsys):
+    file = tmp_path / "p.json"
+    device = {"modbus": {"url": "10.0.0.1"}, "listen": {"bind": ":502"}}
+    file.write_text(json.dumps({"devices": [device, device]}))
+    assert main(["import", "modbus-proxy", str(file)]) == 1
+    printed = capsys.readouterr()
+    why = f"{file}: device 2: another listener has tcp://0.0.0.0:502 already"
+    assert printed.err == f"modbus-gateway: error: left out: {why}\n"
+    assert parse(printed.out).config is not None
+
+
+def test_modbus_proxy_has_one_file(capsys):
+    assert main(["import", "modbus-proxy", "a.yml", "b.yml"]) == 2
+    assert "modbus-proxy has one file" in capsys.readouterr().err
+
+
+def test_a_fifo_is_no_file_and_is_not_waited_for(tmp_path, capsys):
+    fifo = tmp_path / "mbusd.conf"
+    os.mkfifo(fifo)
+    assert main(["import", "mbusd", str(fifo)]) == 1
+    assert f"{fifo}: is a FIFO, not a file" in capsys.readouterr().err

@@ -1,0 +1,192 @@
+"""What is said about points that cannot be."""
+
+import pytest
+
+from gateway.config.plan.resolve import resolve
+from gateway.config.reading.load import builtin_profiles, parse
+from gateway.modbus.codes import Area
+from gateway.profiles.point import Point
+
+
+def problems(*rows, profile="", of_profile=""):
+    text = f'[profile.mine]\n{profile}\npoints = [{of_profile}]\n[[line]]\nport = "/dev/x"\n'
+    text += (
+        f'devices = [{{ unit = 6, profile = "mine", points = [\n{", ".join(f"{{ {row} }}" for row in rows)}\n] }}]\n'
+    )
+    return [str(one).removeprefix("gateway.toml:") for one in parse(text, port_trouble=lambda _: None).problems]
+
+
+WHERE = "line[0].devices[0].points[0]"
+
+
+@pytest.mark.parametrize(
+    ("row", "problem"),
+    [
+        ('name = "a"', "7:1: error: {}: must have one of holding, input, coils and discrete"),
+        ('name = "a", holding = 1, coils = 1', "7:1: error: {}: must have one of holding, input, coils and discrete"),
+        ('name = "2a", holding = 1', '7:10: error: {}.name: "2a" is no name of a point'),
+        ('name = "a/b", holding = 1', '7:10: error: {}.name: "a/b" is no name of a point'),
+        ("name = 7, holding = 1", "7:10: error: {}.name: must be text"),
+        ('name = "input", holding = 1', '7:10: error: {}.name: "input" is the name of an area'),
+        ('name = "a", holding = true', "7:25: error: {}.holding: is no address"),
+        ('name = "a", holding = ["1-2"]', "7:25: error: {}.holding: is no address"),
+        ('name = "a", holding = 65536', "7:25: error: {}.holding: address 65536 is above 65535"),
+        ('name = "a", holding = 65535, type = "float32"', "{}.holding: the point ends at 65536, and the last address"),
+        ('name = "a", coils = 1, type = "int16"', "{}.type: coils are bits\n  help: leave type out"),
+        ('name = "a", holding = 1, type = "bit"', "{}.type: holding registers are no bits\n  help: read the whole"),
+        ('name = "a", holding = 1, type = "string"', "{}.type: a string needs its length\n  help: add length = 8"),
+        ('name = "a", holding = 1, length = 2', "{}.length: only a string has a length; uint16 has its own"),
+        ('name = "a", holding = 1, swap = "words"', "{}.swap: there is nothing to swap: the point is one word"),
+        ('name = "a", coils = 1, swap = "bytes"', "{}.swap: there is nothing to swap: the point is one bit"),
+        ('name = "a", holding = "1-3"', '{}.name: several points need several names\n  help: write "a-*"'),
+        ('name = "a-*", holding = 1', "{}.name: * stands for a number, and this is one point"),
+        ('name = "a", holding = 1, first = 1', "{}.first: only a range of points has it"),
+        ('name = "a-*", holding = "1-5", type = "int32"', "5 registers are no whole number of values of 2\n"),
+        ('name = "a", input = 1, write = true', "{}.write: input registers cannot be written"),
+        ('name = "a", discrete = 1, write = "only"', "{}.write: discrete inputs cannot be written"),
+        ('name = "a", holding = 1, write = "yes"', '{}.write: must be true, false or "only"'),
+        ('name = "a", holding = 1, scale = 0', "{}.scale: must not be 0"),
+        ('name = "a", coils = 1, decimals = 2', "{}.decimals: a bit is no number to be scaled or rounded"),
+        ('name = "a", holding = 1, type = "string", length = 2, scale = 2.0', "{}.scale: a string is no number"),
+        ('name = "a", holding = 1, type = "float32", labels = { 0 = "off" }', "{}.labels: labels are for whole"),
+        ('name = "a", holding = 1, labels = { 70000 = "off" }', "{}.labels: 70000 does not fit into uint16"),
+        ('name = "a", coils = 1, labels = { 2 = "half" }', "{}.labels: 2 does not fit into bit: 0 to 1"),
+        ('name = "a", holding = 1, labels = { x = "off" }', '{}.labels: "x" is no whole number'),
+        ('name = "a", holding = 1, labels = { 0 = 1 }', "{}.labels: the label of 0 must be text"),
+        ('name = "a", holding = 1, labels = { 0 = "off", 00 = "on" }', "{}.labels: 0 is there twice"),
+        ('name = "a", holding = 1, labels = { 0 = "off", 1 = "off" }', '{}.labels: "off" is there twice'),
+        ('name = "a", holding = 1, labels = "off"', "{}.labels: must be a table"),
+        ('name = "a", holding = 1, unlt = "kg"', '{}.unlt: unknown key\n  help: did you mean "unit"?'),
+    ],
+)
+def test_a_point_that_cannot_be_is_an_error_at_its_key(row, problem):
+    (found,) = problems(row)
+    assert problem.format(WHERE) in found
+
+
+def test_a_point_outside_its_profile_is_an_error():
+    (found,) = problems('name = "a", holding = 9, type = "int32"', profile='holding = "1-9"')
+    assert found == f"7:25: error: {WHERE}.holding: the profile has no holding 9-10, but 1-9"
+
+
+@pytest.mark.parametrize(
+    ("profile", "row", "said"),
+    [
+        ("functions = [4, 6]", "holding = 1", "cannot be read: function 3 is not among the functions of the profile"),
+        ("functions = [3]", "input = 1", "cannot be read: function 4 is not among the functions of the profile"),
+        ("functions = [3, 16]", "coils = 1", "cannot be read: function 1 is not among"),
+        ("functions = [3]", "holding = 1, write = true", "cannot be written: function 6 or 16 is not among"),
+        ("functions = [3]", 'holding = 1, write = "only"', "cannot be written: function 6 or 16 is not among"),
+        (
+            "functions = [3, 6]",
+            'holding = 1, type = "int32", write = true',
+            "cannot be written: function 16 is not among",
+        ),
+        ("functions = [1]", "coils = 1, write = true", "cannot be written: function 5 or 15 is not among"),
+        (
+            "limits = { 3 = 1 }",
+            'holding = 1, type = "int32"',
+            "cannot be read at once: it takes 2, and the profile allows 1",
+        ),
+        (
+            "limits = { 16 = 1 }",
+            'holding = 1, type = "int32", write = true',
+            "cannot be written at once: it takes 2, and the profile allows 1 (function 16)",
+        ),
+    ],
+)
+def test_a_point_that_its_profile_makes_impossible_is_an_error_at_the_point(profile, row, said):
+    area = row.split()[0]
+    (found,) = problems(f'name = "a", {row}', profile=profile)
+    assert found.startswith("7:")
+    assert f"error: {WHERE}.{area}: {said}" in found
+    (found,) = problems(profile=profile, of_profile=f'{{ name = "a", {row} }}')
+    assert found.startswith("3:")
+    assert f"error: profile.mine.points[0].{area}: {said}" in found
+
+
+@pytest.mark.parametrize(
+    ("profile", "row"),
+    [
+        ("functions = [16]", 'holding = 1, write = "only"'),
+        ("functions = [3, 16]", "holding = 1, write = true"),
+        ("functions = [3, 6]\nlimits = { 16 = 1 }", "holding = 1, write = true"),
+        ("functions = [1, 15]", "coils = 1, write = true"),
+        ("limits = { 3 = 2, 16 = 2 }", 'holding = 1, type = "float32", write = true'),
+        ("functions = [2, 4]", "input = 1"),
+    ],
+)
+def test_a_point_for_which_the_profile_has_the_functions_is_fine(profile, row):
+    assert problems(f'name = "a", {row}', profile=profile) == []
+
+
+def test_of_a_device_at_address_0_only_holding_registers_can_be_points():
+    text = '[[line]]\nport = "/dev/x"\ndevices = [{ unit = 0, as = 5, points = [{ name = "a", input = 1 }] }]\n'
+    found = [one for one in parse(text, port_trouble=lambda _: None).problems if one.severity == "error"]
+    assert [one.what for one in found] == ["cannot be read: function 4 is not among the functions of the profile"]
+
+
+def test_a_name_is_there_once_with_those_of_the_profile():
+    rows = ('name = "a", holding = 1', 'name = "b-*", holding = "2-3"', 'name = "b-3", holding = 9')
+    assert problems(*rows, of_profile='{ name = "a", holding = 5 }') == [
+        f'7:10: error: {WHERE}.name: the point "a" is already there: gateway.toml:3',
+        '7:74: error: line[0].devices[0].points[2].name: the point "b-3" is already there: gateway.toml:7',
+    ]
+
+
+def points(text):
+    loaded = parse(text, port_trouble=lambda _: None)
+    assert loaded.config is not None, loaded.errors
+    return resolve(loaded.config).points
+
+
+LINE = '[[line]]\nname = "hall"\nport = "/dev/x"\n'
+
+
+def test_a_device_has_the_points_of_its_profile_and_its_own():
+    found = points(
+        f'{LINE}devices = [{{ unit = 1, as = 41, profile = "weigher", points = [{{ name = "t", holding = 5 }}] }}]'
+    )
+    assert [point.name for point in found[41]] == ["weight", "baud", "address", "zero", "set-baud", "set-address", "t"]
+    assert found[41][0] == Point("weight", Area.HOLDING, 0, "float32", count=2, decimals=2)
+
+
+def test_a_range_makes_several_points_numbered_by_address_or_from_first():
+    rows = '{ name = "a-*", holding = "10-13", type = "int32" }, { name = "c-*.x", coils = "3-4", first = 1 }'
+    found = points(f"{LINE}devices = [{{ unit = 1, points = [{rows}] }}]")[1]
+    assert [(point.name, point.address, point.count) for point in found] == [
+        ("a-10", 10, 2),
+        ("a-12", 12, 2),
+        ("c-1.x", 3, 1),
+        ("c-2.x", 4, 1),
+    ]
+
+
+def test_first_and_last_register_of_one_value_are_one_point():
+    (point,) = points(
+        f'{LINE}devices = [{{ unit = 1, points = [{{ name = "a", holding = "4-5", type = "float32" }}] }}]'
+    )[1]
+    assert (point.name, point.address, point.count) == ("a", 4, 2)
+
+
+def test_units_that_pass_through_have_the_points_of_their_lines_profile():
+    found = points(f'{LINE}profile = "weigher"\n[[image]]\nunit = 200\nholding = 5\n')
+    assert set(found) == set(range(1, 248)) - {200}
+
+
+def test_an_image_has_the_points_that_it_has_registers_for():
+    found = points('[[image]]\nunit = 200\nprofile = "mint"\nholding = "1-2"\ncoils = 1\n')
+    assert [point.name for point in found[200]] == ["comms-1", "comms-2", "output-0"]
+
+
+def test_a_mirror_has_the_points_that_it_polls_and_those_that_are_written_only():
+    found = points(
+        f'{LINE}devices = [{{ unit = 1, name = "silo", profile = "weigher" }}]\n'
+        '[[image]]\nunit = 241\nof = "silo"\nread = [{ holding = "0-1", every = "1 s" }]\n'
+    )
+    assert [point.name for point in found[241]] == ["weight", "zero", "set-baud", "set-address"]
+
+
+@pytest.mark.parametrize("name", ["mint", "v80", "weigher"])
+def test_the_built_in_profiles_have_points(name):
+    assert builtin_profiles()[name].points

@@ -1,0 +1,106 @@
+"""Servers that the gateway connects to: each rule with a file that breaks it."""
+
+import pytest
+
+from gateway.config.problem import dotted
+from gateway.config.reading.load import parse
+
+
+def problems(text):
+    found = parse(text, port_trouble=lambda _: None).problems
+    return [
+        f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "") for one in found
+    ]
+
+
+def upstream(to, units="[{ as = 37, unit = 7 }]", listen=""):
+    bind = f'[[listen]]\nbind = "{listen}"\n' if listen else ""
+    return problems(f'{bind}[[upstream]]\nto = "{to}"\nunits = {units}\n')
+
+
+def errors(*arguments, **others):
+    return [said for said in upstream(*arguments, **others) if said.startswith("error")]
+
+
+def test_an_upstream_alone_is_something_to_serve():
+    assert upstream("tcp://10.1.0.5") == []
+
+
+def test_units_may_be_0_to_255_behind_the_server():
+    assert upstream("tcp://10.1.0.5", '[{ as = "1-3", unit = [0, 248, 255] }]') == []
+    assert upstream("tcp://10.1.0.5", '[{ as = "248-250", unit = "248-250" }]') == []
+    assert upstream("tcp://10.1.0.5", "[{ as = 256, unit = 1 }]") == [
+        "error: upstream[0].units[0].as: unit 256 is outside 1-255"
+    ]
+
+
+def test_as_many_units_on_both_sides():
+    assert upstream("tcp://10.1.0.5", '[{ as = "1-3", unit = "1-2" }]') == [
+        (
+            "error: upstream[0].units[0].as: names 3 units for clients, but there are 2 behind the server"
+            ' | as many as in unit = "1-2" are needed'
+        )
+    ]
+
+
+def test_an_upstream_without_units():
+    assert upstream("tcp://10.1.0.5", "[]") == [
+        "error: upstream[0].units: is empty | write units = [{ as = 37, unit = 37 }]"
+    ]
+
+
+def test_a_server_has_an_address_and_a_port():
+    assert upstream("tcp://0.0.0.0:502") == [
+        "error: upstream[0].to: 0.0.0.0 is not the address of a server | name the server: its host name or address"
+    ]
+    assert upstream("tcp://10.1.0.5:0") == ["error: upstream[0].to: port 0 is not the port of a server"]
+    line = '[[line]]\nport = "rtu+tcp://10.1.0.5:0"\n'
+    assert problems(line) == ["error: line[0].port: port 0 is not the port of a server"]
+
+
+@pytest.mark.parametrize(
+    ("listen", "to"),
+    [
+        ("tcp://127.0.0.1:502", "tcp://127.0.0.1"),
+        ("tcp://127.0.0.1:502", "tcp://localhost:502"),
+        ("tcp://0.0.0.0:502", "tcp://127.0.0.1:502"),
+        ("tcp://[::]:502", "tcp://[::1]"),
+        ("tcp://[::]:502", "tcp://127.0.0.1:502"),
+        ("tcp://10.1.0.5:502", "tcp://10.1.0.5"),
+        ("tcp://plant.example:502", "tcp://PLANT.example"),
+    ],
+)
+def test_a_gateway_that_would_ask_itself(listen, to):
+    said = "error: upstream[0].to: leads back to this gateway (gateway.toml:1) | name another server"
+    assert errors(to, listen=listen) == [said]
+
+
+@pytest.mark.parametrize(
+    ("listen", "to"),
+    [
+        ("tcp://127.0.0.1:502", "tcp://127.0.0.1:503"),
+        ("tcp://127.0.0.1:502", "tcp://10.1.0.5:502"),
+        ("tcp://0.0.0.0:502", "tcp://10.1.0.5:502"),
+        ("tcp://[::]:502", "tcp://10.1.0.5:502"),
+        ("tcp://[::]:502", "tcp://127.0.0.1:503"),
+        ("tcp://127.0.0.1:0", "tcp://127.0.0.1:502"),
+    ],
+)
+def test_a_gateway_that_asks_somebody_else_as_far_as_can_be_seen(listen, to):
+    assert errors(to, listen=listen) == []
+
+
+def test_the_listener_that_nobody_wrote_is_one_too():
+    assert upstream("tcp://localhost:5020") == [
+        "error: upstream[0].to: leads back to this gateway (the default listener) | name another server"
+    ]
+
+
+def test_a_line_that_leads_back_too():
+    text = '[[listen]]\nbind = "tcp://127.0.0.1:4001"\n[[line]]\nport = "rtu+tcp://127.0.0.1:4001"\n'
+    assert problems(text) == ["error: line[0].port: leads back to this gateway (gateway.toml:1) | name another server"]
+
+
+def test_places_on_a_connection_are_bounded():
+    text = '[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{ as = 1, unit = 1 }]\nin_flight = 65\n'
+    assert problems(text) == ["error: upstream[0].in_flight: must be at most 64"]

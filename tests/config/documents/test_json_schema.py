@@ -1,0 +1,61 @@
+"""The schema for editors takes what `check` takes, and marks what is usually wrong."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import jsonschema_rs
+import pytest
+from hypothesis import given, settings
+
+from gateway.cli.main import main
+from gateway.config.documents.json_schema import json_schema
+from gateway.config.documents.reference import EXAMPLE, SMALLEST
+from kit.configs import accepted_configs
+
+ROOT = Path(__file__).parents[3]
+SHIPPED = [ROOT / "deploy" / "gateway.toml", *sorted(ROOT.glob("deploy/examples/*.toml"))]
+JUDGE = jsonschema_rs.validator_for(json_schema())
+
+
+def mistakes(text: str) -> list[str]:
+    """Where the schema finds something wrong."""
+    return ["/".join(map(str, one.instance_path)) for one in JUDGE.iter_errors(tomllib.loads(text))]
+
+
+def test_check_prints_it(capsys):
+    assert main(["check", "--schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == json_schema()
+
+
+@pytest.mark.parametrize("text", [SMALLEST, EXAMPLE, *(file.read_text(encoding="utf-8") for file in SHIPPED)])
+def test_examples_have_no_mistakes(text):
+    assert mistakes(text) == []
+
+
+@settings(max_examples=min(50, settings.default.max_examples))
+@given(accepted_configs())
+def test_what_check_accepts_has_no_mistakes(text):
+    assert mistakes(text) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ('[[line]]\nport = "/dev/ttyS1"\nbadu = 9600', "line/0"),
+        ('[[line]]\nport = "ttyS1"', "line/0/port"),
+        ('[[line]]\nport = "/dev/ttyS1"\nbaud = "9600"', "line/0/baud"),
+        ('[[line]]\nport = "/dev/ttyS1"\nformat = "8E"', "line/0/format"),
+        ('[[line]]\nport = "/dev/ttyS1"\ntimeout = 250', "line/0/timeout"),
+        ('[[line]]\nport = "/dev/ttyS1"\ntimeout = "250 m"', "line/0/timeout"),
+        ('[[line]]\nport = "/dev/ttyS1"\nmode = "tcp"', "line/0/mode"),
+        ("[[line]]\nbaud = 9600", "line/0"),
+        ('[[listen]]\nbind = "127.0.0.1:502"', "listen/0/bind"),
+        ('[[line]]\nport = "/dev/ttyS1"\ndevices = [{ unit = "one" }]', "line/0/devices/0/unit"),
+        ('[[access]]\nallow = ["reed"]', "access/0/allow/0"),
+        ("[profile.a]\nfunctions = [300]", "profile/a/functions/0"),
+        ('[log]\nlevel = "loud"', "log/level"),
+    ],
+)
+def test_a_usual_mistake_is_marked_where_it_is(text, place):
+    assert place in mistakes(text)

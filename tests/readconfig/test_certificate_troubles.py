@@ -1,0 +1,45 @@
+"""What `check` says of the files that TLS needs."""
+
+import shutil
+from pathlib import Path
+
+from gateway.config.reading.load import load
+from gateway.readconfig.certificate_troubles import certificate_troubles
+from kit import pki
+from kit.pki import listener
+
+IMAGE = "[[image]]\nunit = 200\nholding = 10\n"
+
+
+def troubles(tmp_path: Path, text: str) -> list[str]:
+    file = tmp_path / "gateway.toml"
+    file.write_text(IMAGE + text)
+    config = load(file).config
+    assert config is not None
+    return [str(each) for each in certificate_troubles(config, str(file))]
+
+
+def test_good_files_are_fine(tmp_path: Path) -> None:
+    assert troubles(tmp_path, listener()) == []
+
+
+def test_a_file_that_cannot_be_used_is_named_with_its_table(tmp_path: Path) -> None:
+    folder = tmp_path / "tls"
+    shutil.copytree(pki.pki(), folder)
+    (folder / "server.key").chmod(0o640)
+    (folder / "server.crt").unlink()
+    (said,) = troubles(tmp_path, listener().replace(str(pki.pki()), str(folder)))
+    assert said.startswith(f"{tmp_path}/gateway.toml:4:1: warning: listen remote cannot be used: {folder}/server.crt: ")
+
+
+def test_what_expires_soon_is_said(tmp_path: Path) -> None:
+    folder = tmp_path / "tls"
+    shutil.copytree(pki.pki(), folder)
+    pki.making.make_server(folder, "server", ["localhost"], 20, replace=True)
+    (said,) = troubles(tmp_path, listener().replace(str(pki.pki()), str(folder)))
+    assert f"listen remote: {folder}/server.crt expires in 20 days" in said
+
+
+def test_credentials_are_known_to_the_service_only(tmp_path: Path) -> None:
+    text = listener().replace(f'"{pki.pki()}/server.key"', '{ credential = "server.key" }')
+    assert troubles(tmp_path, text) == []
