@@ -35,6 +35,7 @@ from typing import Any, Final
 from gateway import __version__
 from gateway.errors import WrongQuestion
 from gateway.events import ControlClosed, Emit, PartFailed
+from gateway.operator.units import IsThere
 
 #: Longest request, in bytes.
 LONGEST_REQUEST: Final = 64 * 1024
@@ -43,8 +44,6 @@ PATIENCE: Final = 60.0
 #: Concurrent connections.
 MOST_CONNECTIONS: Final = 16
 
-#: Whether the client is still connected.
-IsThere = Callable[[], bool]
 #: A verb: takes the request, returns what is added to `ok` in the answer. Dataclasses become objects.
 Verb = Callable[[Mapping[str, Any], IsThere], Awaitable[dict[str, Any]]]
 #: The same with several answers, one after the other, for as long as somebody takes them.

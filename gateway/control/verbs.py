@@ -6,13 +6,13 @@ from contextlib import aclosing
 from dataclasses import asdict
 from typing import Any, Final
 
-from gateway.control.server import IsThere, Verbs
+from gateway.control.server import Verbs
 from gateway.errors import FleetError, WrongQuestion
 from gateway.operator.calibration import measured
 from gateway.operator.forgetting import forget
 from gateway.operator.status import status_in_slices
 from gateway.operator.trace import clocks, lines, page, stories
-from gateway.operator.units import ask, picture
+from gateway.operator.units import IsThere, ask, picture
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
 from gateway.tools.bench import bench_in_steps

@@ -40,6 +40,9 @@ class UnitPicture:
     points: tuple[Point, ...]
 
 
+#: Whether who asks is still there.
+IsThere = Callable[[], bool]
+
 #: The operators at the control socket.
 AT_CONTROL: Final = Caller.without_address(CONTROL)
 

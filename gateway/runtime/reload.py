@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 from gateway import events
 from gateway.clock.threads import ThreadPerCall
@@ -15,8 +15,7 @@ from gateway.readconfig.process import READING_TIME, ReadConfig, read_config
 from gateway.runtime import garbage
 from gateway.runtime.build import Gateway
 from gateway.runtime.running import Running
-from gateway.service.systemd import Notifier
-from gateway.service.watchdog import summary
+from gateway.runtime.summary import summary
 from gateway.tls.contexts import Loaded as LoadedTls
 from gateway.tls.settings import Secured
 from gateway.tls.store import TlsStore, find_warnings, load_all
@@ -50,6 +49,20 @@ class Reloaded:
     outcome: Outcome
 
 
+class ServiceManager(Protocol):
+    """What has started the process, and is told of a reload: systemd, or nothing."""
+
+    @property
+    def is_service(self) -> bool:
+        """Whether systemd has started it."""
+
+    def reloading(self) -> None:
+        """Tell that a reload has begun; `ready` follows."""
+
+    def ready(self, status: str) -> None:
+        """Tell that it is over, and the `status` in one line."""
+
+
 class Reloader:
     """Applies `file` to a `running` gateway, one reload at a time.
 
@@ -64,7 +77,7 @@ class Reloader:
         file: Path,
         running: Running,
         rebuild: Callable[[Plan, Gateway], Gateway],
-        systemd: Notifier,
+        manager: ServiceManager,
         prepare: Callable[[Plan], None] = lambda _: None,
         *,
         text: str = "",
@@ -79,7 +92,7 @@ class Reloader:
         self._rebuild = rebuild
         self._prepare = prepare
         self._contexts = contexts or TlsStore()
-        self._systemd = systemd
+        self._manager = manager
         self.at_start = running.gateway.plan
         self._turn = asyncio.Lock()
         self._next: asyncio.Task[Outcome] | None = None
@@ -88,7 +101,7 @@ class Reloader:
     @property
     def is_service(self) -> bool:
         """Whether systemd has started the gateway."""
-        return self._systemd.is_service
+        return self._manager.is_service
 
     def order(self) -> asyncio.Task[Outcome]:
         """Reload soon. Orders before a reload has begun are combined into one."""
@@ -109,7 +122,7 @@ class Reloader:
         async with self._turn:
             await self._running.ready.wait()
             self._next = None
-            self._systemd.reloading()
+            self._manager.reloading()
             try:
                 return self._told(await self._reload())
             except Exception as error:  # noqa: BLE001 - the supervisor's error boundary: the gateway keeps running
@@ -118,7 +131,7 @@ class Reloader:
                 return self._told(Outcome((f"a defect in the gateway: {error!r}",)))
             finally:
                 if self._running.ready.is_set():
-                    self._systemd.ready(summary(self._running.gateway))
+                    self._manager.ready(summary(self._running.gateway))
 
     def _told(self, outcome: Outcome) -> Outcome:
         self.last = Reloaded(asyncio.get_running_loop().time(), outcome)

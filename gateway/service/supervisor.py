@@ -11,9 +11,10 @@ from gateway.runtime.build import Gateway
 from gateway.runtime.presence import served_units, tell
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
+from gateway.runtime.summary import summary
 from gateway.runtime.tightness import TightLimits
 from gateway.service.systemd import Notifier
-from gateway.service.watchdog import summary, watch
+from gateway.service.watchdog import watch
 
 
 class Stop:

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from gateway.config.reading.source import place_of
-from gateway.control.server import IsThere
 from gateway.devices.device import Device
 from gateway.diagnosis.broker import BrokerEvidence, about_broker
 from gateway.diagnosis.clients import about_client
@@ -21,7 +20,7 @@ from gateway.diagnosis.lines import about_line
 from gateway.diagnosis.state import about_state_file
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.operator.units import may_read_all, no_such_line
+from gateway.operator.units import IsThere, may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
 from gateway.runtime.build import Gateway

@@ -6,7 +6,7 @@ in which its clients get 0A.
 """
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import aclosing, suppress
 from dataclasses import replace
 from itertools import chain
@@ -18,6 +18,7 @@ from gateway.errors import PortError, WrongQuestion
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+from gateway.operator.units import IsThere
 from gateway.ports.port import SerialSettings
 from gateway.ports.reconnector import OPENING_DEADLINE
 from gateway.profiles.profile import Profile
@@ -44,8 +45,6 @@ FORMATS: Final = {
 }
 #: Devices often leave the factory with these addresses.
 _USUAL_ADDRESSES: Final = (*range(1, 11), LAST_UNIT)
-
-IsThere = Callable[[], bool]
 
 
 class Speed(NamedTuple):

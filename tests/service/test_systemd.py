@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from gateway.runtime.summary import summary
 from gateway.service.systemd import Notifier, take_inherited_sockets
-from gateway.service.watchdog import stuck, summary, watch
+from gateway.service.watchdog import stuck, watch
 from kit.gateway_bench import GatewayBench, gateway_bench
 
 CONFIG = """

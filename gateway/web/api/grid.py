@@ -7,10 +7,10 @@ from typing import Any, Final
 
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
+from gateway.operator.kept import ImageWindow, PolledAge, Written
 from gateway.profiles.point import Point, Reading
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import has_bits
-from gateway.web.api.unit_answers import ImageWindow, PolledAge, Written
 
 #: Addresses that are shown at a time, and the columns of a row.
 MOST: Final = 400

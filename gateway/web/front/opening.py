@@ -18,10 +18,13 @@ from gateway.errors import TlsError, UsersError
 from gateway.listeners.kept_sessions import KeptSessions
 from gateway.modbus.pdu import Span, exception_response
 from gateway.observe.fan_out import FanOut, Follower
+from gateway.operator import answer_times, failures, kept, reached
 from gateway.operator import status as told
-from gateway.operator import unit_facts
+from gateway.operator.answer_times import FunctionTimes
 from gateway.operator.config_view import ConfigView, ConfigViewer
+from gateway.operator.failures import Failure
 from gateway.operator.history import history_kept
+from gateway.operator.kept import ImageWindow, Kept
 from gateway.operator.rights import Verdict, rights_in_words, routers, verdict
 from gateway.operator.trace import Fact
 from gateway.operator.trace_reader import Texts, TraceReader, capture, latest, may_see_all
@@ -36,7 +39,6 @@ from gateway.tls.contexts import Loaded
 from gateway.tls.store import TlsStore, load_all
 from gateway.tools.examinations import Examinations
 from gateway.web.api.answers import Answer, WebClient, Which
-from gateway.web.api.unit_answers import Failure, FunctionTimes, ImageWindow, Kept
 
 #: How old the status may be that is told, in seconds: any number of readers costs no more than one.
 _STATUS_KEPT: Final = 1.0
@@ -274,22 +276,22 @@ class _Answers:
         return self._fan_out.following(lambda: may_see_all(self._running.gateway, host))
 
     def may(self, unit: int, function: int, host: str) -> bool:
-        return unit_facts.may(self._running.gateway, unit, function, host)
+        return reached.may(self._running.gateway, unit, function, host)
 
     def target(self, unit: int) -> object:
-        return unit_facts.target(self._running.gateway, unit)
+        return reached.target(self._running.gateway, unit)
 
     def answer_times(self, unit: int) -> Sequence[FunctionTimes]:
-        return unit_facts.answer_times(self._running.gateway, unit)
+        return answer_times.answer_times(self._running.gateway, unit)
 
     def failures(self, unit: int, host: str) -> Sequence[Failure]:
-        return unit_facts.failures(self._running.gateway, unit, host)
+        return failures.failures(self._running.gateway, unit, host)
 
     def kept(self, unit: int, spans: Sequence[Span]) -> Sequence[Kept | None]:
-        return unit_facts.kept(self._running.gateway, unit, spans, asyncio.get_running_loop().time())
+        return kept.kept(self._running.gateway, unit, spans, asyncio.get_running_loop().time())
 
     def mirrors_of(self, unit: int) -> Sequence[str]:
-        return unit_facts.mirrors_of(self._running.gateway, unit)
+        return kept.mirrors_of(self._running.gateway, unit)
 
     def image(self, unit: int, span: Span) -> ImageWindow | None:
-        return unit_facts.window(self._running.gateway, unit, span, asyncio.get_running_loop().time())
+        return kept.window(self._running.gateway, unit, span, asyncio.get_running_loop().time())

@@ -11,6 +11,7 @@ from gateway.errors import WrongQuestion
 from gateway.lines.counts import RESULTS
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
+from gateway.operator.kept import Kept
 from gateway.profiles.point import Point, Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import reference
@@ -19,7 +20,6 @@ from gateway.web.api.answers import Answers, Unit
 from gateway.web.api.api import unit_in
 from gateway.web.api.asking import ask_for
 from gateway.web.api.shared_reads import SharedReads, readable
-from gateway.web.api.unit_answers import Kept
 from gateway.web.api.values import Outcome, read, values_at
 from gateway.web.front.problems import Complaint, Handler, ProblemError, exception_name
 from gateway.web.pages.addresses import path_of, see_other

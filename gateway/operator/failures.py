@@ -1,0 +1,46 @@
+"""The last requests to a unit that failed, each with its story."""
+
+import asyncio
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.operator.stories import Story, sentences
+from gateway.operator.trace import causes
+from gateway.operator.trace_reader import what_is_seen
+from gateway.runtime.build import Gateway
+from gateway.trace.pdus import request_in_words
+
+#: At most this many failures are shown.
+MOST_FAILURES: Final = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A request that failed, and its story in sentences. `time` is in seconds since 1970.
+
+    `not_sent` is how many others were not sent because of it, or for the same reason, by result.
+    """
+
+    time: float
+    client: str
+    asked: str
+    story: str
+    not_sent: tuple[tuple[str, int], ...] = ()
+
+
+def failures(gateway: Gateway, unit: int, host: str) -> tuple[Failure, ...]:
+    """List the last failures of a unit that a reader at this address may see, the newest first, with what followed.
+
+    Raises:
+        WrongQuestion: nothing is kept.
+    """
+    clock = asyncio.get_running_loop().time(), time.time()
+    told = causes(gateway, unit, MOST_FAILURES, clock, what_is_seen(gateway, host))
+    return tuple(_failure(story, not_sent) for story, not_sent in told)
+
+
+def _failure(story: Story, not_sent: Mapping[str, int]) -> Failure:
+    asked = request_in_words(bytes.fromhex(story["request"]))
+    return Failure(story["received"], story["client"], asked, sentences(story), tuple(sorted(not_sent.items())))

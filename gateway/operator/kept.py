@@ -1,0 +1,157 @@
+"""The values that the gateway has without asking anybody: of images, and of mirrors with their ages."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from gateway.images.image import Image
+from gateway.images.mirror import Mirror
+from gateway.images.self_image import SelfImage
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
+from gateway.operator.reached import device_of, image_of
+from gateway.operator.status import milliseconds, optional_ms
+from gateway.profiles.profile import Range, covers
+from gateway.registers.items import has_bits, unpack_bits
+from gateway.runtime.build import Gateway
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """Coils or registers that the gateway has without asking anybody: those of an image, or of the mirror `name`.
+
+    A mirror's have an age; None while they are unknown.
+    """
+
+    name: str
+    items: bytes
+    age_ms: float | None
+    is_stale: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PolledAge:
+    """Addresses that a mirror polls, and how old their values are; None while they are unknown."""
+
+    span: Span
+    every_ms: float
+    age_ms: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """The last write to these addresses."""
+
+    span: Span
+    client: str
+    ago_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class ImageWindow:
+    """Some addresses of an image or mirror: `parts` are those that exist, with two bytes for a register, one for a bit.
+
+    A mirror has a `stale` and `ages`. `writes` are the last ones, the newest first.
+    """
+
+    unit: int
+    name: str
+    of: str
+    persist: str
+    stale_ms: float | None
+    areas: Mapping[Area, tuple[Range, ...]]
+    parts: Sequence[tuple[Span, bytes]]
+    ages: Sequence[PolledAge]
+    writes: Sequence[Written]
+
+
+def kept(gateway: Gateway, unit: int, spans: Sequence[Span], now: float) -> list[Kept | None]:
+    """Find what is there of each span without a request: of an image, of a mirror, or of a device that has a mirror."""
+    image = image_of(gateway, unit)
+    if isinstance(image, Image):
+        _look_again(image, now)
+        tables, name = image.tables, image.settings.name
+        has = [tables[span.area].has(span) for span in spans]
+        return [
+            Kept(name, _items(image, span), 0.0, is_stale=False) if it else None
+            for span, it in zip(spans, has, strict=True)
+        ]
+    mirrors = [image] if isinstance(image, Mirror) else _mirrors_of(gateway, unit)
+    polled = [(mirror, _ages(mirror, now)) for mirror in mirrors]
+    return [next(filter(None, (_kept(mirror, ages, span) for mirror, ages in polled)), None) for span in spans]
+
+
+def mirrors_of(gateway: Gateway, unit: int) -> list[str]:
+    """List the names of the mirrors of a device."""
+    return [mirror.settings.name for mirror in _mirrors_of(gateway, unit)]
+
+
+def window(gateway: Gateway, unit: int, span: Span, now: float) -> ImageWindow | None:
+    """Show the part of an image or mirror at the addresses of `span`; None if the unit is neither."""
+    image = image_of(gateway, unit)
+    if image is None:
+        return None
+    _look_again(image, now)
+    settings = image.settings
+    parts = [(each, _items(image, each)) for each in _existing(settings.areas.get(span.area, ()), span)]
+    ages = [each for each in _ages(image, now) if _touch(each.span, span)] if isinstance(image, Mirror) else []
+    writes = [
+        Written(each.span, each.client, milliseconds(now - each.at))
+        for each in image.last_writes
+        if _touch(each.span, span)
+    ]
+    return ImageWindow(
+        unit=unit,
+        name=settings.name,
+        of=image.settings.of if isinstance(image, Mirror) else "",
+        persist="" if isinstance(image, Mirror) else image.settings.persist,
+        stale_ms=milliseconds(image.settings.stale) if isinstance(image, Mirror) else None,
+        areas=settings.areas,
+        parts=parts,
+        ages=ages,
+        writes=writes,
+    )
+
+
+def _mirrors_of(gateway: Gateway, unit: int) -> list[Mirror]:
+    device = device_of(gateway, unit)
+    return [driver.mirror for driver in gateway.mirrors if driver.device is device] if device is not None else []
+
+
+def _look_again(image: Image | Mirror, now: float) -> None:
+    if isinstance(image, SelfImage):
+        image.look_again(now)
+
+
+def _items(image: Image | Mirror, span: Span) -> bytes:
+    data = image.values(span) if isinstance(image, Mirror) else image.tables[span.area].read(span)
+    return unpack_bits(data, span.count) if has_bits(span.area) else data
+
+
+def _ages(mirror: Mirror, now: float) -> list[PolledAge]:
+    return [
+        PolledAge(Span(poll.area, poll.first, poll.last - poll.first + 1), milliseconds(poll.every), optional_ms(age))
+        for poll, age in mirror.ages(now)
+    ]
+
+
+def _kept(mirror: Mirror, ages: Sequence[PolledAge], span: Span) -> Kept | None:
+    """What a mirror has of a span: as old as its oldest part."""
+    if not covers(mirror.settings.areas.get(span.area, ()), span):
+        return None
+    touched = [each.age_ms for each in ages if _touch(each.span, span)]
+    known = [age for age in touched if age is not None]
+    age = max(known, default=0.0) if len(known) == len(touched) else None
+    is_stale = age is not None and age > mirror.settings.stale * 1000
+    return Kept(mirror.settings.name, _items(mirror, span), age, is_stale)
+
+
+def _existing(ranges: Iterable[Range], span: Span) -> Iterator[Span]:
+    """The parts of a span that exist."""
+    for first, last in ranges:
+        start, end = max(first, span.start), min(last + 1, span.end)
+        if start < end:
+            yield Span(span.area, start, end - start)
+
+
+def _touch(one: Span, other: Span) -> bool:
+    return one.area == other.area and one.start < other.end and other.start < one.end

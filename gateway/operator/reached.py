@@ -1,0 +1,31 @@
+"""What answers for a unit, and who may ask it over HTTP."""
+
+from gateway.devices.device import Device
+from gateway.images.image import Image
+from gateway.images.mirror import Mirror
+from gateway.runtime.build import Gateway
+
+
+def may(gateway: Gateway, unit: int, function: int, host: str) -> bool:
+    """Tell whether [[access]] gives a client at this address the right to a function of a unit over HTTP."""
+    right = gateway.web.rights[host][unit]
+    return function in right or bytes((function,)) in right
+
+
+def target(gateway: Gateway, unit: int) -> object:
+    """Find what answers for a unit: the same object until a reload changes it; None if nothing does."""
+    return device_of(gateway, unit) or image_of(gateway, unit)
+
+
+def device_of(gateway: Gateway, unit: int) -> Device | None:
+    """Find the device that every client knows by this number, not one that only the listener for its line leads to."""
+    for line in gateway.lines:
+        if unit in line.devices and unit not in line.plan.own_units:
+            return line.devices[unit]
+    return next((each.devices[unit] for each in gateway.upstreams if unit in each.devices), None)
+
+
+def image_of(gateway: Gateway, unit: int) -> Image | Mirror | None:
+    """Find the image or mirror with this number."""
+    images: tuple[Image | Mirror, ...] = (*gateway.images, *(driver.mirror for driver in gateway.mirrors))
+    return next((image for image in images if image.settings.unit == unit), None)
