@@ -1,23 +1,12 @@
 """The control socket for the other commands of this program. One JSON object a line in each direction.
 
 {"verb": "status"}   {"version": "0.1.0", "ok": true, "status": {...}}
-{"verb": "which"}    {"version": "0.1.0", "ok": true, "config": "/etc/modbus-gateway/gateway.toml"}
-{"verb": "reload"}   {"version": "0.1.0", "ok": false, "problems": ["gateway.toml:3:8: error: ..."]}
 {"verb": "unit", "unit": "silo-1"}
                      {"version": "0.1.0", "ok": true, "unit": {"unit": 41, "points": [...], ...}}
-{"verb": "request", "unit": 41, "pdu": "03 00 00 00 02"}
-                     {"version": "0.1.0", "ok": true, "unit": 41, "pdu": "03 04 45 9C 3D 51", "elapsed_ms": 12.5}
-{"verb": "forget", "device": "silo-1"}
-                     {"version": "0.1.0", "ok": true, "forgotten": {"unit": 1, "was_at": [5], ...}, ...}
-{"verb": "bench", "line": "hall-a", "seconds": 60}
-                     {"version": "0.1.0", "ok": true, "bench": {"expected_per_second": 12.1, ...}}
-{"verb": "times", "unit": "silo-1"}
-                     {"version": "0.1.0", "ok": true, "times": {"unit": 41, "rows": [...], ...}}
-{"verb": "scan", "line": "hall-a"}
-                     {"version": "0.1.0", "ok": true, "progress": {"asked": 12, "of": 245, ...}}, and so on until
-                     {"version": "0.1.0", "ok": true, "found": [{"unit": 7, "result": "answers", ...}]}
+{"verb": "unit"}     {"version": "0.1.0", "ok": false, "error": "..."}
 
-What is asked for in several answers ends when who has asked leaves.
+The verbs, their parameters and what is answered are those of the table of all operations (`operator/operations.py`).
+Some have several answers, one after the other; that ends when who has asked leaves.
 
 The client may be another version: keys may differ, and `version` says why.
 """
@@ -26,16 +15,20 @@ import asyncio
 import json
 import socket
 import stat
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncGenerator, AsyncIterator, Mapping
 from contextlib import aclosing, asynccontextmanager, suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from gateway import __version__
 from gateway.errors import WrongQuestion
 from gateway.events import ControlClosed, Emit, PartFailed
-from gateway.operator.units import IsThere
+from gateway.operator.operation import Asker, Operation
+from gateway.operator.operations import BY_NAME
+from gateway.operator.operator import Operator
+from gateway.operator.parameters import fields_of, read_parameters
+from gateway.operator.requests import AT_CONTROL
 
 #: Longest request, in bytes.
 LONGEST_REQUEST: Final = 64 * 1024
@@ -44,16 +37,15 @@ PATIENCE: Final = 60.0
 #: Concurrent connections.
 MOST_CONNECTIONS: Final = 16
 
-#: A verb: takes the request, returns what is added to `ok` in the answer. Dataclasses become objects.
-Verb = Callable[[Mapping[str, Any], IsThere], Awaitable[dict[str, Any]]]
-#: The same with several answers, one after the other, for as long as somebody takes them.
-Stream = Callable[[Mapping[str, Any], IsThere], AsyncGenerator[dict[str, Any], None]]
-Verbs = Mapping[str, Verb | Stream]
+#: What may be asked, by name.
+Operations = Mapping[str, Operation[Any, Any]]
 
 
 @asynccontextmanager
-async def control_open(path: Path, verbs: Verbs, emit: Emit) -> AsyncIterator[None]:
-    """Serve `verbs` at `path` inside the context. A failure to do so is only logged."""
+async def control_open(
+    path: Path, operator: Operator, emit: Emit, operations: Operations = BY_NAME
+) -> AsyncIterator[None]:
+    """Serve what is asked of `operator` at `path` inside the context. A failure to do so is only logged."""
     conversations: set[asyncio.Task[None]] = set()
 
     def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -61,7 +53,9 @@ async def control_open(path: Path, verbs: Verbs, emit: Emit) -> AsyncIterator[No
             writer.write(_line(_refuse(f"{MOST_CONNECTIONS} others are connected already; try again later")))
             writer.close()
             return
-        conversation = asyncio.create_task(_serve_connection(reader, writer, verbs, emit), name="control")
+        conversation = asyncio.create_task(
+            _serve_connection(reader, writer, operator, operations, emit), name="control"
+        )
         conversations.add(conversation)
         conversation.add_done_callback(conversations.discard)
 
@@ -126,20 +120,19 @@ def _remove_stale_socket(path: Path) -> None:
 
 
 async def _serve_connection(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, verbs: Verbs, emit: Emit
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, operator: Operator, operations: Operations, emit: Emit
 ) -> None:
-    def is_there() -> bool:
-        return not reader.at_eof()
+    asker = Asker(AT_CONTROL, lambda: not reader.at_eof())
 
     writer.transport.set_write_buffer_limits(0)  # `drain` waits until the kernel has the whole answer
     try:
         while line := await asyncio.wait_for(reader.readline(), PATIENCE):
-            async with aclosing(_answers(line, is_there, verbs, emit)) as answers:
+            async with aclosing(_answers(line, operator, asker, operations, emit)) as answers:
                 async for answer in answers:
                     writer.write(answer)
                     await asyncio.wait_for(writer.drain(), PATIENCE)
                     await asyncio.sleep(0)  # let other tasks run: nothing above waits while more requests are buffered
-                    if not is_there():
+                    if not asker.is_there():
                         break
     except (OSError, TimeoutError, ValueError):  # disconnected, idle for too long, or a line that is too long
         writer.transport.abort()
@@ -147,9 +140,11 @@ async def _serve_connection(
         writer.close()
 
 
-async def _answers(line: bytes, is_there: IsThere, verbs: Verbs, emit: Emit) -> AsyncGenerator[bytes, None]:
+async def _answers(
+    line: bytes, operator: Operator, asker: Asker, operations: Operations, emit: Emit
+) -> AsyncGenerator[bytes, None]:
     try:
-        async with aclosing(_run_verb(line, is_there, verbs)) as answers:
+        async with aclosing(carry_out(_request(line), operator, asker, operations)) as answers:
             async for answer in answers:
                 yield _line({"ok": True, **answer})
     except WrongQuestion as wrong:
@@ -159,26 +154,40 @@ async def _answers(line: bytes, is_there: IsThere, verbs: Verbs, emit: Emit) -> 
         yield _line(_refuse("a defect in the gateway; its log says more"))
 
 
-async def _run_verb(line: bytes, is_there: IsThere, verbs: Verbs) -> AsyncGenerator[dict[str, Any], None]:
-    """What a verb answers.
-
-    Raises:
-        WrongQuestion: there is no such verb, or it refuses the request.
-    """
+def _request(line: bytes) -> Mapping[str, Any]:
     try:
         request = json.loads(line)
     except (ValueError, RecursionError):
         raise WrongQuestion("this is not JSON") from None
-    verb = request.get("verb") if isinstance(request, dict) else None
-    if not isinstance(verb, str) or verb not in verbs:
-        raise WrongQuestion(f'"verb" must be one of {", ".join(verbs)}')
-    answers = verbs[verb](request, is_there)
-    if isinstance(answers, AsyncGenerator):
-        async with aclosing(answers):
+    return request if isinstance(request, dict) else {}
+
+
+async def carry_out(
+    request: Mapping[str, Any], operator: Operator, asker: Asker, operations: Operations = BY_NAME
+) -> AsyncGenerator[Mapping[str, Any], None]:
+    """Carry out one operation, and give its answers.
+
+    Raises:
+        WrongQuestion: there is no such operation, or it cannot be carried out.
+    """
+    verb = request.get("verb")
+    operation = operations.get(verb) if isinstance(verb, str) else None
+    if operation is None:
+        raise WrongQuestion(f'"verb" must be one of {", ".join(operations)}')
+    asked = read_parameters(operation.parameters, request)
+    if operation.is_repeated:
+        async with aclosing(operation.answers(operator, asked, asker)) as answers:
             async for answer in answers:
-                yield answer
+                yield _told(operation, answer)
     else:
-        yield await answers
+        yield _told(operation, await operation.answer(operator, asked, asker))
+
+
+def _told(operation: Operation[Any, Any], answer: object) -> Mapping[str, Any]:
+    if operation.key:
+        return {operation.key: answer}
+    told = fields_of(answer)
+    return {name: each for name, each in told.items() if each is not None} if operation.is_repeated else told
 
 
 def _refuse(why: str) -> dict[str, Any]:
@@ -186,11 +195,8 @@ def _refuse(why: str) -> dict[str, Any]:
 
 
 def _line(answer: Mapping[str, Any]) -> bytes:
-    return json.dumps({"version": __version__, **answer}, default=_fields).encode() + b"\n"
+    return json.dumps({"version": __version__, **answer}, default=_plain).encode() + b"\n"
 
 
-def _fields(value: Any) -> dict[str, Any] | str:
-    """A dataclass as its fields, for json: unlike `asdict` it copies nothing."""
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in fields(value)}
-    return str(value)
+def _plain(value: object) -> dict[str, Any] | str:
+    return fields_of(value) if is_dataclass(value) else str(value)

@@ -4,7 +4,6 @@ import asyncio
 import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -12,6 +11,7 @@ from gateway.errors import FleetError
 from gateway.events import Emit, PartFailed
 from gateway.fleet.headers import text_of
 from gateway.fleet.messages import Entry
+from gateway.fleet.status import SiteStatus
 
 if TYPE_CHECKING:
     from gateway.fleet.bucket import Bucket
@@ -28,25 +28,6 @@ _MOST_NAMES: Final = 100
 
 #: What a gateway says of itself: values that JSON has.
 Told = Mapping[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class SiteStatus:
-    """A site, as it said itself. Times are in seconds.
-
-    It is `up`, has `left`, or is `lost`: it has not renewed its entry. It is `silent` if this site asks its units and
-    does not hear it. That has been so `for_s` seconds. So many `lines` are up; `lines_down` are the names of those that
-    are not, and of other servers and sites that are not reached. It serves so many `units`.
-    """
-
-    site: str
-    state: Literal["up", "silent", "left", "lost"]
-    for_s: float
-    host: str
-    version: str
-    lines: int
-    lines_down: tuple[str, ...]
-    units: int
 
 
 class Presence:

@@ -1,54 +1,28 @@
 """What was measured of a device's response times, for an operator who looks for its timing table."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from gateway.config.plan.forecast import request_for
 from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
 from gateway.modbus.functions import TABLE_FUNCTIONS
+from gateway.operator.answers.measured import Measured, MeasuredRow
+from gateway.operator.operation import Asker
+from gateway.operator.operations import OneUnit
+from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
 from gateway.runtime.build import Gateway
 from gateway.runtime.parts import GatewayLine
 from gateway.timing.budget import Budget
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredRow:
-    """Normal responses of one function with the same number of items.
-
-    There were `count` since the start. `times_ms` are the last ones, oldest first: from the end of the request to the
-    beginning of the response, as it would have begun at the line's rate; `longest_ms` is the longest since the start.
-    `limit_ms` is the present limit, and `allowed_ms` the part of it that is for the device.
-    """
-
-    function: int
-    items: int
-    count: int
-    times_ms: tuple[float, ...]
-    longest_ms: float
-    limit_ms: float
-    allowed_ms: float
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """A device of a line, and how long its responses took."""
-
-    unit: int
-    name: str
-    source: str
-    profile: str
-    mode: str
-    baud: int
-    format: str
-    margin: float
-    timeout_ms: float
-    rows: tuple[MeasuredRow, ...]
+async def tell_times(operator: Operator, asked: OneUnit, _asker: Asker) -> Measured:
+    """Tell how long the responses of a device took, as `measured` does."""
+    return measured(operator.running.gateway, asked.unit)
 
 
 def measured(gateway: Gateway, wanted: object) -> Measured:
-    """The times of the device that has this number, or this name.
+    """Find the times of the device that has this number, or this name.
 
     A number is that of the device which every client can reach; else that on the first line where it is an address.
 

@@ -8,6 +8,7 @@ from gateway.modbus.ascii import END, START
 from gateway.modbus.rtu import with_crc
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
+from gateway.operator.answers.trace import TracedLine
 from gateway.trace.pcapng import Dissector, Packet
 
 Fact = Mapping[str, Any]
@@ -30,12 +31,12 @@ def packets(fact: Fact, modes: Mapping[str, str]) -> Iterator[Packet]:
         yield from _answered(fact)
 
 
-def description(line: Mapping[str, Any]) -> str:
+def description(line: TracedLine) -> str:
     """A line as the interface of a capture file is described, by what `service.trace.lines` tells of it."""
-    if line["mode"] == "tcp":
-        return f"Modbus TCP, {line['port']}"
-    as_rtu = ", shown as RTU" if line["mode"] == "ascii" else ""
-    return f"{line['port']}, {line['mode'].upper()} {line['baud']} {line['format']}{as_rtu}"
+    if line.mode == "tcp":
+        return f"Modbus TCP, {line.port}"
+    as_rtu = ", shown as RTU" if line.mode == "ascii" else ""
+    return f"{line.port}, {line.mode.upper()} {line.baud} {line.format}{as_rtu}"
 
 
 def wire_frame(unit: int, pdu: bytes, mode: str) -> bytes:

@@ -15,7 +15,8 @@ from gateway.config.problem import Problem
 from gateway.config.reading.masking import masked
 from gateway.errors import ConfigError
 from gateway.readconfig.process import READING_TIME, ConfigRead
-from gateway.runtime.reload import Outcome, Reloader, differences, need_restart
+from gateway.runtime.outcome import Outcome
+from gateway.runtime.reload import Reloader, differences, need_restart
 from gateway.runtime.running import Running
 
 #: This many lines of a comparison are shown, and this many characters of a file.

@@ -1,10 +1,12 @@
 """The verb `forget`: a device that changed its address or rate is again where the config says."""
 
-from dataclasses import dataclass
-
 from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
 from gateway.events import AddressMoved, BaudChanged, Emit
+from gateway.operator.answers.forgotten import Forgotten
+from gateway.operator.operation import Asker
+from gateway.operator.operations import OneDevice
+from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
 from gateway.runtime.build import Gateway
 from gateway.runtime.parts import GatewayLine
@@ -12,16 +14,9 @@ from gateway.runtime.parts import GatewayLine
 _ADVICE = "what was remembered is forgotten, so the config counts again"
 
 
-@dataclass(frozen=True, slots=True)
-class Forgotten:
-    """A device, and what the config says of it and of its line. It was expected at one of the units in `was_at`."""
-
-    line: str
-    device: str
-    unit: int
-    was_at: tuple[int, ...]
-    baud: int
-    was_baud: int
+async def forget_device(operator: Operator, asked: OneDevice, _asker: Asker) -> Forgotten:
+    """Forget the address and the rate of a device, as `forget` does."""
+    return forget(operator.running.gateway, asked.device, operator.running.emit)
 
 
 def forget(gateway: Gateway, wanted: object, emit: Emit) -> Forgotten:

@@ -12,11 +12,11 @@ from typing import Final
 from gateway import __version__
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
+from gateway.fleet.status import FleetStatus
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
 from gateway.observe.metrics import Family, Spread
-from gateway.runtime.fleet import FleetStatus
+from gateway.plant.status import BrokerStatus
 from gateway.runtime.parts import GatewayLine, GatewayUpstream
-from gateway.runtime.publishing import BrokerStatus
 from gateway.runtime.running import Running
 from gateway.timing.histogram import Histogram
 from gateway.tls.store import TlsStore

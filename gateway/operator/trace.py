@@ -9,17 +9,21 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from ipaddress import ip_address
 from typing import Any, Final
 
 from gateway.errors import RequestError, WrongQuestion
+from gateway.operator.answers.trace import Fact, Stories, TracedLine, TracePage
+from gateway.operator.operation import Asker
+from gateway.operator.operations import ToExplain, Traced
+from gateway.operator.operator import Operator
 from gateway.operator.unit_names import UnitNames
 from gateway.operator.units import find_unit
 from gateway.ports.port import SiteSettings
 from gateway.runtime.build import Gateway
 from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.trace.records import (
-    MOST_STORIES,
     RESULTS,
     Answered,
     Heard,
@@ -43,7 +47,6 @@ _CONSEQUENCES: Final = ("overdue", "resting")
 
 _OFF: Final = 'nothing is kept: [trace] ring is "0"; set it to "4 MiB", then modbus-gateway reload'
 
-Fact = dict[str, Any]
 Clock = tuple[float, float]
 """The time of the event loop, and that of the day, at the same moment."""
 Tell = Callable[[Record, Clock, UnitNames], Any]
@@ -55,49 +58,59 @@ def clocks() -> Clock:
     return asyncio.get_running_loop().time(), time.time()
 
 
+async def tell_page(operator: Operator, asked: Traced, _asker: Asker) -> TracePage:
+    """Tell facts from the ring, as `page` does, and the lines to whoever asks for them."""
+    gateway = operator.running.gateway
+    found = page(gateway, asked, clocks())
+    return replace(found, lines=lines(gateway)) if asked.lines else found
+
+
+async def tell_stories(operator: Operator, asked: ToExplain, _asker: Asker) -> Stories:
+    """Tell why requests failed, as `stories` does."""
+    return stories(operator.running.gateway, asked, clocks())
+
+
 def page(
     gateway: Gateway,
-    question: Mapping[str, Any],
+    asked: Traced,
     clock: Clock,
     tell: Tell | None = None,
     choose: Choose = lambda records: records,
-) -> dict[str, Any]:
-    """The facts from number `after` on; or those of the last `since` seconds, or the last few: as many as one step has.
+) -> TracePage:
+    """Tell as many facts as one step has: of the records that are `asked` for, and that `choose` leaves of them.
 
-    `line`, `unit` (number or name), `function`, `client` and `result` choose among them, and then `choose` does. `next`
-    is the number to ask for next, `missed` is how many records before were gone already, and `is_all` says that there
-    are no more at the moment. `tell` makes of a record what stands in place of its fact.
+    `tell` makes of a record what stands in place of its fact.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
     ring = gateway.ring
-    is_wanted = wanted(gateway, question)
-    number = _number(gateway, question, clock)
+    is_wanted = wanted(gateway, asked)
+    number = _number(gateway, asked, clock)
     records = ring.after(number)
     following = max(number, ring.first) + len(records)
     begins_at = ring.begins_at
     names = UnitNames(gateway.plan)
     chosen = choose([record for record in records if is_wanted(record)])
-    return {
-        "facts": [(tell or fact)(record, clock, names) for record in chosen],
-        "next": following,
-        "missed": max(0, ring.first - number),
-        "is_all": following == ring.added,
-        "reaches_back_s": 0.0 if begins_at is None else round(clock[0] - begins_at, 3),
-    }
+    return TracePage(
+        facts=[(tell or fact)(record, clock, names) for record in chosen],
+        next=following,
+        missed=max(0, ring.first - number),
+        is_all=following == ring.added,
+        reaches_back_s=0.0 if begins_at is None else round(clock[0] - begins_at, 3),
+    )
 
 
-def wanted(gateway: Gateway, question: Mapping[str, Any]) -> Callable[[Record], bool]:
-    """Whether a record is among those that `line`, `unit`, `function`, `client` and `result` choose.
+def wanted(gateway: Gateway, asked: Traced) -> Callable[[Record], bool]:
+    """Make what tells whether a record is among those that are `asked` for.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
     if not gateway.ring.is_on:
         raise WrongQuestion(_OFF)
-    is_there = _filter(gateway, question.get("line"), question.get("unit"))
-    function, client, result = (question.get(name) for name in ("function", "client", "result"))
+    is_there = _filter(gateway, asked.line, asked.unit)
+    function, client, result = asked.function, asked.client, asked.result
     if result is not None and result not in RESULTS:
         raise WrongQuestion(f'there is no result "{result}"; there are {", ".join(RESULTS)}')
 
@@ -113,43 +126,43 @@ def wanted(gateway: Gateway, question: Mapping[str, Any]) -> Callable[[Record], 
 
 
 def stories(
-    gateway: Gateway, question: Mapping[str, Any], clock: Clock, is_seen: Callable[[Record], bool] = lambda _: True
-) -> dict[str, Any]:
-    """The last `count` requests that failed, newest first, of `who`: a unit by number or name, a line, or a client.
-
-    A client is called by its name or its address. Records that are not `is_seen` by the reader are left out.
+    gateway: Gateway, asked: ToExplain, clock: Clock, is_seen: Callable[[Record], bool] = lambda _: True
+) -> Stories:
+    """Tell the last requests that failed, newest first. Records that are not `is_seen` by the reader are left out.
 
     Raises:
         WrongQuestion: nothing is kept, or there is nobody like that.
     """
     if not gateway.ring.is_on:
         raise WrongQuestion(_OFF)
-    who, count = question.get("who"), question.get("count", 5)
-    if not isinstance(who, str) or not who:
-        raise WrongQuestion('"who" must be a unit, or a client such as "10.2.0.7"')
-    if not isinstance(count, int) or not 1 <= count <= MOST_STORIES:
-        raise WrongQuestion(f'"count" must be 1 to {MOST_STORIES}')
-    is_wanted = _filter(gateway, question.get("line"), None)
     names = UnitNames(gateway.plan)
-    try:
-        unit = find_unit(gateway.plan, int(who) if who.isdecimal() and len(who) <= _DIGITS else who)
-        is_his = names.is_of(unit)
-    except WrongQuestion:
-        unit = None
-        if any(each["name"] == who for each in lines(gateway)):
-            is_his = _is_of_line(gateway, who)
-        elif _is_client(gateway, who):
-            is_his = _asked_by_any(who)
-        else:
-            raise
+    unit, is_his = _of_whom(gateway, asked.who, names)
+    is_wanted = _filter(gateway, asked.line, None)
     found = []
     for record in gateway.ring.failures():
         if is_his(record) and is_wanted(record) and is_seen(record):
             found.append(_story(gateway, record, clock, names))
-            if len(found) == count:
+            if len(found) == asked.count:
                 break
     clients = sorted({each for record in gateway.ring.failures() for each in _clients(record)})
-    return {"stories": found, "unit": unit, "clients_that_failed": clients[:20]}
+    return Stories(found, unit, clients[:20])
+
+
+def _of_whom(gateway: Gateway, who: str, names: UnitNames) -> tuple[int | None, Callable[[Record], bool]]:
+    """Find which unit is meant, if it is one, and what tells whether a record is of it, of the line, or the client.
+
+    Raises:
+        WrongQuestion: there is nobody like that.
+    """
+    try:
+        unit = find_unit(gateway.plan, int(who) if who.isdecimal() and len(who) <= _DIGITS else who)
+    except WrongQuestion:
+        if any(each.name == who for each in lines(gateway)):
+            return None, _is_of_line(gateway, who)
+        if _is_client(gateway, who):
+            return None, _asked_by_any(who)
+        raise
+    return unit, names.is_of(unit)
 
 
 def causes(
@@ -202,14 +215,11 @@ def fact(record: Record, clock: Clock, names: UnitNames) -> Fact:
     return told | tell(record, clock)
 
 
-def lines(gateway: Gateway) -> list[dict[str, Any]]:
-    """The lines and upstreams that facts may name."""
+def lines(gateway: Gateway) -> tuple[TracedLine, ...]:
+    """List the lines and upstreams that facts may name."""
     on_wire = [(each.name, each.plan.line.timing, each.plan.port.port) for each in _serial(gateway)]
-    told = [
-        {"name": name, "mode": timing.mode, "baud": timing.baud, "format": str(timing.format), "port": port}
-        for name, timing, port in on_wire
-    ]
-    return told + [{"name": each.name, "mode": "tcp", "port": each.plan.port.port} for each in gateway.upstreams]
+    told = [TracedLine(name, timing.mode, port, timing.baud, str(timing.format)) for name, timing, port in on_wire]
+    return (*told, *(TracedLine(each.name, "tcp", each.plan.port.port) for each in gateway.upstreams))
 
 
 def _site(upstream: GatewayUpstream) -> str:
@@ -221,18 +231,17 @@ def _serial(gateway: Gateway) -> tuple[GatewayLine | GatewayServer, ...]:
     return (*gateway.lines, *gateway.servers)
 
 
-def _number(gateway: Gateway, question: Mapping[str, Any], clock: Clock) -> int:
+def _number(gateway: Gateway, asked: Traced, clock: Clock) -> int:
     ring = gateway.ring
-    after, since = question.get("after"), question.get("since")
-    if isinstance(after, int) and not isinstance(after, bool):
-        return min(after, ring.added)
-    if isinstance(since, int | float) and not isinstance(since, bool):
-        return ring.number_at(clock[0] - since)
+    if asked.after is not None:
+        return min(asked.after, ring.added)
+    if asked.since is not None:
+        return ring.number_at(clock[0] - asked.since)
     return max(ring.first, ring.added - TAIL)
 
 
 def _filter(gateway: Gateway, line: object, unit: object) -> Callable[[Record], bool]:
-    known = [each["name"] for each in lines(gateway)]
+    known = [each.name for each in lines(gateway)]
     if line is not None and line not in known:
         raise WrongQuestion(f'there is no line "{line}"; there are {", ".join(known)}')
     if unit is None:
@@ -292,7 +301,7 @@ def _story(gateway: Gateway, record: Record, clock: Clock, names: UnitNames) -> 
         behind = [(each.unit, names.of(each)) for each in others]
         told["behind"] = [{"unit": unit, "name": name} for unit, name in dict.fromkeys(behind)]
         told["behind_count"] = len(behind)
-    told["mode"] = next((each["mode"] for each in lines(gateway) if each["name"] == record.line), "")
+    told["mode"] = next((each.mode for each in lines(gateway) if each.name == record.line), "")
     told["site"] = next((_site(each) for each in gateway.upstreams if each.name == record.line), "")
     trouble = next((part.reconnector.error for part in gateway.parts if part.name == record.line), None)
     told["line_trouble"] = "" if trouble is None else str(trouble)

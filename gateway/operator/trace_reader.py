@@ -4,16 +4,19 @@ import asyncio
 import json
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
-from typing import Any, Final
+from dataclasses import replace
+from typing import Final
 
 from gateway import __version__
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READING_FUNCTIONS
+from gateway.operator.answers.trace import Fact, TracePage
 from gateway.operator.capture import description, packets
+from gateway.operator.operations import Traced
 from gateway.operator.sampling import Sample
-from gateway.operator.trace import Clock, Fact, clocks, fact, lines, page, wanted
+from gateway.operator.trace import Clock, clocks, fact, lines, page, wanted
 from gateway.operator.unit_names import UnitNames
 from gateway.routing.access import READING, Right
 from gateway.runtime.build import Gateway
@@ -30,12 +33,9 @@ _MOST_TEXTS: Final = 1024
 #: The PDUs and bytes in facts: None where a reader may not see them.
 _VALUES: Final = ("request", "response", "heard", "frame")
 
-#: What chooses among the records.
-_CHOICES: Final = ("line", "unit", "function", "client", "result")
 #: At most this many records are searched for the latest ones.
 MOST_LOOKED_AT: Final = 20_000
 
-Query = Mapping[str, Any]
 MaySee = Callable[[Record], bool]
 
 
@@ -61,25 +61,26 @@ class Texts:
 class TraceReader:
     """What happens, for one reader at the address `host`: facts as JSON, and the time each second.
 
-    If the question says how many `per_second`, it tells with the time how many others there were. It is lost when what
+    With so many `per_second` it tells with the time how many others there were. It is lost when what
     it asked for is there no longer: the ring, its line or its unit.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
 
-    def __init__(self, gateway: Callable[[], Gateway], question: Query, host: str, texts: Texts) -> None:
+    def __init__(
+        self, gateway: Callable[[], Gateway], asked: Traced, host: str, texts: Texts, per_second: int | None = None
+    ) -> None:
         self.is_lost = False
         self._gateway = gateway
-        self._chosen = _choices(question)
-        per_second = question.get("per_second")
+        self._asked = asked
         self._sample = None if per_second is None else Sample(per_second, asyncio.get_running_loop().time())
         self._host = host
         self._texts = texts
         self._told_at = 0.0
         self._after = 0
         self._is_up_to_date = False
-        self._first = self._fetch({"since": question.get("seconds", 0)})
+        self._first = self._fetch(asked)
 
     async def next(self, patience: float) -> Sequence[str]:
         """What has happened since the last call; none if nothing has within `patience` seconds."""
@@ -89,13 +90,13 @@ class TraceReader:
         while not found and loop.time() < until:
             await asyncio.sleep(_STEP if self._is_up_to_date else _MORE)
             try:
-                found = self._fetch({"after": self._after})
+                found = self._fetch(replace(self._asked, after=self._after))
             except WrongQuestion:
                 self.is_lost = True
                 return []
         return found
 
-    def _fetch(self, place: Query) -> list[str]:
+    def _fetch(self, asked: Traced) -> list[str]:
         gateway, clock = self._gateway(), clocks()
         may_see = what_is_seen(gateway, self._host)
 
@@ -104,12 +105,12 @@ class TraceReader:
                 return self._texts.of(record, clock, names)
             return json.dumps(without_values(fact(record, clock, names)), ensure_ascii=False)
 
-        found = page(gateway, {**self._chosen, **place}, clock, tell, self._choose)
-        self._after, self._is_up_to_date = found["next"], found["is_all"]
-        told: list[str] = found["facts"]
-        if found["missed"] and "after" in place:
-            told.insert(0, json.dumps({"kind": "missed", "time": round(clock[1], 6), "count": found["missed"]}))
-        if found["is_all"] and clock[0] - self._told_at >= _CLOCK_EVERY:
+        found = page(gateway, asked, clock, tell, self._choose)
+        self._after, self._is_up_to_date = found.next, found.is_all
+        told = list(found.facts)
+        if found.missed and asked.after is not None:
+            told.insert(0, json.dumps({"kind": "missed", "time": round(clock[1], 6), "count": found.missed}))
+        if found.is_all and clock[0] - self._told_at >= _CLOCK_EVERY:
             self._told_at = clock[0]
             told.append(json.dumps({"kind": "clock", "time": round(clock[1], 6), **self._left_out()}))
         return told
@@ -121,16 +122,16 @@ class TraceReader:
         return {} if self._sample is None else {"left_out": self._sample.taken()}
 
 
-async def latest(gateway: Gateway, question: Query, host: str, most: int) -> Sequence[Fact]:
+async def latest(gateway: Gateway, asked: Traced, host: str, most: int) -> Sequence[Fact]:
     """The last facts, the newest first, as a reader at the address `host` may see them: `most` at most.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
-    clock, is_wanted, may_see = clocks(), wanted(gateway, question), what_is_seen(gateway, host)
+    clock, is_wanted, may_see = clocks(), wanted(gateway, asked), what_is_seen(gateway, host)
     names = UnitNames(gateway.plan)
     found: list[Fact] = []
-    for records in _newest_first(gateway.ring, only_failures=question.get("result") in FAILURES):
+    for records in _newest_first(gateway.ring, only_failures=asked.result in FAILURES):
         for record in records:
             if is_wanted(record) and len(found) < most:
                 told = fact(record, clock, names)
@@ -155,43 +156,39 @@ def _newest_first(ring: Ring, *, only_failures: bool) -> Iterator[Sequence[Recor
         number = begin
 
 
-async def capture(gateway_now: Callable[[], Gateway], question: Query, host: str) -> AsyncIterator[bytes]:
-    """A capture file of what the ring has of the last `seconds`, part by part: each with the rights of its moment.
+async def capture(gateway_now: Callable[[], Gateway], asked: Traced, host: str) -> AsyncIterator[bytes]:
+    """Make a capture file of what is `asked` for, part by part: each with the rights of its moment.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
     loop, gateway = asyncio.get_running_loop(), gateway_now()
     told = lines(gateway)
-    modes = {line["name"]: line["mode"] for line in told}
-    descriptions = {line["name"]: description(line) for line in told}
-    writer, chosen = Writer(f"modbus-gateway {__version__}"), _choices(question)
+    modes = {line.name: line.mode for line in told}
+    descriptions = {line.name: description(line) for line in told}
+    writer = Writer(f"modbus-gateway {__version__}")
 
-    def fetch(place: Query) -> dict[str, Any]:
+    def fetch(asked: Traced) -> TracePage:
         gateway = gateway_now()
         may_see = what_is_seen(gateway, host)
 
         def tell(record: Record, clock: Clock, names: UnitNames) -> Fact | None:
             return fact(record, clock, names) if may_see(record) else None
 
-        return page(gateway, {**chosen, **place}, clocks(), tell)
+        return page(gateway, asked, clocks(), tell)
 
     def written(facts: Sequence[Fact | None]) -> bytes:
         frames = (packet for each in facts if each is not None for packet in packets(each, modes))
         return b"".join(writer.interface(each.line, descriptions[each.line]) + writer.packet(each) for each in frames)
 
     end = gateway.ring.added
-    found = fetch({"since": question.get("seconds", 0)})
+    found = fetch(asked)
     yield writer.head()
     while True:
-        yield await loop.run_in_executor(ThreadPerCall("web capture"), written, found["facts"])
-        if found["next"] >= end:
+        yield await loop.run_in_executor(ThreadPerCall("web capture"), written, found.facts)
+        if found.next >= end:
             return
-        found = fetch({"after": found["next"]})
-
-
-def _choices(question: Query) -> Query:
-    return {name: question[name] for name in _CHOICES if question.get(name) is not None}
+        found = fetch(replace(asked, after=found.next))
 
 
 def may_see_all(gateway: Gateway, host: str) -> bool:

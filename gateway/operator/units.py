@@ -1,121 +1,29 @@
-"""What an operator asks of units, at the control socket or over HTTP: requests, and what a unit is."""
+"""Units as clients have to know them, and which one is meant by a number or a name."""
 
-import asyncio
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 from gateway.config.plan.plan import Plan
 from gateway.config.problem import did_you_mean
-from gateway.config.reserved import CONTROL
-from gateway.errors import LineDown, RequestError, WrongQuestion
+from gateway.errors import WrongQuestion
 from gateway.images.image import ImageSettings
-from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, MAX_PDU, FunctionCode
-from gateway.modbus.functions import only_reads
-from gateway.operator.frames import frames_of
-from gateway.ports.port import SiteSettings
-from gateway.profiles.point import Point
-from gateway.profiles.profile import Profile, Range
-from gateway.request import Caller, Request
-from gateway.routing.router import Router
+from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, FunctionCode
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.operation import Asker
+from gateway.operator.operations import OneUnit
+from gateway.operator.operator import Operator
+from gateway.profiles.profile import Profile
 from gateway.runtime.build import Gateway
 from gateway.runtime.parts import GatewayLine, GatewayUpstream
 
 
-@dataclass(frozen=True, slots=True)
-class UnitPicture:
-    """A unit for clients: what answers for it, what it accepts, and its points.
-
-    A response takes `longest_wait_ms` at most; 0 for a unit that the gateway answers itself.
-    """
-
-    unit: int
-    name: str
-    kind: str
-    profile: str
-    functions: tuple[int, ...] | None
-    limits: Mapping[int, int]
-    areas: Mapping[str, tuple[Range, ...]]
-    longest_wait_ms: float
-    points: tuple[Point, ...]
-
-
-#: Whether who asks is still there.
-IsThere = Callable[[], bool]
-
-#: The operators at the control socket.
-AT_CONTROL: Final = Caller.without_address(CONTROL)
-
-
-class AwaitedOrigin:
-    """The Origin of one request of an operator. `outcome` is its error, if any, and its response."""
-
-    def __init__(self, is_there: Callable[[], bool], caller: Caller = AT_CONTROL) -> None:
-        """`is_there` tells whether the operator is still connected."""
-        self.caller = caller
-        self.outcome: asyncio.Future[tuple[RequestError | None, bytes | None]] = (
-            asyncio.get_running_loop().create_future()
-        )
-        self._is_there = is_there
-
-    def wants(self, request: Request) -> bool:
-        """Whether the request should still be sent: only while the client is connected."""
-        return not self.outcome.done() and (only_reads(request.pdu) or self._is_there())
-
-    def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the response."""
-        if not self.outcome.done():
-            self.outcome.set_result((request.error, pdu))
-
-
-class Done(NamedTuple):
-    """What became of a request: its response, its start, how long it took, and the gateway's error if there is one."""
-
-    pdu: bytes | None
-    started: float
-    elapsed_ms: float
-    error: RequestError | None
-
-
-async def ask(gateway: Gateway, question: Mapping[str, Any], is_there: Callable[[], bool]) -> dict[str, Any]:
-    """Send a request like one of any client, with rights, queue and limits: `unit` (number or name) and `pdu` (hex).
-
-    The answer has the response PDU; for an exception from the gateway itself, `result` and `reason` say why.
-    `sent` and `received` are the frames on the line, if there were any.
+async def tell_unit(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitPicture:
+    """Describe the unit with this number or name.
 
     Raises:
-        WrongQuestion: there is no such unit, or `pdu` is not a PDU.
+        WrongQuestion: there is none.
     """
-    unit, pdu = find_unit(gateway.plan, question.get("unit")), _pdu(question.get("pdu"))
-    done = await send(gateway.control, unit, pdu, AwaitedOrigin(is_there))
-    answer = {
-        "unit": unit,
-        "pdu": None if done.pdu is None else done.pdu.hex(" ").upper(),
-        "elapsed_ms": done.elapsed_ms,
-    }
-    answer |= frames_of(gateway, CONTROL, pdu, done.started)
-    if done.error is None:
-        return answer
-    reason = _missing_site(gateway, unit) if isinstance(done.error, LineDown) else str(done.error)
-    return {**answer, "result": done.error.result, "reason": reason}
-
-
-def _missing_site(gateway: Gateway, unit: int) -> str:
-    """Why the site that has a unit cannot be reached; empty if it can, or if the unit is of this site."""
-    for upstream in gateway.upstreams:
-        trouble = upstream.reconnector.error
-        if unit in upstream.devices and trouble is not None and isinstance(upstream.plan.port, SiteSettings):
-            return f"{trouble}; modbus-gateway status --fleet shows the sites"
-    return ""
-
-
-async def send(router: Router, unit: int, pdu: bytes, question: AwaitedOrigin) -> Done:
-    """Send a request through `router`, and wait for what becomes of it."""
-    now = asyncio.get_running_loop().time
-    started = now()
-    router.submit(Request(unit, pdu, question, started), started)
-    error, response = await question.outcome
-    return Done(response, started, round((now() - started) * 1000, 1), error)
+    return picture(operator.running.gateway, asked.unit)
 
 
 def picture(gateway: Gateway, wanted: object) -> UnitPicture:
@@ -225,13 +133,3 @@ def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> Un
         longest_wait_ms=round(longest.get(found.name, 0.0) * 1000, 1),
         points=gateway.plan.points.get(found.unit, ()),
     )
-
-
-def _pdu(text: object) -> bytes:
-    try:
-        pdu = bytes.fromhex(text) if isinstance(text, str) else b""
-    except ValueError:
-        pdu = b""
-    if not 1 <= len(pdu) <= MAX_PDU:
-        raise WrongQuestion(f'"pdu" must be 1 to {MAX_PDU} bytes in hexadecimal, such as "03 00 00 00 02"')
-    return pdu

@@ -3,7 +3,6 @@
 import asyncio
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import inf
 from typing import Final
@@ -11,25 +10,13 @@ from typing import Final
 from gateway.diagnosis.finding import Finding
 from gateway.events import CertificateExpires, Emit
 from gateway.tls.contexts import find_too_early
+from gateway.tls.status import CertificateStatus
 from gateway.tls.store import TlsStore
 
 #: From how many days before its end on it is said, once a day. It is looked for every hour: a reload may bring others.
 EARLY: Final = 30.0
 STEP: Final = 3600.0
 DAY: Final = 86_400.0
-
-
-@dataclass(frozen=True, slots=True)
-class CertificateStatus:
-    """A file that is valid for `days_left`, until the date `until`. The table `used_by` names it by `key`."""
-
-    used_by: str
-    source: str
-    key: str
-    file: str
-    subject: str
-    until: str
-    days_left: float
 
 
 def certificates(contexts: TlsStore, now: float) -> Iterator[CertificateStatus]:

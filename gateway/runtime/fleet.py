@@ -5,15 +5,16 @@ import os
 import time
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 from gateway import events
 from gateway.config.plan.plan import FleetPlan
 from gateway.errors import FleetError, PortError
 from gateway.fleet.counts import LostMessages, OwnerCounts
 from gateway.fleet.settings import Login, Server
+from gateway.fleet.status import FleetStatus
 from gateway.ports.port import OpenPort, Port, PortUser
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password, read_secret
@@ -25,42 +26,14 @@ if TYPE_CHECKING:
     from gateway.fleet.bucket import Bucket
     from gateway.fleet.exchange import Exchange
     from gateway.fleet.link import Link
-    from gateway.fleet.presence import Presence, SiteStatus
+    from gateway.fleet.presence import Presence
     from gateway.fleet.serving import Serving
+    from gateway.fleet.status import SiteStatus
 
 #: How long each step of leaving may take, in seconds.
 _LEAVING_TIME: Final = 1.0
 #: The name of this process for deadlines.
 _INSTANCE: Final = os.urandom(6).hex()
-
-
-@dataclass(frozen=True, slots=True)
-class FleetStatus:
-    """The connection to NATS. `reason` says why there is none, `unseen` why others do not see this site.
-
-    It has been down for `down_ms`; None if it is up. Of `requests` from other sites, so many got `responses`; `busy`
-    ones were too many at once, `expired` ones too late to be sent, `refused` ones for no gateway, or in a circle.
-    `dropped` ones came with a subject that NATS should not have let through, the last one `last_dropped_ms` ago. Of
-    messages, so many were `unreadable`, or `overflowed` a queue: these were not delivered.
-    """
-
-    server: str
-    source: str
-    site: str
-    state: Literal["up", "down"]
-    reason: str
-    unseen: str
-    down_ms: float | None
-    attempts: int
-    requests: int
-    responses: int
-    busy: int
-    expired: int
-    refused: int
-    dropped: int
-    unreadable: int
-    overflowed: int
-    last_dropped_ms: float | None = None
 
 
 class Fleet:

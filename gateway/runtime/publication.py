@@ -21,12 +21,12 @@ from gateway.plant.plain import PlainForm
 from gateway.plant.polls import PolledTarget
 from gateway.plant.publisher import PublisherSettings
 from gateway.plant.sparkplug import Sparkplug
+from gateway.plant.status import BrokerStatus
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password
 from gateway.request import Request, Target
 from gateway.runtime.announcing import Announcing
 from gateway.runtime.parts import GatewayLine, GatewayUpstream
-from gateway.runtime.publishing import BrokerStatus
 from gateway.tls.contexts import load
 from gateway.tls.store import TlsStore
 

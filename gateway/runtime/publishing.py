@@ -4,11 +4,11 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from gateway import events
+from gateway.plant.status import BrokerStatus
 from gateway.runtime.announced import AnnouncedDevices
 from gateway.tls.store import TlsStore
 
@@ -16,38 +16,6 @@ if TYPE_CHECKING:
     from gateway.plant.commands import CarriedOut
     from gateway.runtime.build import Gateway
     from gateway.runtime.publication import Publication
-
-
-@dataclass(frozen=True, slots=True)
-class BrokerStatus:
-    """The broker at which values are published. `reason` says why nothing is published; it is empty when all is well.
-
-    `unsteady` says why connections were lost, each soon after it was made; it is empty once one has held for a minute.
-
-    `down_ms`: nothing has been published for so long; None when all is well, or the library is missing. `version` is
-    that of MQTT. Of `devices`, so many `available` ones answer. `messages` were confirmed by the broker, and
-    `refused_messages` were not, the last one `last_refused_ms` ago. `polls` is how often points were read, and
-    `failed_polls` how often in vain.
-    """
-
-    broker: str
-    source: str
-    state: Literal["up", "down"]
-    reason: str
-    down_ms: float | None
-    version: str
-    attempts: int
-    devices: int
-    available: int
-    points: int
-    messages: int
-    refused_messages: int
-    commands: int
-    refused_commands: int
-    polls: int
-    failed_polls: int
-    last_refused_ms: float | None = None
-    unsteady: str = ""
 
 
 class Publishing:

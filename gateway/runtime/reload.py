@@ -14,6 +14,7 @@ from gateway.errors import ConfigError, ListenError, StateError, TlsError
 from gateway.readconfig.process import READING_TIME, ReadConfig, read_config
 from gateway.runtime import garbage
 from gateway.runtime.build import Gateway
+from gateway.runtime.outcome import Outcome
 from gateway.runtime.running import Running
 from gateway.runtime.summary import summary
 from gateway.tls.contexts import Loaded as LoadedTls
@@ -22,23 +23,6 @@ from gateway.tls.store import TlsStore, find_warnings, load_all
 
 #: How long reading what images keep, or certificates, may take, in seconds. The client waits for 50 s.
 LOADING_TIME: Final = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """The result of a reload: `problems` if the file was rejected, else the changed tables.
-
-    `restart` are changes that apply after a restart; `warnings` are those of `check`. `defect` is an error that
-    occurred after the new config was in use.
-    """
-
-    problems: tuple[str, ...] = ()
-    added: tuple[str, ...] = ()
-    removed: tuple[str, ...] = ()
-    changed: tuple[str, ...] = ()
-    restart: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    defect: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,13 +13,13 @@ from gateway.clock.exact_loop import run_exactly
 from gateway.config.plan.plan import Plan, WebPlan
 from gateway.control.path import control_path, usual_path_leads
 from gateway.control.server import control_open
-from gateway.control.verbs import verbs
 from gateway.errors import ListenError, StateError, TlsError
 from gateway.images.drivers.store import Store
 from gateway.listeners.sockets import OpenSockets
 from gateway.observe.fan_out import FanOut
 from gateway.observe.journal import leads_to_journal
 from gateway.observe.log import open_log
+from gateway.operator.operator import Operator
 from gateway.ports.opener import make_opener
 from gateway.readconfig.process import ConfigRead
 from gateway.runtime import garbage
@@ -135,7 +135,7 @@ async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_ou
     loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop, hang_up)
     pages = _web_pages(plan.web, running, reloader, fan_out, contexts, state.folder)
     with usual_path_leads(control_path(source.file), control):
-        async with control_open(control, verbs(running, reloader), emit):
+        async with control_open(control, Operator(running, reloader), emit):
             garbage.settle()
             await serve(running, stop, systemd, reloader, pages)
 

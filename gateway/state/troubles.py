@@ -2,24 +2,15 @@
 
 import asyncio
 import os
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 from gateway.clock.threads import ThreadPerCall
 from gateway.events import Emit, Event, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.state.status import StateFileStatus
 
 #: How often the folder is looked at, in seconds: when the system finds errors on a disk, it may stop all writing there.
 LOOK_EVERY: Final = 60.0
-
-
-@dataclass(frozen=True, slots=True)
-class StateFileStatus:
-    """A file of the state folder, or the folder, that cannot be written; or a file that was damaged at the start."""
-
-    file: str
-    state: Literal["not written", "damaged"]
-    reason: str
 
 
 class StateTroubles:

@@ -6,9 +6,9 @@ have its rights. At most READS_AHEAD of them are under way, so another client wa
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncGenerator, Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Final, NamedTuple
+from collections.abc import AsyncGenerator, Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 from gateway.config.plan.line_load import a_read, time_of
 from gateway.config.plan.plan import LinePlan, Plan
@@ -18,7 +18,12 @@ from gateway.lines.breaker import FAILURES
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
-from gateway.operator.units import AwaitedOrigin, find_line, find_unit
+from gateway.operator.answers.bench import BenchProgress, BenchRead, BenchResult, BenchStep
+from gateway.operator.operation import Asker, IsThere
+from gateway.operator.operations import ToMeasure
+from gateway.operator.operator import Operator
+from gateway.operator.requests import AwaitedOrigin
+from gateway.operator.units import find_line, find_unit
 from gateway.profiles.batches import batches
 from gateway.registers.items import read_request
 from gateway.request import Request
@@ -27,11 +32,6 @@ from gateway.runtime.running import Running
 
 #: One is on the line, and the next one waits.
 READS_AHEAD: Final = 2
-#: The longest measurement, and the usual one, in seconds.
-LONGEST: Final = 3600.0
-USUAL: Final = 60.0
-#: How many items a read has when nobody says it.
-USUAL_ITEMS: Final = 10
 #: After this many failures in a row a unit is no longer read: after one more it would rest, for clients too.
 MOST_FAILURES: Final = FAILURES - 1
 _NOT_ANSWERED: Final = ("timeout", "bad_frame", "ambiguous")
@@ -39,46 +39,6 @@ _NOT_ANSWERED: Final = ("timeout", "bad_frame", "ambiguous")
 _STEP: Final = 1.0
 #: How long after a read that failed the next one follows, in seconds: a line that is down refuses at once.
 _PAUSE: Final = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class BenchRead:
-    """What is read of one unit, and how long that takes the line by arithmetic."""
-
-    unit: int
-    name: str
-    area: str
-    address: int
-    items: int
-    line_time_ms: float
-    answer_time_known: bool
-
-
-@dataclass(slots=True)
-class BenchResult:
-    """What a line carried in `seconds`: reads by what became of them.
-
-    `others` are the frames that it carried for other clients meanwhile. Both rates are reads in a second; the
-    arithmetic takes a line that carries nothing else, and is None if nothing takes any time there. Units that rest, or
-    came to rest meanwhile, were `left_out`.
-    """
-
-    line: str
-    reads: tuple[BenchRead, ...]
-    seconds: float = 0.0
-    answered: int = 0
-    exceptions: int = 0
-    failed: int = 0
-    others: int = 0
-    busy_share: float = 0.0
-    last_failure: str = ""
-    left_out: list[str] = field(default_factory=list)
-    expected_per_second: float | None = field(init=False)
-    measured_per_second: float = 0.0
-
-    def __post_init__(self) -> None:
-        time = sum(one.line_time_ms for one in self.reads)
-        self.expected_per_second = round(1000 * len(self.reads) / time, 3) if time else None
 
 
 @dataclass(slots=True, eq=False)
@@ -97,19 +57,23 @@ class _Read:
         return self.failures + self.under_way < MOST_FAILURES
 
 
-async def bench_in_steps(
-    running: Running, question: Mapping[str, Any], is_there: Callable[[], bool]
-) -> AsyncGenerator[dict[str, Any], None]:
-    """The result of `bench`; if the question wants `progress`, how far it is comes before it again and again."""
+async def measure(operator: Operator, asked: ToMeasure, asker: Asker) -> AsyncGenerator[BenchStep, None]:
+    """Measure a line, and tell how far the measurement is to whoever wants to know its progress.
+
+    Raises:
+        WrongQuestion: as `bench`.
+    """
+    await operator.running.settled()
     begun: list[BenchResult] = []
     now = asyncio.get_running_loop().time
-    began, measuring = now(), asyncio.create_task(bench(running, question, is_there, begun.append), name="bench")
+    began = now()
+    measuring = asyncio.create_task(bench(operator.running, asked, asker.is_there, begun.append), name="bench")
     try:
         while not (await asyncio.wait((measuring,), timeout=_STEP))[0]:
-            if question.get("progress"):
+            if asked.progress:
                 reads = sum(each.answered + each.exceptions + each.failed for each in begun)
-                yield {"progress": {"elapsed_s": round(now() - began, 1), "reads": reads}}
-        yield {"bench": measuring.result()}
+                yield BenchStep(progress=BenchProgress(round(now() - began, 1), reads))
+        yield BenchStep(bench=measuring.result())
     finally:
         measuring.cancel()
         await asyncio.gather(measuring, return_exceptions=True)
@@ -117,8 +81,8 @@ async def bench_in_steps(
 
 async def bench(
     running: Running,
-    question: Mapping[str, Any],
-    is_there: Callable[[], bool],
+    asked: ToMeasure,
+    is_there: IsThere,
     begin: Callable[[BenchResult], object] = lambda _: None,
 ) -> BenchResult:
     """Read the units of `line`, or one `unit` of it, for this many `seconds`; `begin` gets the result as it grows.
@@ -129,9 +93,8 @@ async def bench(
         WrongQuestion: there is no such line or unit, nothing of it can be read, or a reload has changed the line.
     """
     gateway = running.gateway
-    line = find_line(gateway, question.get("line"))
-    seconds = _number(question, "seconds", USUAL, LONGEST)
-    wanted = list(_reads(gateway, line.plan, question))
+    line = find_line(gateway, asked.line)
+    wanted = list(_reads(gateway, line.plan, asked))
     if not wanted:
         raise WrongQuestion(f"no unit of {line.name} can be read by its number; name one of them")
     planned = [one for one in wanted if not line.devices[one.device.known_as].breaker.is_resting(line.now())]
@@ -150,7 +113,7 @@ async def bench(
 
     async with asyncio.TaskGroup() as group:
         for number in range(READS_AHEAD):
-            reading = _read_on(gateway, reads, began + seconds, is_wanted, result)
+            reading = _read_on(gateway, reads, began + asked.seconds, is_wanted, result)
             group.create_task(reading, name=f"bench:{line.name}:{number}")
     if not running.keeps(line):
         raise WrongQuestion(f"a reload has changed {line.name}: measure it again")
@@ -202,25 +165,12 @@ async def _read_on(
             result.answered += 1
 
 
-def _number(question: Mapping[str, Any], key: str, usual: float, most: float) -> float:
-    value = question.get(key)
-    if value is None:
-        return usual
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value <= most:
-        raise WrongQuestion(f'"{key}" must be a number above 0, {most:g} at most')
-    return float(value)
-
-
-def _reads(gateway: Gateway, line: LinePlan, question: Mapping[str, Any]) -> Iterator[_Planned]:
-    """What is read of which devices."""
-    items = int(_number(question, "items", USUAL_ITEMS, 2000))
-    address = question.get("address")
-    if address is not None and (isinstance(address, bool) or not isinstance(address, int) or not 0 <= address <= 65535):
-        raise WrongQuestion('"address" must be a number from 0 to 65535')
-    for device in _devices(gateway, line, question.get("unit")):
-        span = _span(gateway.plan, device, items)
+def _reads(gateway: Gateway, line: LinePlan, asked: ToMeasure) -> Iterator[_Planned]:
+    """Plan what is read of which devices."""
+    for device in _devices(gateway, line, asked.unit):
+        span = _span(gateway.plan, device, asked.items)
         if span is not None:
-            yield _Planned(device, span if address is None else replace(span, start=address))
+            yield _Planned(device, span if asked.address is None else replace(span, start=asked.address))
 
 
 def _devices(gateway: Gateway, line: LinePlan, wanted: object) -> list[DeviceSettings]:

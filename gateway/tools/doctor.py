@@ -5,8 +5,8 @@ What can be seen of ports from outside, `tools/outside.py` says; the caller puts
 
 import asyncio
 import time
-from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from collections.abc import Iterator
+from typing import Final
 
 from gateway.config.reading.source import place_of
 from gateway.devices.device import Device
@@ -19,8 +19,13 @@ from gateway.diagnosis.last import RECENT, Last
 from gateway.diagnosis.lines import about_line
 from gateway.diagnosis.state import about_state_file
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
+from gateway.errors import WrongQuestion
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.operator.units import IsThere, may_read_all, no_such_line
+from gateway.operator.answers.doctor import Examination
+from gateway.operator.operation import Asker, IsThere
+from gateway.operator.operations import ToExamine
+from gateway.operator.operator import Operator
+from gateway.operator.units import may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
 from gateway.runtime.build import Gateway
@@ -38,6 +43,8 @@ from gateway.tools.evidence import (
 from gateway.tools.questions import harmless_read, outcome_of
 from gateway.tools.search import search
 
+#: How long an examination waits for another one to end, in seconds.
+_TURN: Final = 60.0
 #: What has units that can be asked.
 _Asked = GatewayLine | GatewayUpstream
 
@@ -53,17 +60,27 @@ _STEP: Final = 0.05
 LISTENING: Final = 3.0
 
 
-async def examine(running: Running, request: Mapping[str, Any], is_there: IsThere) -> dict[str, Any]:
-    """Findings about one `line`, or upstream, or about all, and the ports to look at. Without `ask` nothing is sent.
+async def examine(operator: Operator, asked: ToExamine, asker: Asker) -> Examination:
+    """Examine one line, server line or upstream, or all of them, once it is this examination's turn.
 
     Raises:
-        WrongQuestion: there is no such line.
+        WrongQuestion: there is no such line, or another examination does not end.
     """
-    groups, ports = await examined(running, request.get("line"), is_there, asks=bool(request.get("ask", True)))
+    running = operator.running
+    await running.settled()
+    try:
+        async with asyncio.timeout(_TURN):
+            await running.examining.acquire()
+    except TimeoutError:
+        raise WrongQuestion(f"another examination has not ended within {_TURN:.0f} s: try again later") from None
+    try:
+        groups, ports = await examined(running, asked.line, asker.is_there, asks=asked.ask)
+    finally:
+        running.examining.release()
     findings = [finding for _, findings in groups for finding in findings]
     if not (findings or running.gateway.parts):
         findings = [Finding("ok", "gateway", "runs; it has no lines and no upstreams")]
-    return {"findings": findings, "ports": ports}
+    return Examination(tuple(findings), tuple(ports))
 
 
 async def examined(

@@ -13,7 +13,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Se
 from contextlib import aclosing, asynccontextmanager
 from dataclasses import dataclass, replace
 from struct import unpack
-from typing import Final, Literal
+from typing import Final
 
 from gateway.devices.device import ScannedUnit
 from gateway.errors import (
@@ -30,7 +30,8 @@ from gateway.errors import (
 from gateway.lines.transaction import ScanTransaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
 from gateway.modbus.pdu import parse_request
-from gateway.operator.units import AwaitedOrigin
+from gateway.operator.answers.scan import Found, Progress
+from gateway.operator.requests import AwaitedOrigin
 from gateway.request import Request
 from gateway.runtime.parts import GatewayLine
 from gateway.timing.budget import AnswerTime
@@ -48,8 +49,6 @@ PACE: Final = 0.25
 #: How often a unit is asked that was not understood.
 TRIES: Final = 3
 
-Result = Literal["answers", "exception", "garbled"]
-
 
 def _question(function: int, address: int, count: int = 1) -> bytes:
     return bytes((function, *address.to_bytes(2, "big"), *count.to_bytes(2, "big")))
@@ -58,34 +57,6 @@ def _question(function: int, address: int, count: int = 1) -> bytes:
 #: The one question to each unit; at address 0 a weigher answers when it is asked where it is.
 FIRST_QUESTION: Final = _question(FunctionCode.READ_HOLDING_REGISTERS, 0)
 QUESTION_AT_ZERO: Final = _question(FunctionCode.READ_HOLDING_REGISTERS, 0x10)
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """A unit that was heard. `code` is that of an exception, `answers_from` its address if it was asked at address 0.
-
-    It was heard at the rate `baud`. `answer_ms` is from the end of the question to the end of the answer, None if that
-    was garbled. `profile` is the built-in profile that fits, empty if that cannot be told.
-    """
-
-    unit: int
-    result: Result
-    code: int | None = None
-    answer_ms: float | None = None
-    profile: str = ""
-    answers_from: int | None = None
-    baud: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """How far a scan is, at the rate `baud`. `left_s` is how many seconds the rest takes if it goes on like this."""
-
-    asked: int
-    of: int
-    left_s: float
-    found: tuple[int, ...]
-    baud: int
 
 
 #: The progress of a scan, and at last all that was found.

@@ -1,36 +1,36 @@
 """Scans of the lines of the running gateway: which may be asked for, and what is left out."""
 
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator
 from contextlib import aclosing
-from typing import Any, Final
 
 from gateway.config.problem import WrongValue
 from gateway.config.values.unitset import parse_units, show_units
 from gateway.errors import PortError, WrongQuestion
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
+from gateway.operator.answers.scan import Progress, ScanStep
+from gateway.operator.operation import Asker
+from gateway.operator.operations import ToScan
+from gateway.operator.operator import Operator
 from gateway.operator.units import find_line, may_read_all
 from gateway.ports.port import SerialSettings
 from gateway.runtime.parts import GatewayLine
 from gateway.runtime.running import Running
-from gateway.tools.scan import USUAL_LIMIT, Progress, Scan, Steps, scan_speeds
-
-#: The longest time limit that may be asked for, in seconds: for this long nobody else is asked.
-LONGEST_LIMIT: Final = 10.0
+from gateway.tools.scan import Scan, Steps, scan_speeds
 
 
-async def scan(running: Running, request: Mapping[str, Any]) -> AsyncGenerator[dict[str, Any], None]:
-    """Scan the `line`: the `units`, all numbers by default, that the config does not name. Tells its progress.
+async def scan(operator: Operator, asked: ToScan, _asker: Asker) -> AsyncGenerator[ScanStep, None]:
+    """Scan a line for units that the config does not name, and tell how far the scan is.
 
-    An answer has `limit_s` seconds before it is late. With `all_speeds` the line is scanned at all usual rates; it must
-    not be in use.
+    With `all_speeds` the line must not be in use.
 
     Raises:
         WrongQuestion: that cannot be asked, or the line cannot.
     """
-    line = find_line(running.gateway, request.get("line"))
-    units, known = _units(line, request.get("units"))
-    facts = {"asked": len(units), "known": known, "is_answered": _is_answered(line)}
-    limit, all_speeds = _limit(request.get("limit_s", USUAL_LIMIT)), request.get("all_speeds") is True
+    running = operator.running
+    await running.settled()
+    line = find_line(running.gateway, asked.line)
+    units, known = _units(line, asked.units)
+    all_speeds = asked.all_speeds
     if not may_read_all(running.gateway):
         raise WrongQuestion("[[access]] does not give the control socket the right to read every unit")
     if line.is_scanned:
@@ -41,13 +41,17 @@ async def scan(running: Running, request: Mapping[str, Any]) -> AsyncGenerator[d
             raise WrongQuestion(f"the rate of {line.name} is set in its device server")
     elif BROADCAST_UNIT in (*units, *(device.unit for device in line.devices.values())):
         _check_is_free(running, line, "after each question at address 0, or beside it, a late answer is waited for")
+    is_answered = _is_answered(line)
     line.is_scanned = True
     try:
-        async with aclosing(_steps(running, line, units, limit, all_speeds=all_speeds)) as steps:
+        async with aclosing(_steps(running, line, units, asked.limit_s, all_speeds=all_speeds)) as steps:
             async for step in steps:
                 if line not in running.gateway.lines:
                     raise WrongQuestion(f"a reload has changed {line.name}: scan it again")
-                yield {"progress": step} if isinstance(step, Progress) else {"found": step, **facts}
+                if isinstance(step, Progress):
+                    yield ScanStep(progress=step)
+                else:
+                    yield ScanStep(found=step, asked=len(units), known=known, is_answered=is_answered)
     except PortError as error:
         raise WrongQuestion(str(error)) from error
     finally:
@@ -93,12 +97,6 @@ def _units(line: GatewayLine, wanted: object) -> tuple[list[int], str]:
         raise WrongQuestion(f"{show_units(units)} of {line.name}: configured or in use already; status shows how it is")
     known = [] if wanted is None else [unit for unit in units if unit in taken]
     return asked, show_units(known) if known else ""
-
-
-def _limit(value: object) -> float:
-    if isinstance(value, int | float) and 0 < value <= LONGEST_LIMIT:
-        return float(value)
-    raise WrongQuestion(f"the time limit of a question must be more than 0 and at most {LONGEST_LIMIT:g} s")
 
 
 def _check_is_free(running: Running, line: GatewayLine, why: str) -> None:

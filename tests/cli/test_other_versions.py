@@ -3,7 +3,7 @@
 import copy
 import json
 import socket
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -11,7 +11,8 @@ from gateway import __version__
 from gateway.cli.kit import daemon
 from gateway.cli.main import main
 from gateway.control.server import _line
-from gateway.control.verbs import verbs
+from kit.asking import answers as kit_answers
+from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -43,12 +44,11 @@ async def answers(asked):
     """What a gateway answers in virtual time."""
     async with gateway_bench(CONFIG) as bench:
         bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
-        known, found = verbs(bench.running, None), []
+        found = []
         for unit in (41, 6):
-            await known["request"]({"unit": unit, "pdu": READ}, lambda: True)
+            await ask(bench.running, "request", unit=unit, pdu=READ)
         for verb, question in asked:
-            answer = known[verb](question, lambda: True)
-            steps = [step async for step in answer] if isinstance(answer, AsyncGenerator) else [await answer]
+            steps = await kit_answers(bench.running, {"verb": verb, **question})
             found += [json.loads(_line({"ok": True, **step})) for step in steps]
         return found
 

@@ -41,7 +41,7 @@ async def spoken(writer: Writer, *lines: bytes) -> float:
     reader.feed_data(b"".join(lines))
     loop = asyncio.get_running_loop()
     begun = loop.time()
-    await _serve_connection(reader, writer, {}, [].append)
+    await _serve_connection(reader, writer, None, {}, [].append)
     return loop.time() - begun
 
 

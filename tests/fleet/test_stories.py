@@ -13,11 +13,11 @@ from gateway.fleet import link
 from gateway.fleet.headers import MOST_HOPS
 from gateway.fleet.messages import Message
 from gateway.fleet.slots import MOST_OF_SENDER
+from gateway.operator.operations import ToExplain
 from gateway.operator.stories import sentences
 from gateway.operator.trace import stories
-from gateway.operator.units import ask
 from gateway.runtime.presence import tell
-from gateway.tools.doctor import examine
+from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.fake_nats import FakeBucket, FakeConnection, FakeNats
 from kit.gateway_bench import GatewayBench, gateway_bench
@@ -115,7 +115,7 @@ async def test_why_a_request_has_failed_names_the_site_that_refused_it(nats):
         on_line(b)
         assert await a.client("10.9.9.9:4711").asks(41, WRITE) == "86 01"
         now = asyncio.get_running_loop().time()
-        [story] = stories(a.gateway, {"who": "10.9.9.9", "count": 1}, (now, now))["stories"]
+        [story] = stories(a.gateway, ToExplain("10.9.9.9", 1), (now, now)).stories
         assert sentences(story).startswith("Sent through site b to address 41 at once. Site b (the unit there, or the ")
         assert "line" not in sentences(story)
 
@@ -170,7 +170,7 @@ async def test_who_reads_a_unit_by_hand_is_told_that_its_site_is_not_heard(nats)
     async with sites(ASKER + '[[line]]\nname = "hall"\nport = "/dev/hall"\ndevices = [{ unit = 1 }]\n') as (a,):
         await asyncio.sleep(3.0)
         a.lines["hall"].pull("it was pulled")
-        answers = [await ask(a.gateway, {"unit": unit, "pdu": READ}, lambda: True) for unit in (41, 1)]
+        answers = [await ask(a.running, "request", unit=unit, pdu=READ) for unit in (41, 1)]
         assert [answer["result"] for answer in answers] == ["line_down", "line_down"]
         assert [answer["reason"] for answer in answers] == [
             "fleet://b: it is not heard; modbus-gateway status --fleet shows the sites",
@@ -195,7 +195,7 @@ async def test_what_mends_a_site_that_is_away_is_at_that_site_and_without_nats_t
 
 
 async def to_mend(bench):
-    found = await examine(bench.running, {}, lambda: True)
+    found = await ask(bench.running, "doctor")
     return [each for each in found["findings"] if each.level == "fix"]
 
 

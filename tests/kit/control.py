@@ -10,7 +10,8 @@ from gateway.control.server import _line
 from gateway.errors import DaemonError
 from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import Area
-from gateway.operator.units import AT_CONTROL, UnitPicture
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.requests import AT_CONTROL
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.request import Request

@@ -4,11 +4,12 @@ import asyncio
 
 import pytest
 
-from gateway.control.verbs import verbs
 from gateway.errors import WrongQuestion
 from gateway.events import AddressMoved, BaudChanged
-from gateway.operator.forgetting import Forgotten, forget
+from gateway.operator.answers.forgotten import Forgotten
+from gateway.operator.forgetting import forget
 from gateway.state.memory import Memory
+from kit.asking import ask
 from kit.gateway_bench import gateway_bench
 
 CONFIG = """
@@ -35,7 +36,7 @@ def remembering(**units: tuple[int, ...]) -> Memory:
 async def test_the_address_in_the_config_counts_again(device) -> None:
     memory = remembering(silo_1=(1, 5))
     async with gateway_bench(CONFIG, memory) as bench:
-        answer = await verbs(bench.running, None)["forget"]({"device": device}, lambda: True)
+        answer = await ask(bench.running, "forget", device=device)
         assert answer["forgotten"] == Forgotten("hall-a", "silo-1", 1, (5,), 9600, 9600)
         assert bench.gateway.lines[0].devices[41].unit == 1
         assert AddressMoved("hall-a", "silo-1", 1, 5, ADVICE) in bench.events

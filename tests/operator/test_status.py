@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from gateway.lines.counts import Counts
-from gateway.operator.status import LineStatus, MovedStatus, RangeStatus, Status, UnitStatus, status, status_in_slices
+from gateway.operator.answers.status import LineStatus, MovedStatus, RangeStatus, Status, UnitStatus
+from gateway.operator.status import status, status_in_slices
 from gateway.state.memory import Memory
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import Client, GatewayBench, gateway_bench

@@ -8,9 +8,12 @@ import pytest
 from gateway.errors import WrongQuestion
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
+from gateway.operator.answers.trace import TracePage
 from gateway.operator.calibration import measured
 from gateway.operator.capture import heard_frame, packets
 from gateway.operator.frames import frames_of
+from gateway.operator.operations import ToExplain, Traced
+from gateway.operator.parameters import read_parameters
 from gateway.operator.stories import sentences
 from gateway.operator.trace import TAIL, causes, lines, page, stories
 from gateway.operator.trace_reader import what_is_seen
@@ -47,13 +50,13 @@ ring = "64 KiB"
 READ = "03 00 00 00 01"
 
 
-def ask(home: GatewayBench, **question: Any) -> dict[str, Any]:
+def ask(home: GatewayBench, **question: Any) -> TracePage:
     now = asyncio.get_running_loop().time()
-    return page(home.gateway, question, (now, 1_800_000_000 + now))
+    return page(home.gateway, Traced(**question), (now, 1_800_000_000 + now))
 
 
-def kinds(answer: dict[str, Any]) -> list[tuple[str, str]]:
-    return [(fact["kind"], fact["line"]) for fact in answer["facts"]]
+def kinds(answer: TracePage) -> list[tuple[str, str]]:
+    return [(fact["kind"], fact["line"]) for fact in answer.facts]
 
 
 async def some(home: GatewayBench) -> None:
@@ -68,12 +71,12 @@ async def test_a_follower_gets_each_record_once() -> None:
     async with gateway_bench(CONFIG) as home:
         first = ask(home)
         assert set(kinds(first)) == {("port", "hall"), ("port", "axis"), ("port", "panel")}
-        assert first["is_all"]
-        assert ask(home, after=first["next"])["facts"] == []
+        assert first.is_all
+        assert ask(home, after=first.next).facts == []
         await some(home)
-        answer = ask(home, after=first["next"])
+        answer = ask(home, after=first.next)
         assert kinds(answer) == [("exchange", "hall"), ("exchange", "hall"), ("answered", ""), ("refused", "")]
-        assert ask(home, after=answer["next"])["facts"] == []
+        assert ask(home, after=answer.next).facts == []
 
 
 async def test_one_that_is_slow_is_told_how_much_it_has_missed() -> None:
@@ -84,19 +87,19 @@ async def test_one_that_is_slow_is_told_how_much_it_has_missed() -> None:
             await client.asks(200, READ)
         await asyncio.sleep(1.0)
         answer = ask(home, after=0)
-        assert answer["missed"] == home.gateway.ring.first > 0
-        assert not answer["is_all"] or len(answer["facts"]) == answer["next"] - answer["missed"]
-        assert 0 < answer["reaches_back_s"] < 60
+        assert answer.missed == home.gateway.ring.first > 0
+        assert not answer.is_all or len(answer.facts) == answer.next - answer.missed
+        assert 0 < answer.reaches_back_s < 60
 
 
 async def test_without_a_time_the_last_few_come_first() -> None:
     async with gateway_bench(CONFIG) as home:
         for _ in range(TAIL + 5):
             await home.client().asks(200, READ)
-        assert len(ask(home)["facts"]) == TAIL
+        assert len(ask(home).facts) == TAIL
         await asyncio.sleep(10.0)
         await home.client().asks(200, READ)
-        assert len(ask(home, since=5.0)["facts"]) == 1
+        assert len(ask(home, since=5.0).facts) == 1
 
 
 async def test_lines_and_units_are_chosen() -> None:
@@ -105,7 +108,7 @@ async def test_lines_and_units_are_chosen() -> None:
         home.lines["hall"].deliver(bytes.fromhex("03 03 02 00 01 00 44"))
         assert {line for _, line in kinds(ask(home, since=60, line="hall"))} == {"hall"}
         for unit in (43, "press"):
-            found = ask(home, since=60, unit=unit)["facts"]
+            found = ask(home, since=60, unit=unit).facts
             assert next((fact["kind"], fact["unit"]) for fact in found) == ("exchange", 43)
             assert all(fact["kind"] == "heard" or fact["unit"] == 43 for fact in found)
         with pytest.raises(WrongQuestion, match='there is no line "hal"; there are hall, axis, panel'):
@@ -119,12 +122,12 @@ async def test_a_client_on_a_server_line_has_its_frames_there() -> None:
         home.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
         home.lines["panel"].deliver(bytes.fromhex("29 03 00 00 00 01 82 22"))
         await asyncio.sleep(1.0)
-        found = [fact for fact in ask(home, since=60)["facts"] if fact["kind"] != "port"]
+        found = [fact for fact in ask(home, since=60).facts if fact["kind"] != "port"]
         assert [(fact["kind"], fact["line"], fact["client"]) for fact in found] == [
             ("exchange", "hall", "panel"),
             ("answered", "panel", "panel"),
         ]
-        modes = {line["name"]: line["mode"] for line in lines(home.gateway)}
+        modes = {line.name: line.mode for line in lines(home.gateway)}
         assert [(each.line, each.is_request, each.is_sent) for fact in found for each in packets(fact, modes)] == [
             ("hall", True, True),
             ("hall", False, False),
@@ -176,11 +179,11 @@ async def ask_namesakes(home: GatewayBench) -> None:
 async def test_a_unit_of_one_line_is_not_its_namesake_of_all_others() -> None:
     async with gateway_bench(NAMESAKES) as home:
         await ask_namesakes(home)
-        told = [(each["unit"], each["name"]) for each in ask(home, since=60)["facts"] if "unit" in each]
+        told = [(each["unit"], each["name"]) for each in ask(home, since=60).facts if "unit" in each]
         assert told == [(41, "silo"), (41, "yard/41"), (41, "yard/41"), (41, "")]
         for unit in (41, "silo"):
-            assert [each["name"] for each in ask(home, since=60, unit=unit)["facts"]] == ["silo"]
-        assert [each["name"] for each in stories(home.gateway, {"who": "silo"}, (0.0, 0.0))["stories"]] == ["silo"]
+            assert [each["name"] for each in ask(home, since=60, unit=unit).facts] == ["silo"]
+        assert [each["name"] for each in stories(home.gateway, ToExplain("silo"), (0.0, 0.0)).stories] == ["silo"]
         assert len(causes(home.gateway, 41, 9, (0.0, 0.0), lambda _: True)) == 1
 
 
@@ -205,7 +208,7 @@ async def test_a_number_that_is_only_an_address_on_a_line_means_all_that_are_cal
     async with gateway_bench(NAMESAKES) as home:
         home.attach("yard", SimulatedLine("rtu", SimulatedDevice(7)))
         await home.client(listener=1).asks(7, READ)
-        assert [each["name"] for each in ask(home, since=60, unit=7)["facts"]] == ["yard/7"]
+        assert [each["name"] for each in ask(home, since=60, unit=7).facts] == ["yard/7"]
 
 
 async def test_what_a_mirror_asks_is_told_of_the_mirror() -> None:
@@ -220,7 +223,7 @@ stale = "5 s"
     async with gateway_bench(CONFIG + mirrored) as home:
         home.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
         await asyncio.sleep(3.0)
-        found = ask(home, since=60, unit="copy")["facts"]
+        found = ask(home, since=60, unit="copy").facts
         assert {(each["unit"], each["name"], each["address"]) for each in found} == {(210, "copy", 1)}
 
 
@@ -230,7 +233,7 @@ async def test_a_reload_keeps_the_ring() -> None:
         before = home.gateway.ring.added
         home.gateway.route()
         assert home.gateway.ring.added == before
-        assert len(ask(home, since=60)["facts"]) == before
+        assert len(ask(home, since=60).facts) == before
 
 
 async def test_the_client_on_a_server_line_is_called_as_the_line_is() -> None:
@@ -238,7 +241,7 @@ async def test_the_client_on_a_server_line_is_called_as_the_line_is() -> None:
         home.attach("hall", SimulatedLine("rtu"))  # nobody answers
         home.lines["panel"].deliver(bytes.fromhex("29 03 00 00 00 01 82 22"))
         await asyncio.sleep(3.0)
-        found = stories(home.gateway, {"who": "panel"}, (0.0, 0.0))["stories"]
+        found = stories(home.gateway, ToExplain("panel"), (0.0, 0.0)).stories
         assert [(each["line"], each["client"]) for each in found] == [("hall", "panel")]
 
 
@@ -249,7 +252,7 @@ async def test_the_client_on_a_server_line_is_called_as_the_line_is() -> None:
 async def test_a_wrong_question_is_refused(question: dict[str, Any]) -> None:
     async with gateway_bench(CONFIG) as home:
         with pytest.raises(WrongQuestion):
-            stories(home.gateway, question, (0.0, 0.0))
+            stories(home.gateway, read_parameters(ToExplain, question), (0.0, 0.0))
 
 
 async def test_the_frames_of_a_request_are_those_of_its_line() -> None:
@@ -298,10 +301,10 @@ async def test_frames_of_another_client_are_not_damaged_ones(
         home.attach(line, SimulatedLine(mode, device))
         device.script.append([Answer(0.01, b"".join(others))])
         assert await home.client().asks(unit, "04 00 00 00 01") == "84 0B"
-        (story,) = stories(home.gateway, {"who": str(unit)}, (0.0, 0.0))["stories"]
+        (story,) = stories(home.gateway, ToExplain(str(unit)), (0.0, 0.0)).stories
         assert "(none of these 2 frames is the response to this request)." in sentences(story)
-        modes = {each["name"]: each["mode"] for each in lines(home.gateway)}
-        in_file = [each for fact in ask(home, since=60)["facts"] for each in packets(fact, modes)]
+        modes = {each.name: each.mode for each in lines(home.gateway)}
+        in_file = [each for fact in ask(home, since=60).facts for each in packets(fact, modes)]
         assert sorted((each.is_request, each.comment.split(",")[0]) for each in in_file if not each.is_sent) == [
             (False, "another client"),
             (True, "another's request"),
@@ -320,7 +323,7 @@ async def test_records_are_chosen_by_function_client_and_result() -> None:
         await one.asks(99, READ)
 
         def units(**question: Any) -> list[int]:
-            return [fact["unit"] for fact in ask(home, since=60, **question)["facts"] if "unit" in fact]
+            return [fact["unit"] for fact in ask(home, since=60, **question).facts if "unit" in fact]
 
         assert units(function=4) == [41]
         assert units(function=3) == [41, 43, 41, 99]

@@ -5,7 +5,8 @@ import asyncio
 import pytest
 
 from gateway.errors import WrongQuestion
-from gateway.operator.units import ask, picture
+from gateway.operator.units import picture
+from kit.asking import answers
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -34,7 +35,8 @@ units = [{ as = 37, unit = 1 }]
 
 
 async def asked(bench, unit, pdu, *, is_there=lambda: True):
-    return await ask(bench.gateway, {"unit": unit, "pdu": pdu}, is_there)
+    (answer,) = await answers(bench.running, {"verb": "request", "unit": unit, "pdu": pdu}, is_there=is_there)
+    return answer
 
 
 async def test_a_device_answers_by_number_and_by_name():

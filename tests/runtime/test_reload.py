@@ -9,7 +9,6 @@ import pytest
 
 from gateway.config.plan.resolve import resolve
 from gateway.config.reading.load import parse
-from gateway.control.verbs import verbs
 from gateway.errors import ListenError
 from gateway.events import ConfigApplied, ConfigRejected, ConfigWarning, LineLost, LineUp, PartFailed
 from gateway.images.drivers.store import Store
@@ -20,11 +19,13 @@ from gateway.modbus.rtu import encode
 from gateway.readconfig.process import READING_TIME, ConfigRead
 from gateway.routing.access import READING
 from gateway.runtime.build import build
-from gateway.runtime.reload import Outcome, Reloader
+from gateway.runtime.outcome import Outcome
+from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
 from images.disk import MemoryFiles
+from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench
 
@@ -169,7 +170,7 @@ def serving(tmp_path, monkeypatch):
 
 async def test_who_reloads_is_told_which_file(serving):
     async with serving(LISTEN + HALL_A) as service:
-        answer = await verbs(service.running, service.reloader)["reload"]({}, lambda: True)
+        answer = await ask(service.running, "reload", reloader=service.reloader)
         assert (answer["ok"], answer["file"]) == (True, str(service.file.absolute()))
 
 

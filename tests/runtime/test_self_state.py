@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from gateway.images.self_map import FRESHNESS
-from gateway.operator.units import ask, picture
+from gateway.operator.units import picture
 from gateway.runtime.self_state import show_itself
+from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 
@@ -48,7 +49,7 @@ def show(bench: GatewayBench) -> None:
 async def registers(bench: GatewayBench, start: int, count: int, function: int = 3) -> list[int]:
     await asyncio.sleep(2 * FRESHNESS)
     pdu = f"{function:02X} {start:04X} {count:04X}"
-    data = bytes.fromhex((await ask(bench.gateway, {"unit": 246, "pdu": pdu}, lambda: True))["pdu"])[2:]
+    data = bytes.fromhex((await ask(bench.running, "request", unit=246, pdu=pdu))["pdu"])[2:]
     return [int.from_bytes(data[at : at + 2], "big") for at in range(0, len(data), 2)]
 
 

@@ -10,7 +10,8 @@ import pytest
 from gateway.diagnosis.state import about_state_file
 from gateway.events import StateDamaged, StateKeptAgain, StateNotKept, Stopped
 from gateway.state import troubles as module
-from gateway.state.troubles import LOOK_EVERY, StateFileStatus, StateTroubles, why_not_writable
+from gateway.state.status import StateFileStatus
+from gateway.state.troubles import LOOK_EVERY, StateTroubles, why_not_writable
 
 SOMEBODY = 61_184
 

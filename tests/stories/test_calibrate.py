@@ -16,11 +16,11 @@ from gateway.cli.units import active_calibration
 from gateway.cli.verbs import calibrate
 from gateway.config.reading.load import parse
 from gateway.control.server import _line
-from gateway.control.verbs import verbs
 from gateway.modbus.frame import Frame
 from gateway.simulator.faults import Faults
 from gateway.simulator.mint import Mint
 from gateway.simulator.weigher import Weigher
+from kit.asking import ask
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 from kit.virtual_time import VirtualTimeLoop
@@ -60,7 +60,6 @@ class Daemon:
         self.mint = Mint(2, faults=Faults(slow=slow))
         self.bench.lines["motion"].baud = self.bench.lines["hall"].baud = 0
         self.loop.run_until_complete(self._attach())
-        self._verbs = verbs(self.bench.running, None)
 
     async def _attach(self) -> None:
         self.bench.attach_at_pace("motion", self.mint, mode="ascii")
@@ -85,7 +84,7 @@ class Daemon:
         pass
 
     def ask(self, verb: str, **details: Any) -> dict[str, Any]:
-        answer = self.loop.run_until_complete(self._verbs[verb](details, lambda: True))
+        answer = self.loop.run_until_complete(ask(self.bench.running, verb, **details))
         return json.loads(_line({"ok": True, **answer}))
 
     def sleep(self, seconds: float) -> None:

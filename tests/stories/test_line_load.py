@@ -9,10 +9,12 @@ import pytest
 from gateway.cli.verbs.bench import show_bench
 from gateway.config.plan.line_load import load_of, read_rates, total_share
 from gateway.errors import WrongQuestion
+from gateway.operator.operations import ToMeasure
 from gateway.operator.status import status
 from gateway.simulator.generic import Generic
 from gateway.simulator.mint import Mint
-from gateway.tools.bench import bench, bench_in_steps
+from gateway.tools.bench import bench
+from kit.asking import answering, answers
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.paced import attach_paced
 
@@ -65,7 +67,7 @@ def config_of_meters(baud: int) -> str:
 
 
 async def measured(running: GatewayBench, **question):
-    return await bench(running.running, {"line": "hall", **question}, lambda: True)
+    return await bench(running.running, ToMeasure("hall", **question), lambda: True)
 
 
 @pytest.mark.search
@@ -179,7 +181,7 @@ async def test_a_measurement_ends_when_whoever_asks_has_left():
         meters(running, 19200)
         loop = asyncio.get_running_loop()
         began = loop.time()
-        await bench(running.running, {"line": "hall"}, lambda: loop.time() < began + 2)
+        await bench(running.running, ToMeasure("hall"), lambda: loop.time() < began + 2)
         assert loop.time() < began + 3
 
 
@@ -203,7 +205,7 @@ async def test_a_line_that_is_down_is_not_asked_all_the_time():
 async def test_what_cannot_be_measured_is_said(question, said):
     async with gateway_bench(config_of_meters(19200)) as running:
         with pytest.raises(WrongQuestion) as wrong:
-            await bench(running.running, question, lambda: True)
+            await answers(running.running, {"verb": "bench", **question})
     assert str(wrong.value) == said
 
 
@@ -266,18 +268,18 @@ async def test_how_far_a_measurement_is_comes_each_second_if_it_is_asked_for():
     async with gateway_bench(config_of_meters(19200)) as running:
         meters(running, 19200)
         question = {"line": "hall", "seconds": 5}
-        steps = [step async for step in bench_in_steps(running.running, {**question, "progress": True}, lambda: True)]
+        steps = await answers(running.running, {"verb": "bench", **question, "progress": True})
         *told, last = steps
-        assert [each["progress"]["elapsed_s"] for each in told] == [1.0, 2.0, 3.0, 4.0, 5.0][: len(told)]
+        assert [each["progress"].elapsed_s for each in told] == [1.0, 2.0, 3.0, 4.0, 5.0][: len(told)]
         assert 4 <= len(told) <= 5
-        assert 0 < told[0]["progress"]["reads"] < told[-1]["progress"]["reads"] <= last["bench"].answered
-        assert len([step async for step in bench_in_steps(running.running, question, lambda: True)]) == 1
+        assert 0 < told[0]["progress"].reads < told[-1]["progress"].reads <= last["bench"].answered
+        assert len(await answers(running.running, {"verb": "bench", **question})) == 1
 
 
 async def test_a_measurement_whose_answers_nobody_takes_any_more_ends():
     async with gateway_bench(config_of_meters(19200)) as running:
         meters(running, 19200)
-        steps = bench_in_steps(running.running, {"line": "hall", "progress": True}, lambda: True)
+        steps = answering(running.running, {"verb": "bench", "line": "hall", "progress": True})
         assert "progress" in await anext(steps)
         await steps.aclose()
         assert not [task for task in asyncio.all_tasks() if task.get_name().startswith("bench")]

@@ -9,9 +9,10 @@ from gateway.diagnosis.finding import Finding
 from gateway.events import BadFrame, UpstreamClosed
 from gateway.modbus import mbap, rtu
 from gateway.modbus.mbap import encode
+from gateway.operator.operations import ToExplain
 from gateway.operator.stories import sentences
 from gateway.operator.trace import stories
-from gateway.tools.doctor import examine
+from kit.asking import ask
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 
@@ -45,12 +46,12 @@ def reasons(bench: GatewayBench) -> list[str]:
 def why(bench: GatewayBench) -> str:
     """The story of the last failure."""
     now = asyncio.get_running_loop().time()
-    found = stories(bench.gateway, {"who": "10.0.0.9", "count": 1}, (now, now))["stories"]
+    found = stories(bench.gateway, ToExplain("10.0.0.9", 1), (now, now)).stories
     return sentences(found[0])
 
 
 async def rows(bench: GatewayBench, **question: object) -> list[Finding]:
-    return (await examine(bench.running, {"ask": False, **question}, lambda: True))["findings"]
+    return (await ask(bench.running, "doctor", **{"ask": False, **question}))["findings"]
 
 
 @pytest.mark.parametrize(("asked", "came", "named"), MISFITS)

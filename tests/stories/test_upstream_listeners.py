@@ -11,6 +11,7 @@ from gateway.events import WriteAudit
 from gateway.modbus import rtu
 from gateway.modbus.mbap import MbapFramer, encode
 from gateway.operator.metrics import read
+from gateway.operator.operations import Traced
 from gateway.operator.status import status
 from gateway.operator.trace import page
 from gateway.runtime.build import build
@@ -145,7 +146,7 @@ async def test_only_units_that_were_asked_have_rows() -> None:
             *(("cellar", unit) for unit in ("0", "255")),
         }
         clock = asyncio.get_running_loop().time(), 0.0
-        facts = page(bench.gateway, {"since": 60}, clock)["facts"]
+        facts = page(bench.gateway, Traced(since=60), clock).facts
         assert [(each["unit"], each["name"]) for each in facts if each["kind"] == "exchange"] == [
             (1, "roof/71"),
             (71, "roof/unit-71"),

@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Iterator, Mapping
+from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 from socket import AF_UNIX, socket
@@ -17,18 +17,12 @@ from gateway.cli.kit.daemon import Meant, ask
 from gateway.control.server import MOST_CONNECTIONS, control_open
 from gateway.errors import DaemonError
 from gateway.events import Event, PartFailed
+from gateway.operator.operator import Operator
+from kit.operations import STATUS_AND_DEFECT
 from kit.process import PATIENCE
 
 STATUS = b'{"verb": "status"}\n'
 FINE = f'{{"version": "{__version__}", "ok": true, "status": "fine"}}\n'.encode()
-
-
-async def status(_request: Mapping[str, Any], _is_there: Any) -> dict[str, Any]:
-    return {"status": "fine"}
-
-
-async def defect(_request: Mapping[str, Any], _is_there: Any) -> dict[str, Any]:
-    raise RuntimeError("nobody foresaw this")
 
 
 class Open:
@@ -55,7 +49,7 @@ class Open:
 @asynccontextmanager
 async def control(folder: Path) -> AsyncIterator[Open]:
     it = Open(folder / "control.sock")
-    async with control_open(it.path, {"status": status, "defect": defect}, it.events.append):
+    async with control_open(it.path, Operator(None, None), it.events.append, STATUS_AND_DEFECT):
         yield it
 
 

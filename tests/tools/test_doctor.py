@@ -6,16 +6,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from gateway.control.verbs import verbs
 from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
 from gateway.events import RequestTimeout
+from gateway.fleet.status import FleetStatus
+from gateway.plant.status import BrokerStatus
 from gateway.ports.port import CharacterErrors
-from gateway.runtime.fleet import FleetStatus
-from gateway.runtime.publishing import BrokerStatus
-from gateway.tools.doctor import examine
 from gateway.tools.questions import outcome_of
 from gateway.tools.scan import opened
+from kit.asking import answers, ask
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -35,7 +34,7 @@ def is_there():
 
 async def found(bench, **request):
     """The findings as (level, about, what), and the answer."""
-    answer = await examine(bench.running, request, is_there)
+    answer = await ask(bench.running, "doctor", **request)
     return [(each.level, each.about, each.what) for each in answer["findings"]]
 
 
@@ -189,17 +188,16 @@ async def test_nothing_is_sent_when_that_is_not_wanted():
 
 async def test_nothing_is_sent_any_more_once_nobody_waits_for_it():
     async with gateway_bench(CONFIG) as bench:
-        await examine(bench.running, {}, lambda: False)
+        await answers(bench.running, {"verb": "doctor"}, is_there=lambda: False)
         assert frames(bench) == []
 
 
 async def test_an_examination_waits_for_another_one_but_not_for_ever():
     async with gateway_bench(CONFIG) as bench:
-        doctor = verbs(bench.running, None)["doctor"]
         async with bench.running.examining:
             with pytest.raises(WrongQuestion, match="another examination"):
-                await asyncio.wait_for(doctor({"ask": False}, is_there), 100)
-        assert "findings" in await doctor({"ask": False}, is_there)
+                await asyncio.wait_for(ask(bench.running, "doctor", ask=False), 100)
+        assert "findings" in await ask(bench.running, "doctor", ask=False)
 
 
 @pytest.mark.parametrize(("baud", "format_"), [(9600, "8E1"), (19200, "8N1"), (19200, "8O1"), (4800, "8N1")])
@@ -277,7 +275,7 @@ async def test_two_devices_that_answer_one_after_the_other_are_found():
         answer = bytes.fromhex("01 03 02 00 00 B8 44")
         twins.devices[1].script.extend([[(0.01, answer), (0.05, answer)]] * 4)
         bench.attach("hall", twins)
-        await examine(bench.running, {"ask": False}, is_there)
+        await ask(bench.running, "doctor", ask=False)
         client = bench.client()
         for _ in range(4):
             await client.asks(41, "03 00 00 00 01")
@@ -379,7 +377,7 @@ async def test_a_line_without_a_port_is_named_and_its_port_is_to_be_looked_at():
     async with gateway_bench(CONFIG) as bench:
         bench.lines["hall"].pull("/dev/hall is held by another program")
         await asyncio.sleep(1.0)
-        answer = await examine(bench.running, {"line": "hall"}, is_there)
+        answer = await ask(bench.running, "doctor", line="hall")
         assert [each.what for each in answer["findings"]] == ["is down: /dev/hall is held by another program"]
         (port,) = answer["ports"]
         assert (port.line, port.port, port.is_open) == ("hall", "/dev/hall", False)
@@ -391,7 +389,7 @@ async def test_of_a_port_it_is_told_whether_another_gateway_may_have_it(monkeypa
         lease = SimpleNamespace(is_held=is_held)
         with monkeypatch.context() as patched:
             patched.setattr(bench.gateway.lines[0], "standby", SimpleNamespace(name="hall", lease=lease))
-            (port,) = (await examine(bench.running, {"ask": False}, is_there))["ports"]
+            (port,) = (await ask(bench.running, "doctor", ask=False))["ports"]
         assert port.is_standby is not is_held
 
 

@@ -7,13 +7,13 @@ import pytest
 
 from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import encode
+from gateway.operator.answers.scan import Found, Progress
 from gateway.simulator.faults import Faults
 from gateway.simulator.generic import Generic
 from gateway.simulator.mint import Mint
 from gateway.simulator.v80 import V80
 from gateway.simulator.weigher import Weigher
-from gateway.tools.scan import Found, Progress
-from gateway.tools.scans import scan
+from kit.asking import answering
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -37,12 +37,12 @@ ASCII = '[[line]]\nname = "hall"\nport = "/dev/hall"\nmode = "ascii"\ndevices = 
 
 async def scanned(bench, **request) -> dict[int, Found]:
     """What a scan finds."""
-    *_, last = [step async for step in scan(bench.running, {"line": "hall", **request})]
+    *_, last = [step async for step in answering(bench.running, {"verb": "scan", "line": "hall", **request})]
     return {each.unit: each for each in last["found"]}
 
 
 async def told(bench, **request):
-    async with aclosing(scan(bench.running, {"line": "hall", **request})) as steps:
+    async with aclosing(answering(bench.running, {"verb": "scan", "line": "hall", **request})) as steps:
         return [step async for step in steps]
 
 
@@ -205,7 +205,7 @@ async def test_where_units_pass_through_those_in_use_are_not_asked():
 async def test_who_stops_taking_progress_stops_the_scan():
     async with gateway_bench(CONFIG) as bench:
         bench.attach_at_pace("hall", Weigher(1))
-        async with aclosing(scan(bench.running, {"line": "hall"})) as steps:
+        async with aclosing(answering(bench.running, {"verb": "scan", "line": "hall"})) as steps:
             await anext(steps)
         asked = len(bench.lines["hall"].written)
         await asyncio.sleep(5)
@@ -214,7 +214,10 @@ async def test_who_stops_taking_progress_stops_the_scan():
 
 
 async def test_one_scan_of_a_line_at_a_time():
-    async with gateway_bench(CONFIG) as bench, aclosing(scan(bench.running, {"line": "hall"})) as steps:
+    async with (
+        gateway_bench(CONFIG) as bench,
+        aclosing(answering(bench.running, {"verb": "scan", "line": "hall"})) as steps,
+    ):
         await anext(steps)
         with pytest.raises(WrongQuestion, match="a scan of hall goes on already"):
             await told(bench)
@@ -290,7 +293,9 @@ async def test_at_all_speeds_the_line_is_lent_and_comes_back():
         bench.attach_at_pace("hall", Weigher(1, baud=19200), Generic(9, baud=38400), Generic(7, baud=19200))
         reasons = set()
         steps = []
-        async with aclosing(scan(bench.running, {"line": "hall", "units": "6-9", "all_speeds": True})) as told_steps:
+        async with aclosing(
+            answering(bench.running, {"verb": "scan", "line": "hall", "units": "6-9", "all_speeds": True})
+        ) as told_steps:
             async for step in told_steps:
                 steps.append(step)
                 reasons.add(str(bench.gateway.lines[0].reconnector.error))
@@ -310,7 +315,9 @@ async def test_a_response_to_a_scan_that_was_left_is_given_to_no_client():
         device = SimulatedDevice(7, delay=0.6)
         device.holding[5] = 0x5555
         bench.attach("hall", SimulatedLine("rtu", device))
-        async with aclosing(scan(bench.running, {"line": "hall", "units": "7", "all_speeds": True})) as steps:
+        async with aclosing(
+            answering(bench.running, {"verb": "scan", "line": "hall", "units": "7", "all_speeds": True})
+        ) as steps:
             await anext(steps)
         await asyncio.sleep(0.1)
         assert bench.lines["hall"].is_open

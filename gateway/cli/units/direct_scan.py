@@ -20,12 +20,13 @@ from gateway.errors import PortError
 from gateway.events import discard_event
 from gateway.lines.settings import LineSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
+from gateway.operator.answers.scan import Found, Progress
 from gateway.ports.opener import make_opener
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.runtime.parts import GatewayLine
 from gateway.state.memory import Memory
 from gateway.timing.characters import LineTiming
-from gateway.tools.scan import Found, Progress, Scan, Steps, opened, scan_speeds
+from gateway.tools.scan import Scan, Steps, opened, scan_speeds
 from gateway.trace.ring import Ring
 
 #: Is told how far a scan is.

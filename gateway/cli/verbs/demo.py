@@ -25,10 +25,10 @@ from gateway.clock.exact_loop import run_exactly
 from gateway.config.plan.plan import Plan
 from gateway.config.plan.resolve import resolve
 from gateway.config.reading.load import load
-from gateway.control.server import Verbs, control_open
-from gateway.control.verbs import verbs
+from gateway.control.server import control_open
 from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut
+from gateway.operator.operator import Operator
 from gateway.ports.opener import make_opener
 from gateway.readconfig.reader import read_here
 from gateway.runtime.build import Gateway, build
@@ -217,7 +217,7 @@ def _plan(config: Path) -> tuple[Plan, str]:
 
 
 @asynccontextmanager
-async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIterator[tuple[Running, Verbs]]:
+async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIterator[tuple[Running, Operator]]:
     """The gateway of `plan`, ready; its events go to `stage`."""
     ready = asyncio.Event()
 
@@ -242,7 +242,7 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
         async with _starting("the gateway"):
             await ready.wait()
         async with web_pages(plan.web, running, reloader, fan_out, contexts):
-            yield running, verbs(running, reloader)
+            yield running, Operator(running, reloader)
     finally:
         stop.order("the demo is stopping")
         await serving

@@ -17,6 +17,7 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.trace_rows import rows
 from gateway.config.values.duration import parse_duration
 from gateway.errors import DaemonError
+from gateway.operator.answers.trace import TracedLine
 from gateway.operator.capture import description, packets
 from gateway.operator.stories import told
 from gateway.trace.pcapng import Writer
@@ -172,8 +173,9 @@ class _Follower:
         self._chosen = {**_line(args), **({} if args.unit is None else {"unit": _unit(args.unit)})}
         self._count: int | None = args.count
         lines = daemon.ask("trace", after=0, **self._chosen, lines=True)["lines"]
-        self.modes = {line["name"]: line["mode"] for line in lines}
-        self.descriptions = {line["name"]: description(line) for line in lines}
+        told = [TracedLine(**line) for line in lines]
+        self.modes = {line.name: line.mode for line in told}
+        self.descriptions = {line.name: description(line) for line in told}
 
     def facts(self, since: float | None, *, from_the_beginning: bool = False) -> Iterator[dict[str, Any]]:
         """Those of the last `since` seconds and no more, or the last ones of these.

@@ -29,6 +29,7 @@ from typing import Final
 from gateway import events
 from gateway.errors import Busy
 from gateway.listeners.sessions.own_echo import OwnEcho
+from gateway.listeners.sessions.server_counts import ServerCounts
 from gateway.listeners.settings import OnFailure, is_kept_back
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
@@ -76,26 +77,6 @@ class ServerSettings:
     def silence_before_response(self) -> float:
         """Return the silence before each response (S 2.5.1.1)."""
         return self.frame_end if self.gap is None else self.gap
-
-
-@dataclass(slots=True)
-class ServerCounts:
-    """What has happened on a server line since it was built.
-
-    Each of the `requests` to its units gets a response (some are `exceptions`) or not: the request has none, the
-    failure was kept `silent`, the response came `too_late`, or was `overtaken` by other bytes on the line.
-    """
-
-    requests: int = 0
-    responses: int = 0
-    exceptions: int = 0
-    silent: int = 0
-    too_late: int = 0
-    overtaken: int = 0
-    broadcasts: int = 0
-    foreign_frames: int = 0
-    noise: int = 0
-    echoes: int = 0
 
 
 class SerialSession:

@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from gateway.operator.operations import Traced
 from gateway.profiles.point import Point
 from gateway.request import Caller
 from gateway.timing.history import Past
@@ -103,22 +104,6 @@ class WebClient:
 
     caller: Caller
     is_there: Callable[[], bool]
-
-
-@dataclass(frozen=True, slots=True)
-class Which:
-    """Which records: those of the last `seconds`, of one line, unit, function, client and result, or of all.
-
-    A stream has all of them, or at most this many `per_second`.
-    """
-
-    seconds: int
-    line: str | None = None
-    unit: int | str | None = None
-    function: int | None = None
-    client: str | None = None
-    result: str | None = None
-    per_second: int | None = None
 
 
 class RightsRow(Protocol):
@@ -338,17 +323,17 @@ class Answers(UnitAnswers, Protocol):
     async def config(self) -> ConfigView:
         """The config that is in use, and the file as it is now."""
 
-    def trace(self, which: Which, host: str) -> EventSource:
+    def trace(self, asked: Traced, host: str, per_second: int | None = None) -> EventSource:
         """What happened, and happens, for a reader at the address `host`.
 
         Raises:
             WrongQuestion: nothing is kept, or there is no such line, unit or result.
         """
 
-    async def latest(self, which: Which, host: str, most: int) -> Sequence[Mapping[str, Any]]:
+    async def latest(self, asked: Traced, host: str, most: int) -> Sequence[Mapping[str, Any]]:
         """What happened last, the newest first, for a reader at the address `host`; it may raise as `trace` does."""
 
-    def capture(self, which: Which, host: str) -> AsyncIterator[bytes]:
+    def capture(self, asked: Traced, host: str) -> AsyncIterator[bytes]:
         """A capture file of what happened, part by part; the first one may raise as `trace` does."""
 
     def rights(self) -> Sequence[RightsRow]:

@@ -15,10 +15,11 @@ from gateway.errors import WrongQuestion
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
+from gateway.operator.operations import Traced
 from gateway.profiles.point import Point
 from gateway.timing.history import LINE_SLOTS, STEP, UNIT_SLOTS
 from gateway.web.access.guard import VISITOR, Guard, Need, Visitor
-from gateway.web.api.answers import Answers, Status, Unit, Which
+from gateway.web.api.answers import Answers, Status, Unit
 from gateway.web.api.asking import ask_for
 from gateway.web.api.grid import MOST, grid_of
 from gateway.web.api.openapi import document
@@ -254,7 +255,8 @@ class Api:
     async def trace(self, request: web.Request) -> web.StreamResponse:
         """What happens on the lines, as it happens."""
         visitor = request[VISITOR]
-        source = self._answers.trace(which(request.query, usual=0, others=("per_second",)), visitor.host)
+        asked = which(request.query, usual=0, others=("per_second",))
+        source = self._answers.trace(asked, visitor.host, _number(request.query, "per_second", 1, MOST_PER_SECOND))
         return await self._streams.serve(request, source, visitor, partial(self._guard.is_valid, visitor))
 
     async def capture(self, request: web.Request) -> web.StreamResponse:
@@ -305,7 +307,7 @@ def unit_in(text: str) -> int | str:
     return int(text) if _NUMBER.fullmatch(text) else text
 
 
-def which(query: Mapping[str, str], usual: int, others: Sequence[str] = ()) -> Which:
+def which(query: Mapping[str, str], usual: int, others: Sequence[str] = ()) -> Traced:
     """Which records of the trace are asked for.
 
     Raises:
@@ -315,14 +317,13 @@ def which(query: Mapping[str, str], usual: int, others: Sequence[str] = ()) -> W
     if unknown := sorted(set(query) - set(known)):
         raise ProblemError(400, f"{unknown[0]}: there are only {', '.join(known)}")
     seconds, unit = _number(query, "seconds", 0, LONGEST_LOOK_BACK), query.get("unit")
-    return Which(
-        usual if seconds is None else seconds,
-        query.get("line"),
-        None if unit is None else unit_in(unit),
-        _number(query, "function", 1, 127),
-        query.get("client"),
-        query.get("result"),
-        _number(query, "per_second", 1, MOST_PER_SECOND),
+    return Traced(
+        since=usual if seconds is None else seconds,
+        line=query.get("line"),
+        unit=None if unit is None else unit_in(unit),
+        function=_number(query, "function", 1, 127),
+        client=query.get("client"),
+        result=query.get("result"),
     )
 
 

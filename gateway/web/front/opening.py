@@ -21,24 +21,37 @@ from gateway.observe.fan_out import FanOut, Follower
 from gateway.operator import answer_times, failures, kept, reached
 from gateway.operator import status as told
 from gateway.operator.answer_times import FunctionTimes
+from gateway.operator.answers.status import (
+    ImageStatus,
+    LineStatus,
+    MirrorStatus,
+    ServerStatus,
+    Status,
+    UnitStatus,
+    UpstreamStatus,
+)
+from gateway.operator.answers.trace import Fact
+from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.config_view import ConfigView, ConfigViewer
 from gateway.operator.failures import Failure
 from gateway.operator.history import history_kept
 from gateway.operator.kept import ImageWindow, Kept
+from gateway.operator.operations import Traced
+from gateway.operator.requests import AwaitedOrigin, send
 from gateway.operator.rights import Verdict, rights_in_words, routers, verdict
-from gateway.operator.trace import Fact
 from gateway.operator.trace_reader import Texts, TraceReader, capture, latest, may_see_all
-from gateway.operator.units import AwaitedOrigin, UnitPicture, picture, pictures, send
+from gateway.operator.units import picture, pictures
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_token
 from gateway.runtime.build import Gateway
-from gateway.runtime.reload import Outcome, Reloader
+from gateway.runtime.outcome import Outcome
+from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
 from gateway.timing.history import History, Past
 from gateway.tls.contexts import Loaded
 from gateway.tls.store import TlsStore, load_all
 from gateway.tools.examinations import Examinations
-from gateway.web.api.answers import Answer, WebClient, Which
+from gateway.web.api.answers import Answer, WebClient
 
 #: How old the status may be that is told, in seconds: any number of readers costs no more than one.
 _STATUS_KEPT: Final = 1.0
@@ -140,13 +153,13 @@ class _Answers:
     """See gateway.web.api.answers."""
 
     types: Final[Mapping[str, type]] = {
-        "Status": told.Status,
-        "Line": told.LineStatus,
-        "Server": told.ServerStatus,
-        "Upstream": told.UpstreamStatus,
-        "UnitStatus": told.UnitStatus,
-        "Image": told.ImageStatus,
-        "Mirror": told.MirrorStatus,
+        "Status": Status,
+        "Line": LineStatus,
+        "Server": ServerStatus,
+        "Upstream": UpstreamStatus,
+        "UnitStatus": UnitStatus,
+        "Image": ImageStatus,
+        "Mirror": MirrorStatus,
         "Unit": UnitPicture,
         "Reload": Outcome,
     }
@@ -168,7 +181,7 @@ class _Answers:
         metrics = import_module("gateway.observe.metrics")
         self._exposition = metrics.exposition
         self.content_type: str = metrics.CONTENT_TYPE
-        self._status: told.Status | None = None
+        self._status: Status | None = None
         self._one_status_at_a_time = asyncio.Lock()
         #: The gateway whose units were described last: a reload makes another one.
         self._pictured: Gateway | None = None
@@ -219,7 +232,7 @@ class _Answers:
             else "no line is up, and there is no image"
         )
 
-    async def status(self) -> told.Status:
+    async def status(self) -> Status:
         """That of now, or of less than a second ago."""
         async with self._one_status_at_a_time:
             now = asyncio.get_running_loop().time()
@@ -254,14 +267,14 @@ class _Answers:
     async def config(self) -> ConfigView:
         return await self._config.view()
 
-    def trace(self, which: Which, host: str) -> TraceReader:
-        return TraceReader(lambda: self._running.gateway, asdict(which), host, self._texts)
+    def trace(self, asked: Traced, host: str, per_second: int | None = None) -> TraceReader:
+        return TraceReader(lambda: self._running.gateway, asked, host, self._texts, per_second)
 
-    async def latest(self, which: Which, host: str, most: int) -> Sequence[Fact]:
-        return await latest(self._running.gateway, asdict(which), host, most)
+    async def latest(self, asked: Traced, host: str, most: int) -> Sequence[Fact]:
+        return await latest(self._running.gateway, asked, host, most)
 
-    def capture(self, which: Which, host: str) -> AsyncIterator[bytes]:
-        return capture(lambda: self._running.gateway, asdict(which), host)
+    def capture(self, asked: Traced, host: str) -> AsyncIterator[bytes]:
+        return capture(lambda: self._running.gateway, asked, host)
 
     def rights(self) -> Sequence[RightsRow]:
         return rights_in_words(self._running.gateway)

@@ -7,9 +7,10 @@ from typing import Final
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
+from gateway.operator.operations import Traced
 from gateway.trace.pdus import FUNCTIONS
 from gateway.web.access.guard import VISITOR, Need
-from gateway.web.api.answers import Answers, Verdict, Which
+from gateway.web.api.answers import Answers, Verdict
 from gateway.web.front.problems import Handler
 from gateway.web.pages.renderer import Renderer
 
@@ -70,6 +71,6 @@ class ClientsPage:
     async def _denied(self, host: str) -> Sequence[object]:
         """The last requests that a client had no right to."""
         try:
-            return await self._answers.latest(Which(0, result="denied"), host, MOST_DENIED)
+            return await self._answers.latest(Traced(result="denied"), host, MOST_DENIED)
         except WrongQuestion:  # nothing is kept
             return ()

@@ -7,9 +7,10 @@ from typing import Any, Final
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
+from gateway.operator.operations import Traced
 from gateway.timing.history import UNIT_SLOTS
 from gateway.web.access.guard import VISITOR, Need
-from gateway.web.api.answers import Answers, Which
+from gateway.web.api.answers import Answers
 from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.busy import busy_outline, hours
 from gateway.web.pages.function_names import function_name
@@ -76,6 +77,6 @@ class LinePage:
 
     async def _last_rows(self, line: str, host: str) -> Sequence[dict[str, Any]]:
         """The last transactions on a line that a reader at this address may see, the newest first."""
-        facts = await self._answers.latest(Which(0, line), host, _LOOKED_AT)
+        facts = await self._answers.latest(Traced(line=line), host, _LOOKED_AT)
         shown = [fact for fact in facts if fact["kind"] in ("exchange", "answered", "refused")]
         return [row(fact) for fact in shown[:MOST_FACTS]]

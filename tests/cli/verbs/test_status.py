@@ -11,7 +11,7 @@ import pytest
 from gateway.cli.main import FINE, INTERRUPTED, PROBLEM_FOUND, main
 from gateway.cli.verbs.status import show_status
 from gateway.lines.counts import Counts
-from gateway.operator.status import (
+from gateway.operator.answers.status import (
     ClientStatus,
     LineStatus,
     LineUserStatus,
@@ -23,7 +23,7 @@ from gateway.operator.status import (
     TimesStatus,
     UnitStatus,
 )
-from gateway.runtime.publishing import BrokerStatus
+from gateway.plant.status import BrokerStatus
 from gateway.timing.measured import Phases
 
 TIMES = TimesStatus(0.4, 2.0, 12.3, 45.0, 0.05, 0.18, 250.4, 0)

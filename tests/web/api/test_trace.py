@@ -7,13 +7,14 @@ from struct import unpack_from
 
 import pytest
 
+from gateway.operator.requests import AwaitedOrigin
 from gateway.operator.trace_reader import capture
-from gateway.operator.units import AwaitedOrigin, ask
 from gateway.request import Request
 from gateway.routing.access import NOTHING, AccessRow, Rights
 from gateway.trace.records import Answered, PortChanged
 from gateway.web.front.downloads import MOST_DOWNLOADS
 from gateway.web.front.streams import WRITE_TIME
+from kit.asking import ask
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import PATIENCE
@@ -192,8 +193,8 @@ async def test_values_are_told_of_what_the_reader_may_read_only(tmp_path):
     async with bench_of(CONFIG + LIMITED, tmp_path) as bench:
         await attach(bench)
         for unit in (46, 47, 48):
-            await ask(bench.running.gateway, {"unit": unit, "pdu": "03 0000 0001"}, lambda: True)
-        await ask(bench.running.gateway, {"unit": 46, "pdu": "06 0000 0007"}, lambda: True)
+            await ask(bench.running, "request", unit=unit, pdu="03 0000 0001")
+        await ask(bench.running, "request", unit=46, pdu="06 0000 0007")
         facts = await read(bench, "?seconds=60")
         assert [(fact["unit"], fact["request"] is not None) for fact in facts] == [
             (46, True),

@@ -5,10 +5,11 @@ import json
 
 import pytest
 
-from gateway.operator.units import AwaitedOrigin, ask
+from gateway.operator.requests import AwaitedOrigin
 from gateway.request import Request
 from gateway.trace.records import Heard, PortChanged
 from gateway.web.pages.traffic import MOST_ROWS
+from kit.asking import ask
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.markup import Markup
@@ -166,7 +167,7 @@ async def test_what_a_visitor_may_not_read_is_withheld(tmp_path):
     async with web_bench(CONFIG + LIMITED, tmp_path) as bench:
         bench.inner.attach("hall", SimulatedLine("rtu", SimulatedDevice(6), SimulatedDevice(7)))
         for unit in (46, 47):
-            await ask(bench.running.gateway, {"unit": unit, "pdu": "04 0000 0001"}, lambda: True)
+            await ask(bench.running, "request", unit=unit, pdu="04 0000 0001")
         oven, press = map(told, (await rows(bench))[:2])
         assert "read input 0" in press
         assert "withheld" in oven

@@ -12,7 +12,7 @@ from jinja2 import Environment
 
 import gateway.errors
 from gateway.errors import RequestError
-from gateway.operator.status import LineStatus, UnitStatus
+from gateway.operator.answers.status import LineStatus, UnitStatus
 from gateway.trace.records import RESULTS
 from gateway.web.access.guard import Role
 from gateway.web.front import problems

@@ -1,11 +1,11 @@
-"""The verbs of the control socket in virtual time."""
+"""Requests of operators in virtual time."""
 
 import asyncio
 
 import pytest
 
-from gateway.control.verbs import verbs
 from gateway.runtime.running import LONGEST_START
+from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -19,7 +19,7 @@ devices = [{ unit = 1 }]
 
 
 async def read(bench):
-    return await verbs(bench.running, None)["request"]({"unit": 1, "pdu": "03 00 00 00 01"}, lambda: True)
+    return await ask(bench.running, "request", unit=1, pdu="03 00 00 00 01")
 
 
 @pytest.mark.parametrize("waits", [1.0, LONGEST_START + 1.0])

@@ -1,0 +1,37 @@
+"""What was measured of the response times of a device."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredRow:
+    """Normal responses of one function with the same number of items.
+
+    There were `count` since the start. `times_ms` are the last ones, oldest first: from the end of the request to the
+    beginning of the response, as it would have begun at the line's rate; `longest_ms` is the longest since the start.
+    `limit_ms` is the present limit, and `allowed_ms` the part of it that is for the device.
+    """
+
+    function: int
+    items: int
+    count: int
+    times_ms: tuple[float, ...]
+    longest_ms: float
+    limit_ms: float
+    allowed_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A device of a line, and how long its responses took."""
+
+    unit: int
+    name: str
+    source: str
+    profile: str
+    mode: str
+    baud: int
+    format: str
+    margin: float
+    timeout_ms: float
+    rows: tuple[MeasuredRow, ...]

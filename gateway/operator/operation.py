@@ -1,0 +1,90 @@
+"""An operation: one thing that may be asked of a gateway at work, as data.
+
+The control socket, HTTP with its OpenAPI document, and the command line are made of the table of all operations
+(`operations.py`). What an operation does is a function that is loaded when it is asked for the first time:
+
+    async def forget(operator: Operator, asked: Device, asker: Asker) -> Forgotten
+
+An operation with several answers is an asynchronous generator of them.
+"""
+
+from collections.abc import AsyncGenerator, Callable
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+
+from gateway.request import Caller
+
+if TYPE_CHECKING:
+    from gateway.operator.operator import Operator
+
+P = TypeVar("P")
+R = TypeVar("R")
+
+#: What is needed for an operation: to see how the gateway is doing, or to change it and to write values.
+Right = Literal["reading", "operator"]
+#: Whether who asks is still there.
+IsThere = Callable[[], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Nothing:
+    """The parameters of an operation that has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asker:
+    """Who asks. `host` is the address of an HTTP client; what [[access]] does not let it read is hidden from it.
+
+    At the control socket `host` is empty: whoever may use the socket sees everything.
+    """
+
+    caller: Caller
+    is_there: IsThere
+    host: str = ""
+
+
+@dataclass(frozen=True)
+class Operation(Generic[P, R]):
+    """One thing that may be asked: its `parameters` and its `result` are dataclasses.
+
+    `by` names the function that answers, `module:function`. At the control socket the result stands under `key`, or its
+    fields beside `ok` where `key` is empty. Over HTTP it is at `path` below /api/v1, where `{name}` is a parameter; an
+    operation without a path is not to be had there. One that `is_repeated` has several answers, one after the other.
+    """
+
+    name: str
+    parameters: type[P]
+    result: type[R]
+    right: Right
+    summary: str
+    by: str
+    key: str = ""
+    path: str | None = None
+    is_repeated: bool = False
+
+    @cached_property
+    def function(self) -> "Callable[[Operator, P, Asker], Any]":
+        """Load the function that answers."""
+        module, _, name = self.by.partition(":")
+        function: Callable[[Operator, P, Asker], Any] = getattr(import_module(module), name)
+        return function
+
+    async def answer(self, operator: "Operator", asked: P, asker: Asker) -> R:
+        """Answer an operation that has one answer.
+
+        Raises:
+            WrongQuestion: it cannot be carried out.
+        """
+        answer: R = await self.function(operator, asked, asker)
+        return answer
+
+    def answers(self, operator: "Operator", asked: P, asker: Asker) -> AsyncGenerator[R, None]:
+        """Answer an operation that `is_repeated`, for as long as the answers are taken.
+
+        Raises:
+            WrongQuestion: it cannot be carried out.
+        """
+        answers: AsyncGenerator[R, None] = self.function(operator, asked, asker)
+        return answers

@@ -1,0 +1,105 @@
+"""Requests of an operator to units: with the rights, the queue and the limits of any client."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from gateway.config.reserved import CONTROL
+from gateway.errors import LineDown, RequestError, WrongQuestion
+from gateway.modbus.codes import MAX_PDU
+from gateway.modbus.functions import only_reads
+from gateway.operator.answers.unit import RequestAnswer
+from gateway.operator.frames import frames_of
+from gateway.operator.operation import Asker
+from gateway.operator.operations import OneRequest
+from gateway.operator.operator import Operator
+from gateway.operator.units import find_unit
+from gateway.ports.port import SiteSettings
+from gateway.request import Caller, Request
+from gateway.routing.router import Router
+from gateway.runtime.build import Gateway
+
+#: The operators at the control socket.
+AT_CONTROL: Final = Caller.without_address(CONTROL)
+
+
+class AwaitedOrigin:
+    """The Origin of one request of an operator. `outcome` is its error, if any, and its response."""
+
+    def __init__(self, is_there: Callable[[], bool], caller: Caller = AT_CONTROL) -> None:
+        """`is_there` tells whether the operator is still connected."""
+        self.caller = caller
+        self.outcome: asyncio.Future[tuple[RequestError | None, bytes | None]] = (
+            asyncio.get_running_loop().create_future()
+        )
+        self._is_there = is_there
+
+    def wants(self, request: Request) -> bool:
+        """Tell whether the request should still be sent: only while the client is connected."""
+        return not self.outcome.done() and (only_reads(request.pdu) or self._is_there())
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the response."""
+        if not self.outcome.done():
+            self.outcome.set_result((request.error, pdu))
+
+
+class Done(NamedTuple):
+    """What became of a request: its response, its start, how long it took, and the gateway's error if there is one."""
+
+    pdu: bytes | None
+    started: float
+    elapsed_ms: float
+    error: RequestError | None
+
+
+async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAnswer:
+    """Send a request like one of any client, with rights, queue and limits.
+
+    Raises:
+        WrongQuestion: there is no such unit, or `pdu` is not a PDU.
+    """
+    await operator.running.settled()
+    gateway = operator.running.gateway
+    unit, pdu = find_unit(gateway.plan, asked.unit), _pdu(asked.pdu)
+    done = await send(gateway.control, unit, pdu, AwaitedOrigin(asker.is_there))
+    result, reason = "", ""
+    if done.error is not None:
+        result = done.error.result
+        reason = _missing_site(gateway, unit) if isinstance(done.error, LineDown) else str(done.error)
+    return RequestAnswer(
+        unit=unit,
+        pdu=None if done.pdu is None else done.pdu.hex(" ").upper(),
+        elapsed_ms=done.elapsed_ms,
+        result=result,
+        reason=reason,
+        **frames_of(gateway, CONTROL, pdu, done.started),
+    )
+
+
+def _missing_site(gateway: Gateway, unit: int) -> str:
+    """Tell why the site that has a unit cannot be reached; empty if it can, or if the unit is of this site."""
+    for upstream in gateway.upstreams:
+        trouble = upstream.reconnector.error
+        if unit in upstream.devices and trouble is not None and isinstance(upstream.plan.port, SiteSettings):
+            return f"{trouble}; modbus-gateway status --fleet shows the sites"
+    return ""
+
+
+async def send(router: Router, unit: int, pdu: bytes, question: AwaitedOrigin) -> Done:
+    """Send a request through `router`, and wait for what becomes of it."""
+    now = asyncio.get_running_loop().time
+    started = now()
+    router.submit(Request(unit, pdu, question, started), started)
+    error, response = await question.outcome
+    return Done(response, started, round((now() - started) * 1000, 1), error)
+
+
+def _pdu(text: str) -> bytes:
+    try:
+        pdu = bytes.fromhex(text)
+    except ValueError:
+        pdu = b""
+    if not 1 <= len(pdu) <= MAX_PDU:
+        raise WrongQuestion(f'"pdu" must be 1 to {MAX_PDU} bytes in hexadecimal, such as "03 00 00 00 02"')
+    return pdu

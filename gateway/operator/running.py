@@ -1,0 +1,33 @@
+"""Which gateway this is, its fleet, and its reload."""
+
+import asyncio
+from dataclasses import asdict
+
+from gateway.errors import FleetError, WrongQuestion
+from gateway.operator.answers.running import Reloaded, Sites, Which
+from gateway.operator.operation import Asker, Nothing
+from gateway.operator.operator import Operator
+
+
+async def tell_which(operator: Operator, _asked: Nothing, _asker: Asker) -> Which:
+    """Tell with which config the gateway runs."""
+    return Which(str(operator.reloader.file.absolute()))
+
+
+async def tell_sites(operator: Operator, _asked: Nothing, _asker: Asker) -> Sites:
+    """Tell what the sites of the fleet say of themselves.
+
+    Raises:
+        WrongQuestion: they are not known.
+    """
+    try:
+        return Sites(tuple(await operator.running.gateway.fleet.sites()))
+    except FleetError as error:
+        raise WrongQuestion(f"the other sites are not known: {error}") from error
+
+
+async def reload(operator: Operator, _asked: Nothing, _asker: Asker) -> Reloaded:
+    """Read the config again, and apply it."""
+    outcome = await asyncio.shield(operator.reloader.order())
+    is_done = not (outcome.problems or outcome.defect)
+    return Reloaded(**asdict(outcome), ok=is_done, file=str(operator.reloader.file.absolute()))

@@ -1,0 +1,36 @@
+"""The connection to a broker for the status."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerStatus:
+    """The broker at which values are published. `reason` says why nothing is published; it is empty when all is well.
+
+    `unsteady` says why connections were lost, each soon after it was made; it is empty once one has held for a minute.
+
+    `down_ms`: nothing has been published for so long; None when all is well, or the library is missing. `version` is
+    that of MQTT. Of `devices`, so many `available` ones answer. `messages` were confirmed by the broker, and
+    `refused_messages` were not, the last one `last_refused_ms` ago. `polls` is how often points were read, and
+    `failed_polls` how often in vain.
+    """
+
+    broker: str
+    source: str
+    state: Literal["up", "down"]
+    reason: str
+    down_ms: float | None
+    version: str
+    attempts: int
+    devices: int
+    available: int
+    points: int
+    messages: int
+    refused_messages: int
+    commands: int
+    refused_commands: int
+    polls: int
+    failed_polls: int
+    last_refused_ms: float | None = None
+    unsteady: str = ""
