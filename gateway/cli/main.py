@@ -110,10 +110,9 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     return parser
 
 
-def parser_of_all() -> Mapping[str, argparse.ArgumentParser]:
-    """The parsers of all verbs, each with its arguments."""
-    _, parsers = _parsers(VERBS, with_arguments=VERBS)
-    return parsers
+def parser_of_all() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentParser]]:
+    """Make the whole parser with the arguments of all verbs, and return it and the parsers of the verbs."""
+    return _parsers(VERBS, with_arguments=VERBS)
 
 
 def _parsers(
@@ -126,7 +125,7 @@ def _parsers(
         formatter_class=_Help,
     )
     parser.add_argument("--version", action="version", version=f"modbus-gateway {__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="COMMAND", required=True)
+    verbs = parser.add_subparsers(title="commands", dest="verb", metavar="COMMAND", required=True)
     for verb in names:
         verb_parser = verbs.add_parser(
             verb,

@@ -46,6 +46,7 @@ def main(tests: list[str]) -> int:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
         python = f"{folder}/bin/python"
         pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
+        pip += ["--no-binary", "argparse-manpage"]  # has no wheel
         subprocess.run([*pip, "--no-deps", "--requirement", CHECKOUT / "deploy/requirements-dev.txt"], check=True)
         subprocess.run([*pip, *wanted], check=True)
         pytest = [python, "-m", "pytest", "--quiet", "--numprocesses", "auto", "--dist", "loadfile"]

@@ -1,4 +1,4 @@
-"""What is packed: all of the gateway, the libraries that run it and no others, rules that udev understands, completion.
+"""What is packed: all of the gateway, the libraries that run it and no others, rules that udev understands.
 
 Whether the package installs and serves is seen by tests/soak/package.py, which builds it.
 """
@@ -22,13 +22,10 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from gateway.cli.main import VERBS
-
 CHECKOUT = Path(__file__).resolve().parents[2]
 DEPLOY = CHECKOUT / "deploy"
 #: What compiles the gateway in the image, and does not get into it.
 BUILDS = "deploy/requirements-build.txt"
-PROGRAM = Path(sys.executable).with_name("modbus-gateway")
 
 
 def printed(*words: str | Path) -> str:
@@ -69,12 +66,6 @@ def imported() -> Iterator[str]:
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
             yield from {name.partition(".")[0] for name in names} - sys.stdlib_module_names - {"gateway"}
-
-
-def completed(*words: str) -> list[str]:
-    """What bash offers for the last of these words, the first of which is the program."""
-    script = 'source "$0"; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _modbus_gateway "$1"; echo "${COMPREPLY[@]}"'
-    return printed("bash", "-c", script, DEPLOY / "completions/modbus-gateway", PROGRAM, *words).split()
 
 
 def test_the_gateway_imports_the_libraries_that_it_asks_for():
@@ -207,19 +198,6 @@ def test_who_installs_with_pipx_is_told_every_extra():
     commands = re.findall(r"pipx install.*?whl\[(.*?)\]", (CHECKOUT / "docs/install.md").read_text(encoding="utf-8"))
     assert commands
     assert set(commands) == {extras}
-
-
-def test_completion_knows_every_verb():
-    assert set(completed("")) == {*VERBS, "--help", "--version"}
-
-
-def test_completion_knows_the_values_of_an_option_and_of_a_word():
-    assert completed("profile", "--mode", "a") == ["ascii"]
-    assert completed("import", "") == ["mbusd", "modbus-proxy"]
-
-
-def test_completion_knows_the_options_of_a_verb():
-    assert completed("check", "--j") == ["--json"]
 
 
 def test_udev_understands_the_rules():

@@ -2,45 +2,76 @@
 
 import re
 import subprocess
+from argparse import SUPPRESS
 from pathlib import Path
 
 import pytest
 
+from command_files import COMPLETIONS, MANUAL, command_files
 from gateway.cli.kit.examples import EXAMPLES
-from gateway.cli.kit.grammar import grammar
-from gateway.cli.kit.manual import manual
 from gateway.cli.main import VERBS, main, parser_of_all
-from gateway.cli.verbs.completion import completion
+from gateway.cli.verbs.completion import SCRIPTS
 
-DEPLOY = Path(__file__).parents[3] / "deploy"
-PAGE = DEPLOY / "man" / "modbus-gateway.1"
-FILES = {"bash": "modbus-gateway", "zsh": "_modbus-gateway", "fish": "modbus-gateway.fish"}
-OPTIONS = [(verb.name, flag) for verb in grammar() for option in verb.options for flag in option.flags]
+FILES = command_files()
+PAGE = FILES[MANUAL]
 
 
-def test_the_page_is_current():
-    command = "run: python -m gateway.cli.kit.manual > deploy/man/modbus-gateway.1"
-    assert PAGE.read_text(encoding="utf-8") == manual(), command
+def options(parser, *words):
+    """The options of a parser and of those in it, each with the words before them."""
+    for action in (each for each in parser._actions if each.help != SUPPRESS):
+        yield from ((words, flag) for flag in action.option_strings)
+        if isinstance(action.choices, dict):
+            for word, each in action.choices.items():
+                yield from options(each, *words, word)
 
 
-@pytest.mark.parametrize(("shell", "file"), FILES.items())
-def test_the_completions_are_current(shell, file):
-    command = f"run: modbus-gateway completion {shell} > deploy/completions/{file}"
-    assert (DEPLOY / "completions" / file).read_text(encoding="utf-8") == completion(shell), command
+OPTIONS = list(options(parser_of_all()[0]))
 
 
-def test_the_page_has_every_command_with_its_options():
-    sections = re.split(r"^\.SS ", manual(), flags=re.MULTILINE)[1:]
-    assert [section.split()[0] for section in sections] == list(VERBS)
-    for name, flag in OPTIONS:
-        section = next(one for one in sections if one.startswith(name))
-        assert flag in ("-h", "--help") or flag.replace("-", "\\-") in section
+def completed(shell: str, typed: str, folder: Path) -> set[str]:
+    """What a shell offers for the last of the words."""
+    script = COMPLETIONS / SCRIPTS[shell]
+    if shell == "fish":
+        ask = f'source {script}; complete -C "{typed}"'
+        words = ["fish", "--no-config", "-c", ask]
+    else:
+        ask = f'source {script}; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _shtab_modbus_gateway "$1"'
+        words = [
+            "bash",
+            "-c",
+            f'compopt() {{ :; }}; {ask}; printf "%s\\n" "${{COMPREPLY[@]}}"',
+            "bash",
+            *typed.split(" "),
+        ]
+    said = subprocess.run(words, capture_output=True, text=True, check=True, cwd=folder).stdout
+    return {line.partition("\t")[0] for line in said.splitlines()}
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
+def test_the_files_are_current(file):
+    assert file.read_text(encoding="utf-8") == FILES[file], "run: .venv/bin/python -m deploy.command_files"
+
+
+@pytest.mark.parametrize("shell", SCRIPTS)
+def test_the_command_prints_the_script(shell, capsys):
+    assert main(["completion", shell]) == 0
+    assert capsys.readouterr().out == FILES[COMPLETIONS / SCRIPTS[shell]]
+
+
+def test_the_page_has_every_command_with_its_options_and_examples():
+    sections = dict(re.findall(r"^\.SS \\fB(.*)\\fR\n((?s:.*?))(?=^\.S[SH])", PAGE.replace("\\-", "-"), re.MULTILINE))
+    assert {" ".join(name.split()[1:2]) for name in sections} == set(VERBS)
+    for words, flag in OPTIONS:
+        if words and flag not in ("-h", "--help"):
+            assert f"\\fB{flag}\\fR" in sections[" ".join(("modbus-gateway", *words))]
+    for typed in (typed for verb in VERBS for typed, _ in EXAMPLES[verb]):
+        assert f"\n.B modbus-gateway {typed}\n" in PAGE.replace("\\-", "-")
 
 
 @pytest.mark.needs("groff")
 def test_roff_has_no_complaints_about_the_page():
     words = ["groff", "-man", "-Tutf8", "-ww", "-z"]
-    done = subprocess.run(words, input=manual(), capture_output=True, text=True, check=True)
+    done = subprocess.run(words, input=PAGE, capture_output=True, text=True, check=True)
     assert done.stderr == ""
 
 
@@ -57,22 +88,52 @@ def test_every_command_has_an_example_in_its_help(verb, capsys):
 def test_the_examples_can_be_understood(verb, typed):
     words = typed.split(" > ")[0].split()
     assert words[0] == verb
-    parser_of_all()[verb].parse_args(words[1:])
+    parser_of_all()[1][verb].parse_args(words[1:])
 
 
-@pytest.mark.parametrize("shell", FILES)
+@pytest.mark.parametrize("shell", SCRIPTS)
 def test_every_command_and_option_is_completed(shell):
-    script = completion(shell)
+    script = FILES[COMPLETIONS / SCRIPTS[shell]]
     assert all(verb in script for verb in VERBS)
     for _, flag in OPTIONS:
         assert (f"-l {flag[2:]}" if shell == "fish" and flag.startswith("--") else flag.lstrip("-")) in script
 
 
-@pytest.mark.parametrize("shell", [pytest.param(shell, marks=pytest.mark.needs(shell)) for shell in FILES])
+@pytest.mark.parametrize("shell", [pytest.param(shell, marks=pytest.mark.needs(shell)) for shell in SCRIPTS])
 def test_a_shell_can_read_its_script(shell):
-    subprocess.run([shell, "-n"], input=completion(shell), check=True, text=True)
+    subprocess.run([shell, "-n", COMPLETIONS / SCRIPTS[shell]], check=True)
+
+
+@pytest.mark.parametrize("shell", [pytest.param(shell, marks=pytest.mark.needs(shell)) for shell in ("bash", "fish")])
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("modbus-gateway ", set(VERBS)),
+        ("modbus-gateway --", {"--help", "--version"}),
+        ("modbus-gateway check --j", {"--json"}),
+        ("modbus-gateway profile --mode a", {"ascii"}),
+        ("modbus-gateway import ", {"mbusd", "modbus-proxy"}),
+        ("modbus-gateway certificates rev", {"revoke"}),
+        ("modbus-gateway user add --role ", {"viewer", "operator"}),
+        ("modbus-gateway check my", {"my.toml"}),
+        ("modbus-gateway status --config my", {"my.toml"}),
+        ("modbus-gateway import mbusd my", {"my.toml"}),
+        ("modbus-gateway simulate mint:1 --port my", {"my.toml"}),
+    ],
+)
+def test_a_shell_offers(shell, typed, offered, tmp_path):
+    (tmp_path / "my.toml").touch()
+    (tmp_path / "other.toml").touch()
+    assert completed(shell, typed, tmp_path) == offered
+
+
+@pytest.mark.needs("fish")
+def test_the_short_name_is_completed_too(tmp_path):
+    assert completed("fish", "mbgw che", tmp_path) == {"check"}
+    assert "-F _shtab_modbus_gateway modbus-gateway mbgw\n" in FILES[COMPLETIONS / SCRIPTS["bash"]]
+    assert FILES[COMPLETIONS / SCRIPTS["zsh"]].startswith("#compdef modbus-gateway mbgw\n")
 
 
 def test_the_running_program_has_one_name():
     """Pages and messages call it the gateway."""
-    assert "daemon" not in manual().casefold()
+    assert "daemon" not in PAGE.casefold()
