@@ -12,7 +12,7 @@ from gateway.config.reading.load import builtin_profiles
 from gateway.config.reading.wording import keys_of, row_model
 from gateway.config.schema.root import Config
 from gateway.config.schema.table import Table
-from gateway.config.values.kinds import Kind
+from gateway.config.values.kind import Kind
 
 SMALLEST: Final = """\
 [[line]]
@@ -221,20 +221,21 @@ def _kind_of_compound(origin: Any, parts: tuple[Any, ...]) -> str:
 
 
 def _default(field: FieldInfo) -> str:
-    """The default as written in a file."""
     if field.is_required():
         return "**must be given**"
+    text = default_text(field)
+    return text and f"`{text}`"
+
+
+def default_text(field: FieldInfo) -> str:
+    """Show the default as it is written in a file; empty if that cannot be written."""
     value = field.default
     for one in field.metadata:
         if isinstance(one, Kind) and value not in ((), {}):
-            return f"`{one.show(value)}`"
-    if isinstance(value, bool):
-        return f"`{str(value).lower()}`"
-    if isinstance(value, str):
-        return f'`"{value}"`'
-    if isinstance(value, tuple) and value:
-        return f"`{json.dumps(value)}`"
-    return "" if value in (None, (), {}) or isinstance(value, Table) else f"`{value}`"
+            return one.show(value)
+    if value in (None, (), {}) or isinstance(value, Table):
+        return ""
+    return json.dumps(value)
 
 
 def _profiles() -> str:

@@ -5,9 +5,11 @@ from typing import Annotated, Self
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from gateway.config.problem import Path
-from gateway.config.values.kinds import Kind
+from gateway.config.values.kind import Kind
 
-FunctionNumber = Annotated[int, Field(ge=1, le=127), Kind("function")]
+FunctionNumber = Annotated[
+    int, Field(ge=1, le=127), Kind("function", {"type": "integer", "minimum": 1, "maximum": 127})
+]
 Count = Annotated[int, Field(ge=1)]
 
 

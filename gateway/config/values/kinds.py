@@ -1,10 +1,8 @@
 """The kinds of value that keys have, as types that read what a user wrote and refuse the rest in plain words."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from ipaddress import IPv4Network, IPv6Network
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, PlainValidator, Strict
 
@@ -29,6 +27,7 @@ from gateway.config.values.duration import (
 )
 from gateway.config.values.files import check_path, in_folder, parse_file, parse_token_file, secret_in_folder
 from gateway.config.values.fleet import Site, parse_lease_name, parse_other_server, parse_servers
+from gateway.config.values.kind import NUMBER, TRUTH, WORD, Kind, any_of, list_of, map_to, one_of, text
 from gateway.config.values.limits import parse_item, parse_limits
 from gateway.config.values.names import parse_name, parse_role
 from gateway.config.values.networks import parse_networks, parse_networks_or_sites
@@ -43,14 +42,6 @@ from gateway.timing.characters import CharacterFormat
 from gateway.tls.settings import SecretFile
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """How the documentation calls a kind of value, and how it shows one."""
-
-    name: str
-    show: Callable[[Any], str] = str
-
-
 def _in_quotes(seconds: float | None) -> str:
     return f'"{show_duration(seconds)}"'
 
@@ -63,101 +54,137 @@ def _is_off(value: object) -> str:
     return "false" if value is None else str(value)
 
 
-_DURATION = Kind("duration", _in_quotes)
-_DURATION_OR_AUTO = Kind('duration or `"auto"`', _in_quotes)
-_UNITS = Kind("units")
+_TIME = text(r"0|[0-9]+(\.[0-9]+)?\s*(ms|s|min|h)")
+_RANGE = any_of(NUMBER, text(r"[0-9]+(\s*-\s*[0-9]+)?"))
+_RANGES = any_of(_RANGE, list_of(_RANGE))
+_ADDRESS = text(".+://.+")
+_SECRETS = tuple({"type": "object", "required": [key], "properties": {key: WORD}} for key in ("file", "credential"))
 
-Name = Annotated[str, PlainValidator(parse_name), Kind("text")]
-Role = Annotated[str, PlainValidator(parse_role), Kind("text")]
+_DURATION = Kind("duration", _TIME, _in_quotes)
+_DURATION_OR_AUTO = Kind('duration or `"auto"`', any_of(_TIME, one_of("auto")), _in_quotes)
+_UNITS = Kind("units", _RANGES)
+_NETWORKS = Kind('list such as `["10.2.0.0/24"]`', list_of(WORD))
+
+Name = Annotated[str, PlainValidator(parse_name), Kind("text", WORD)]
+Role = Annotated[str, PlainValidator(parse_role), Kind("text", WORD)]
 Duration = Annotated[float, PlainValidator(parse_duration), _DURATION]
 #: What a device needs to think. Fast ones need less than a millisecond.
 AnswerDuration = Annotated[float, PlainValidator(partial(parse_duration, least=0.0)), _DURATION]
 #: How often something is done, or how long somebody waits for his turn: a line carries no more than this.
 LongerDuration = Annotated[
-    float, PlainValidator(partial(parse_duration, least=0.01)), Kind("duration from 10 ms", _in_quotes)
+    float, PlainValidator(partial(parse_duration, least=0.01)), Kind("duration from 10 ms", _TIME, _in_quotes)
 ]
 #: A holder renews its lease several times in it, over a network.
 LeaseDuration = Annotated[
-    float, PlainValidator(partial(parse_duration, least=1.0)), Kind("duration from 1 s", _in_quotes)
+    float, PlainValidator(partial(parse_duration, least=1.0)), Kind("duration from 1 s", _TIME, _in_quotes)
 ]
-LeaseName = Annotated[str, PlainValidator(parse_lease_name), Kind("text")]
+LeaseName = Annotated[str, PlainValidator(parse_lease_name), Kind("text", WORD)]
 #: Longer than any client needs between connecting and asking; zero for never.
 IdleDuration = Annotated[
-    float, PlainValidator(partial(parse_duration_or_zero, least=1.0)), Kind("duration from 1 s", _in_quotes)
+    float, PlainValidator(partial(parse_duration_or_zero, least=1.0)), Kind("duration from 1 s", _TIME, _in_quotes)
 ]
 DurationOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_auto), _DURATION_OR_AUTO]
 DurationOrOffOrAuto = Annotated[
-    float | None, PlainValidator(parse_duration_or_off_or_auto), Kind('duration, `"auto"` or `"off"`', _in_quotes)
+    float | None,
+    PlainValidator(parse_duration_or_off_or_auto),
+    Kind('duration, `"auto"` or `"off"`', any_of(_TIME, one_of("auto", "off")), _in_quotes),
 ]
 DurationOrZeroOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_zero_or_auto), _DURATION_OR_AUTO]
-Format = Annotated[CharacterFormat, PlainValidator(parse_format), Kind('text such as `"8E1"`')]
-SerialPort = Annotated[str | Address, PlainValidator(parse_port), Kind("path or address")]
-SocketPath = Annotated[str, Field(min_length=1), AfterValidator(check_path), AfterValidator(in_folder), Kind("path")]
+Format = Annotated[
+    CharacterFormat, PlainValidator(parse_format), Kind('text such as `"8E1"`', text("[78][NEOneo][12]"))
+]
+SerialPort = Annotated[str | Address, PlainValidator(parse_port), Kind("path or address", text("/.*|.+://.+"))]
+SocketPath = Annotated[
+    str, Field(min_length=1), AfterValidator(check_path), AfterValidator(in_folder), Kind("path", WORD)
+]
 Unit0 = Annotated[
     Literal["refuse", "broadcast"] | int,
     PlainValidator(parse_unit0),
-    Kind('`"refuse"`, `"broadcast"` or a unit', '"{}"'.format),
+    Kind('`"refuse"`, `"broadcast"` or a unit', any_of(one_of("refuse", "broadcast"), NUMBER), '"{}"'.format),
 ]
 Units = Annotated[tuple[int, ...], PlainValidator(parse_units), _UNITS]
 OwnUnit = Annotated[int, AfterValidator(check_own_unit)]
 UnitsFrom0 = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0)), _UNITS]
 UnitsOrAll = Annotated[
-    tuple[int, ...] | Literal["all"], PlainValidator(parse_units_or_all), Kind('units or `"all"`', '"{}"'.format)
+    tuple[int, ...] | Literal["all"],
+    PlainValidator(parse_units_or_all),
+    Kind('units or `"all"`', any_of(one_of("all"), _RANGES), '"{}"'.format),
 ]
-Ranges = Annotated[tuple[Range, ...], PlainValidator(parse_ranges), Kind("addresses")]
-Item = Annotated[int, PlainValidator(parse_item), Kind("value")]
-Limits = Annotated[dict[int, int], PlainValidator(parse_limits), Kind("table such as `{ 3 = 99 }`")]
-PointName = Annotated[str, PlainValidator(parse_point_name), Kind("text")]
-PointAddresses = Annotated[Range, PlainValidator(parse_point_addresses), Kind("address or range")]
-PointLabels = Annotated[dict[int, str], PlainValidator(parse_labels), Kind('table such as `{ 0 = "off" }`')]
+Ranges = Annotated[tuple[Range, ...], PlainValidator(parse_ranges), Kind("addresses", _RANGES)]
+Item = Annotated[int, PlainValidator(parse_item), Kind("value", any_of(NUMBER, TRUTH))]
+Limits = Annotated[dict[int, int], PlainValidator(parse_limits), Kind("table such as `{ 3 = 99 }`", map_to(NUMBER))]
+PointName = Annotated[str, PlainValidator(parse_point_name), Kind("text", WORD)]
+PointAddresses = Annotated[Range, PlainValidator(parse_point_addresses), Kind("address or range", _RANGE)]
+PointLabels = Annotated[
+    dict[int, str], PlainValidator(parse_labels), Kind('table such as `{ 0 = "off" }`', map_to(WORD))
+]
 PointWriting = Annotated[
     Writing,
     PlainValidator(parse_writing),
-    Kind('`true`, `false` or `"only"`', {"no": "false", "yes": "true", "only": '"only"'}.__getitem__),
+    Kind(
+        '`true`, `false` or `"only"`',
+        any_of(TRUTH, one_of("only")),
+        {"no": "false", "yes": "true", "only": '"only"'}.__getitem__,
+    ),
 ]
-Networks = Annotated[
-    tuple[IPv4Network | IPv6Network, ...], PlainValidator(parse_networks), Kind('list such as `["10.2.0.0/24"]`')
-]
+Networks = Annotated[tuple[IPv4Network | IPv6Network, ...], PlainValidator(parse_networks), _NETWORKS]
 NetworksOrSites = Annotated[
     tuple[IPv4Network | IPv6Network | Site, ...],
     PlainValidator(parse_networks_or_sites),
-    Kind('list such as `["10.2.0.0/24"]`'),
+    _NETWORKS,
 ]
 ListenAddress = Annotated[
     Address,
     PlainValidator(partial(parse_address, schemes=("tcp", "tls", "rtu+tcp", "ascii+tcp", "udp"))),
-    Kind("address"),
+    Kind("address", _ADDRESS),
 ]
-OtherServer = Annotated[Address | Site, PlainValidator(parse_other_server), Kind("address")]
+OtherServer = Annotated[Address | Site, PlainValidator(parse_other_server), Kind("address", _ADDRESS)]
 NatsServers = Annotated[
-    tuple[Address, ...], PlainValidator(parse_servers), Kind('list such as `["nats://127.0.0.1:4222"]`')
+    tuple[Address, ...],
+    PlainValidator(parse_servers),
+    Kind('list such as `["nats://127.0.0.1:4222"]`', list_of(_ADDRESS)),
 ]
 CredentialFile = Annotated[
-    SecretFile, PlainValidator(parse_file), AfterValidator(secret_in_folder), Kind("path or `{ credential = ... }`")
+    SecretFile,
+    PlainValidator(parse_file),
+    AfterValidator(secret_in_folder),
+    Kind("path or `{ credential = ... }`", any_of(WORD, *_SECRETS)),
 ]
 TokenFile = Annotated[
     str,
     PlainValidator(parse_token_file),
     AfterValidator(in_folder),
-    Kind('table such as `{ file = "metrics.token" }`'),
+    Kind('table such as `{ file = "metrics.token" }`', any_of(*_SECRETS)),
 ]
-BrokerAddress = Annotated[Broker, PlainValidator(parse_broker), Kind("address")]
+BrokerAddress = Annotated[Broker, PlainValidator(parse_broker), Kind("address", _ADDRESS)]
 PasswordFile = Annotated[
     SecretFile,
     PlainValidator(parse_password),
     AfterValidator(secret_in_folder),
-    Kind("`{ file = ... }` or `{ credential = ... }`"),
+    Kind("`{ file = ... }` or `{ credential = ... }`", any_of(*_SECRETS)),
 ]
 HomeAssistant = Annotated[
     str | None,
     PlainValidator(parse_home_assistant),
-    Kind(f'`true`, `false` or a prefix such as `"{HOME_ASSISTANT}"`', _is_off),
+    Kind(f'`true`, `false` or a prefix such as `"{HOME_ASSISTANT}"`', any_of(TRUTH, WORD), _is_off),
 ]
 SparkplugNames = Annotated[
-    Sparkplug | None, PlainValidator(parse_sparkplug), Kind('`false` or table such as `{ group = "plant-2" }`', _is_off)
+    Sparkplug | None,
+    PlainValidator(parse_sparkplug),
+    Kind(
+        '`false` or table such as `{ group = "plant-2" }`',
+        any_of(one_of(False), {"required": ["group"], **map_to(WORD)}),
+        _is_off,
+    ),
 ]
-WebAddress = Annotated[Address, PlainValidator(partial(parse_address, schemes=("http", "https"))), Kind("address")]
-Size = Annotated[int, PlainValidator(parse_size_or_zero), Kind('size such as `"4 MiB"`', _size_in_quotes)]
+WebAddress = Annotated[
+    Address, PlainValidator(partial(parse_address, schemes=("http", "https"))), Kind("address", _ADDRESS)
+]
+Size = Annotated[
+    int,
+    PlainValidator(parse_size_or_zero),
+    Kind('size such as `"4 MiB"`', text(r"0|[0-9]+(\.[0-9]+)?\s*(KiB|MiB|GiB)"), _size_in_quotes),
+]
 
 #: A TOML list; what stands in it stays as strict as it is.
 ListOf = Strict(False)

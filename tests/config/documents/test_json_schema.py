@@ -23,6 +23,35 @@ def mistakes(text: str) -> list[str]:
     return ["/".join(map(str, one.instance_path)) for one in JUDGE.iter_errors(tomllib.loads(text))]
 
 
+def test_it_has_every_table_with_what_it_means():
+    tables = json_schema()["definitions"]
+    assert {"Listen", "Line", "Device", "PointTable", "Web", "Mqtt", "Fleet"} <= set(tables)
+    assert {
+        name for name, table in tables.items() if not table["description"] or table["additionalProperties"]
+    } == set()
+
+
+def test_a_default_is_a_value_as_it_is_written_in_a_file():
+    whole = json_schema()
+    tables = whole.pop("definitions")
+    defaults = {}
+    for name, table in tables.items():
+        for key, schema in table["properties"].items():
+            if "default" in schema:
+                jsonschema_rs.validate({**schema, "definitions": tables}, schema["default"])
+                defaults[name, key] = schema["default"]
+    assert defaults["Line", "baud"] == 19200
+    assert defaults["Line", "late_window"] == "auto"
+    assert defaults["Listen", "idle"] == "10 min"
+    assert defaults["PointTable", "write"] is False
+    assert defaults["Publish", "points"] == ["*"]
+    assert ("Listen", "name") not in defaults
+
+
+def test_no_value_is_null_for_toml_has_none():
+    assert "null" not in json.dumps(json_schema())
+
+
 def test_check_prints_it(capsys):
     assert main(["check", "--schema"]) == 0
     assert json.loads(capsys.readouterr().out) == json_schema()
@@ -55,6 +84,7 @@ def test_what_check_accepts_has_no_mistakes(text):
         ('[[access]]\nallow = ["reed"]', "access/0/allow/0"),
         ("[profile.a]\nfunctions = [300]", "profile/a/functions/0"),
         ('[log]\nlevel = "loud"', "log/level"),
+        ('[[mqtt.publish]]\ndevice = "*"\nevery = "1 s"\non_change = -1', "mqtt/publish/0/on_change"),
     ],
 )
 def test_a_usual_mistake_is_marked_where_it_is(text, place):
