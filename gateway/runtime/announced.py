@@ -7,7 +7,7 @@ Brokers keep what was announced, so it outlives reloads and restarts.
 
 from typing import TYPE_CHECKING, Final
 
-from gateway.state.shared_file import SharedFile
+from gateway.state.entry_file import EntryFile
 
 if TYPE_CHECKING:
     from gateway.plant.discovery import Announced
@@ -18,7 +18,7 @@ FILE_NAME: Final = "home-assistant.json"
 class AnnouncedDevices:
     """What was announced, and not taken back yet; in a `file`, if there is one."""
 
-    def __init__(self, file: SharedFile | None = None) -> None:
+    def __init__(self, file: EntryFile | None = None) -> None:
         self._file = file
         self._entries: dict[str, dict[str, str]] = {} if file is None else file.read()
 

@@ -20,7 +20,7 @@ from gateway.errors import RequestError
 from gateway.lines.exchange import Exchange
 from gateway.modbus.pdu import parse_sent
 from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
-from gateway.state.shared_file import Entries, SharedFile
+from gateway.state.entry_file import Entries, EntryFile
 
 FILE_NAME: Final = "late.json"
 
@@ -41,9 +41,8 @@ class LeftBehind:
     The key of a port is its `place`. Times are seconds of the monotonic clock, like those of the event loop.
     """
 
-    def __init__(self, file: SharedFile | None = None) -> None:
+    def __init__(self, file: EntryFile | None = None) -> None:
         self._file = file
-        self._left_at: set[str] = set()
         self._entries: Entries = {} if file is None else file.read()
 
     def at(self, place: str, now: float) -> list[Exchange]:
@@ -54,13 +53,8 @@ class LeftBehind:
         return read_entry(entry, now, -entry["at"] if entry["at"] > now else 0.0)
 
     def leave(self, place: str, answers: Sequence[Exchange], now: float) -> None:
-        """Keep what may still arrive where a line has stopped: only this.
-
-        Expired entries are deleted for ports of this process only: others may belong to another gateway, which may have
-        changed them.
-        """
-        self._left_at.add(place)
-        for there in self._left_at.intersection(self._entries):
+        """Keep what may still arrive where a line has stopped: only this. Expired entries are deleted."""
+        for there in list(self._entries):
             if there == place or not self.at(there, now):
                 del self._entries[there]
                 self._write(there, None)

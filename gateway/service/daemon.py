@@ -35,8 +35,8 @@ from gateway.runtime.running import Running
 from gateway.service.hang_up import HangUp
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, take_inherited_sockets
+from gateway.state.entry_file import EntryFile
 from gateway.state.memory import Memory, StateFile, state_folder
-from gateway.state.shared_file import SharedFile
 from gateway.state.troubles import StateTroubles
 from gateway.tls.store import TlsStore, load_all
 
@@ -83,8 +83,8 @@ def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
     emit = troubles.emit
     with (
         closing(StateFile(folder, emit)) as memory,
-        closing(LeftBehind(SharedFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
-        closing(AnnouncedDevices(SharedFile(folder / ANNOUNCED_FILE, is_announced, emit))) as announced,
+        closing(LeftBehind(EntryFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
+        closing(AnnouncedDevices(EntryFile(folder / ANNOUNCED_FILE, is_announced, emit))) as announced,
         closing(Store(folder, emit)) as store,  # closed first: meanwhile the other files are written
     ):
         for remembered in in_force(plan, memory):

@@ -14,7 +14,7 @@ from typing import Final
 
 from gateway.errors import StateError
 from gateway.events import Emit
-from gateway.state.shared_file import Entries, SharedFile, read_content
+from gateway.state.entry_file import Entries, EntryFile, read_content
 
 FILE_NAME: Final = "addresses.json"
 _HIGHEST_RATE: Final = 100_000_000
@@ -93,10 +93,10 @@ def read_memory(folder: Path) -> Memory:
 
 
 class StateFile(Memory):
-    """A memory that is written to a file after each change. A damaged file is moved aside: see SharedFile."""
+    """A memory that is written to a file after each change. A damaged file is moved aside: see EntryFile."""
 
     def __init__(self, folder: Path, emit: Emit) -> None:
-        self._shared = SharedFile(folder / FILE_NAME, _is_entry, emit)
+        self._shared = EntryFile(folder / FILE_NAME, _is_entry, emit)
         super().__init__(str(self._shared.file), self._shared.read())
 
     def remember(self, key: str, configured: int, now: int, *maybe: int) -> None:

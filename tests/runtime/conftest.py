@@ -7,5 +7,4 @@ from kit.process import PATIENCE
 
 @pytest.fixture(autouse=True)
 def _patient_with_disks(monkeypatch) -> None:
-    for deadline in ("CLOSING_DEADLINE", "LOCK_DEADLINE"):
-        monkeypatch.setattr(f"gateway.state.shared_file.{deadline}", PATIENCE)
+    monkeypatch.setattr("gateway.state.entry_file.CLOSING_DEADLINE", PATIENCE)

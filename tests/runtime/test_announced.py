@@ -5,7 +5,7 @@ import json
 import pytest
 
 from gateway.runtime.announced import AnnouncedDevices, is_entry
-from gateway.state.shared_file import SharedFile
+from gateway.state.entry_file import EntryFile
 
 SILO = "homeassistant/device/plant-2/silo-1/config"
 DRIVE = "homeassistant/device/plant-2/drive-1/config"
@@ -19,7 +19,7 @@ def file(tmp_path):
 
 def opened(file):
     events = []
-    devices = AnnouncedDevices(SharedFile(file, is_entry, events.append))
+    devices = AnnouncedDevices(EntryFile(file, is_entry, events.append))
     assert events == []
     return devices
 
@@ -75,5 +75,5 @@ def test_without_a_file_it_is_known_as_long_as_the_process_runs():
 def test_a_damaged_entry_is_none(entry, file):
     file.write_text(json.dumps({SILO: entry}), encoding="utf-8")
     events = []
-    assert AnnouncedDevices(SharedFile(file, is_entry, events.append)).entries() == {}
+    assert AnnouncedDevices(EntryFile(file, is_entry, events.append)).entries() == {}
     assert events

@@ -14,7 +14,7 @@ from gateway.lines.exchange import Exchange
 from gateway.modbus.pdu import parse_sent
 from gateway.ports.port import SerialSettings, TcpSettings
 from gateway.runtime.overdue import FILE_NAME, LeftBehind, is_entry, place_of
-from gateway.state.shared_file import SharedFile
+from gateway.state.entry_file import EntryFile
 
 WEEK = 7 * 86_400.0
 PORT, OTHER = "/dev/ttyS1", "/dev/ttyS2"
@@ -45,7 +45,7 @@ class Process:
 
     def __init__(self, folder: Path) -> None:
         self.events: list[Event] = []
-        self.left_behind = LeftBehind(SharedFile(folder / FILE_NAME, is_entry, self.events.append))
+        self.left_behind = LeftBehind(EntryFile(folder / FILE_NAME, is_entry, self.events.append))
 
     def ends(self, now: float, *answers: Open, at: str = PORT) -> None:
         self.left_behind.leave(at, [each.exchange() for each in answers], now)
@@ -90,21 +90,13 @@ def test_the_next_process_finds_it(tmp_path: Path) -> None:
     assert json.loads((tmp_path / FILE_NAME).read_text()) == {}
 
 
-def test_what_is_past_is_forgotten_where_an_earlier_line_of_this_process_has_ended(tmp_path: Path) -> None:
+def test_what_is_past_is_forgotten_when_a_line_ends(tmp_path: Path) -> None:
     process = Process(tmp_path)
     process.ends(100.0, READ, at=OTHER)
     process.ends(102.0)
     assert found(tmp_path, 102.0, at=OTHER) == [READ]
     process.ends(110.0)
     assert json.loads((tmp_path / FILE_NAME).read_text()) == {}
-
-
-def test_what_another_gateway_has_left_anew_stays(tmp_path: Path) -> None:
-    Process(tmp_path).ends(10.0, READ._replace(ends_at=13.0), at=OTHER)
-    process = Process(tmp_path)
-    Process(tmp_path).ends(100.0, READ, at=OTHER)
-    process.ends(101.0)
-    assert found(tmp_path, 102.0, at=OTHER) == [READ]
 
 
 def test_where_nothing_is_overdue_nothing_is_written(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A JSON file in the state folder that several gateways may share: each changes only its own entries.
+"""A JSON file of one gateway in the state folder: entries by key, each written as soon as it changes.
 
 A change that cannot be written is tried again until it succeeds. A damaged file is moved aside, and its copy is used,
 else what can be read of both: without its entry, a device that moved is asked where another one may be by now. Each
@@ -7,8 +7,8 @@ entry has a checksum, beside them all: an address with a flipped bit would be th
 
 import json
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Condition, Thread
@@ -18,15 +18,11 @@ from zlib import crc32
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.state import files
 
-#: How long another gateway may take to write, in seconds.
-LOCK_DEADLINE: Final = 2.0
 #: How long stopping waits for a change to be written, in seconds, counted from the change: files that were
 #: changed together are waited for together.
 CLOSING_DEADLINE: Final = 1.0
-#: The pause before a failed write is repeated, in seconds: at first, and at most.
-FIRST_PAUSE: Final = 1.0
-LONGEST_PAUSE: Final = 60.0
-_LOCK_STEP: Final = 0.02
+#: The pause before a failed write is repeated, in seconds.
+PAUSE: Final = 2.0
 #: The key of the checksums by the keys of the entries. Earlier versions wrote none.
 _SUMS: Final = "check sums"
 #: A larger file counts as damaged, in bytes.
@@ -43,7 +39,7 @@ class Content(NamedTuple):
     damage: str = ""
 
 
-class SharedFile:
+class EntryFile:
     """Entries by key; `is_entry` says whether one is well-formed.
 
     A thread writes the changes, those that arrive meanwhile together. Trouble is told when it begins and when it
@@ -64,34 +60,18 @@ class SharedFile:
         self._closing = False
 
     def read(self) -> Entries:
-        """All entries; none if there is no file, or it cannot be read, which is logged."""
-        content = Content({})
+        """Read all entries; none if there is no file, or it cannot be read, which is logged."""
+        damage = ""
         try:
-            content = read_content(self.file, self._is_entry)
-            if content.damage:
-                content = self._repair()
-        except OSError as error:
-            reason = f"it cannot be read: {error.strerror}"
-            if content.damage:
-                reason = f"{content.damage}; it cannot be moved aside: {error.strerror}"
-            self._emit(StateDamaged(str(self.file), reason))
-        self._entries = content.entries
-        return dict(content.entries)
-
-    def _repair(self) -> Content:
-        """Move a damaged file aside and keep what could be read, unless another gateway has done so meanwhile.
-
-        Raises:
-            OSError: it cannot be read or moved.
-        """
-        with _lock(self.file):
-            content = read_content(self.file, self._is_entry)
-            if content.damage:
+            self._entries, damage = content = read_content(self.file, self._is_entry)
+            if damage:
                 self._move_aside(content)
-        if content.damage:
-            for key, entry in content.entries.items():
-                self.change(key, entry)
-        return content
+                for key, entry in content.entries.items():
+                    self.change(key, entry)
+        except OSError as error:
+            what = f"{damage}; it cannot be moved aside" if damage else "it cannot be read"
+            self._emit(StateDamaged(str(self.file), f"{what}: {error.strerror}"))
+        return dict(self._entries)
 
     def change(self, key: str, entry: object | None) -> None:
         """Write an entry soon; None deletes it."""
@@ -112,21 +92,17 @@ class SharedFile:
         if writer is not None:
             writer.join(max(0.0, since + CLOSING_DEADLINE - time.monotonic()))
             if writer.is_alive():
-                self._failed("the disk, or another gateway, takes too long")
+                self._failed("the disk takes too long")
 
     def _write(self) -> None:
-        pause = FIRST_PAUSE
         while changes := self._next():
             try:
-                with _lock(self.file):
-                    self._replace(changes)
+                self._replace(changes)
             except Exception as error:  # noqa: BLE001 - the writer must survive for later changes
                 self._failed(getattr(error, "strerror", None) or str(error))
-                if not self._may_try_again(changes, pause):
+                if not self._may_try_again(changes):
                     return
-                pause = min(2 * pause, LONGEST_PAUSE)
             else:
-                pause = FIRST_PAUSE
                 self._succeeded()
 
     def _next(self) -> Entries:
@@ -136,22 +112,23 @@ class SharedFile:
                 self._writer = None
             return changes
 
-    def _may_try_again(self, changes: Entries, pause: float) -> bool:
+    def _may_try_again(self, changes: Entries) -> bool:
         """Wait until failed `changes` are to be tried again; False when the gateway is stopping."""
         with self._guard:
             self._changes = changes | self._changes
             if not self._closing:
-                self._guard.wait(pause)
+                self._guard.wait(PAUSE)
                 return True
             self._writer = None
             return False
 
     def _replace(self, changes: Entries) -> None:
-        """Merge the changes into the file, which other gateways may have changed.
+        """Write the changes into the file; an entry that was taken out there by hand stays out.
 
         Raises:
             OSError: it cannot be read or written.
         """
+        self.file.parent.mkdir(parents=True, exist_ok=True)
         content = read_content(self.file, self._is_entry)
         entries = content.entries
         if content.damage:
@@ -228,25 +205,3 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> Entries:
     if len(entries) < len(pairs):
         raise ValueError("a key occurs twice")
     return entries
-
-
-@contextmanager
-def _lock(file: Path) -> Iterator[None]:
-    """Lock the file against other gateways inside the context.
-
-    Raises:
-        OSError: another program holds the lock.
-    """
-    deadline = time.monotonic() + LOCK_DEADLINE
-    place = file.with_suffix(".lock")
-    while True:
-        try:
-            held = files.lock(place)
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                raise TimeoutError(None, f"another program holds {place}") from None
-            time.sleep(_LOCK_STEP)
-        else:
-            break
-    with held:
-        yield
