@@ -7,6 +7,7 @@ from struct import unpack_from
 
 import pytest
 
+from gateway.operator.operations import Traced
 from gateway.operator.requests import AwaitedOrigin
 from gateway.operator.trace_reader import capture
 from gateway.request import Request
@@ -266,7 +267,7 @@ async def test_a_file_has_nothing_more_from_when_the_right_was_taken_away(asked)
         ring.add(PortChanged(now(), "hall", ""))
     await asked.browser().get("/api/v1/units/46/holding/0-1")
     web = asked.running.gateway.web
-    parts = capture(lambda: asked.running.gateway, {"seconds": 60}, "127.0.0.1")
+    parts = capture(lambda: asked.running.gateway, Traced(since=60), "127.0.0.1")
     first = b"\r\n\r\n" + await anext(parts) + await anext(parts)
     web.rights = Rights([AccessRow(NOTHING, listeners=frozenset({"web"}))], web.entry)
     whole = first + b"".join([part async for part in parts])
