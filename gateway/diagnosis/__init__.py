@@ -1,1 +1,6 @@
-"""Rules that find what is wrong with a set-up, and what mends it. `service` gathers the evidence."""
+"""Rules that find what is wrong with a set-up, and what mends it. `tools` gathers the evidence.
+
+- ports, lines, units, clients, broker, fleet, state    one module for each subject
+- last         when a fault may have been repaired
+- finding, evidence    what is found, and of what
+"""

@@ -1,1 +1,7 @@
-"""The log and the metrics of the gateway."""
+"""The log, and metrics as text.
+
+- log          events to text, JSON or the journal of systemd
+- limiter      events that come too often
+- fan_out      events for those who follow them over HTTP
+- metrics      the exposition of counters
+"""

@@ -1,1 +1,8 @@
-"""Files that survive a restart, a crash and a worn flash card."""
+"""Files that survive a restart, a crash and a worn flash card.
+
+- memory, entry_file    addresses of devices that moved, rates that changed: JSON with a copy (ADR 29)
+- page_log, pages    values of images (ADR 8)
+- database     SQLite with a sum for each row
+- files        how files are opened, locked and replaced
+- troubles, status    what is told of a folder that cannot be written
+"""
