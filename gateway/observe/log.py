@@ -3,7 +3,6 @@
 import json
 import logging
 import os
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from gateway.events import Emit, Event, Level, WriteAudit
-from gateway.observe.backlog import Entry
+from gateway.observe.backlog import Backlog, Entry
 from gateway.observe.journal import JOURNAL, Journal, leads_to_journal
 from gateway.observe.printable import printable
 from gateway.observe.writer import StandardError, Stream, Writer
@@ -34,15 +33,16 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
     service are not limited. Entries that cannot be written are counted.
     """
     least = Level[level.upper()]
-    writer = Writer(_sink(log_format, stream))
+    backlog = Backlog()
+    writer = Writer(backlog, _sink(log_format, stream))
 
     def emit(event: Event) -> None:
         if event.level >= least:
-            writer.put(_entry(event))
+            backlog.add(_entry(event))
 
     root = logging.getLogger()
     before = root.handlers
-    root.handlers = [_FromLibraries(max(least, Level.WARNING), writer)]
+    root.handlers = [_FromLibraries(max(least, Level.WARNING), backlog)]
     try:
         yield emit
     finally:
@@ -51,7 +51,7 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
 
 
 def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], object]:
-    """The function that writes an entry."""
+    """Make the function that writes an entry."""
     if log_format == "auto" and stream is None and leads_to_journal(2):
         log_format = "journald"
     if log_format == "journald" and Path(JOURNAL).exists():
@@ -65,21 +65,19 @@ def _entry(event: Event) -> Entry:
     audits = int(isinstance(event, WriteAudit))
     # Errors are rare, and each write must be audited; but any client can cause refused writes.
     limited = not event.was_sent if isinstance(event, WriteAudit) else event.level < Level.ERROR
-    fields = event.fields()
-    return Entry(time.monotonic(), time.time(), event.level, event.name, fields, limited, write_audits=audits)
+    return Entry(event.level, event.name, event.fields(), limited, write_audits=audits)
 
 
 class _FromLibraries(logging.Handler):
     """Takes the log records of libraries, mainly asyncio."""
 
-    def __init__(self, least: int, writer: Writer) -> None:
+    def __init__(self, least: int, backlog: Backlog) -> None:
         super().__init__(least)
-        self._writer = writer
+        self._backlog = backlog
 
     def emit(self, record: logging.LogRecord) -> None:
         """Log one record; its text is the field `message`."""
-        fields = {"message": record.getMessage()}
-        self._writer.put(Entry(time.monotonic(), time.time(), record.levelno, record.name, fields))
+        self._backlog.add(Entry(record.levelno, record.name, {"message": record.getMessage()}))
 
 
 def _as_json(entry: Entry) -> str:

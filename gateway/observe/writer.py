@@ -5,11 +5,12 @@ import sys
 import time
 from collections.abc import Callable
 from math import inf
+from queue import Empty
 from threading import Thread
 from typing import Final, Protocol
 
 from gateway.events import AccessDenied, ClientRejected, QueueFull, RequestRefused, WriteAudit
-from gateway.observe.backlog import Backlog, Entry, Missing
+from gateway.observe.backlog import MOST_WITH_RESERVE, Backlog, Entry, Missing
 from gateway.observe.limiter import Limiter, Subject, subject_of
 
 #: How long stopping waits for the log to be written, in seconds.
@@ -54,14 +55,15 @@ class StandardError:
 
 
 class Writer:
-    """Writes entries with `write`, each subject as often as its limiter allows.
+    """Writes the entries of `backlog` with `write`, each subject as often as its limiter allows.
 
     Each event in CAUSED_BY_CLIENTS has at most MOST_CAUSED lines in ten seconds, counts included.
     `write` may block. Entries that it cannot write (OSError, ValueError) are dropped and counted; the count is written
     as soon as possible, before the next entry.
     """
 
-    def __init__(self, write: Callable[[Entry], object]) -> None:
+    def __init__(self, backlog: Backlog, write: Callable[[Entry], object]) -> None:
+        self._backlog = backlog
         self._write_one = write
         self._usual = Limiter()
         # Limits for events that clients can cause at will. Refused writes are logged however many clients are rejected.
@@ -71,32 +73,36 @@ class Writer:
         }
         self._in_total = Limiter(lines=MOST_CAUSED, seconds=10.0, steady=inf)
         self._limiters = (self._usual, *self._of_refusals.values(), self._in_total)
-        self._backlog = Backlog()
         self._missing = Missing()
         # A daemon thread: a blocked write must not keep the process from exiting.
         self._thread = Thread(target=self._run, name="log", daemon=True)
         self._thread.start()
 
-    def put(self, entry: Entry) -> None:
-        """Queue an entry for writing. Never waits."""
-        self._backlog.put(entry)
-
     def close(self) -> None:
         """Write waiting entries for up to CLOSING_PATIENCE. The last call."""
-        self._backlog.close()
+        self._backlog.add_note(MOST_WITH_RESERVE)
+        self._backlog.put(None)
         self._thread.join(CLOSING_PATIENCE)
 
     def _run(self) -> None:
-        while not self._backlog.is_done:
-            entry = self._backlog.take(self._until_next_count())
-            self._write_counts(time.monotonic() if entry is None else entry.at)
-            if entry is None:
-                continue
+        for entry in iter(self._take, None):
+            self._write_counts(entry.at)
             if self._admits(entry):
                 self._write(entry)
-            elif self._backlog.is_empty:
+            elif self._backlog.empty():
                 time.sleep(PAUSE)
         self._write_counts(inf)
+
+    def _take(self) -> Entry | None:
+        """Take the next entry, None at the end; write counts that are due meanwhile."""
+        while True:
+            try:
+                entry = self._backlog.get(timeout=self._until_next_count())
+            except Empty:
+                self._write_counts(time.monotonic())
+                continue
+            self._backlog.add_note()
+            return entry
 
     def _until_next_count(self) -> float | None:
         due = [each.next_due for each in self._limiters if each.next_due is not None]
@@ -123,7 +129,7 @@ class Writer:
     def _write(self, entry: Entry) -> None:
         try:
             if self._missing.events:
-                self._write_one(self._missing.note(entry.at, entry.clock))
+                self._write_one(self._missing.note())
                 self._missing = Missing()
             self._write_one(entry)
         except (OSError, ValueError):
@@ -133,4 +139,4 @@ class Writer:
 def _count(subject: Subject, count: int) -> Entry:
     fields = {**dict(subject.key), "suppressed": count}
     audits = count if subject.name == WriteAudit.name else 0
-    return Entry(time.monotonic(), time.time(), subject.level, subject.name, fields, events=count, write_audits=audits)
+    return Entry(subject.level, subject.name, fields, events=count, write_audits=audits)

@@ -11,7 +11,7 @@ from gateway.observe.journal import encode, leads_to_journal
 
 
 def encoded(level: int = Level.INFO, name: str = "ready", **fields: object) -> list[bytes]:
-    return encode(Entry(0.0, 0.0, level, name, fields)).splitlines()
+    return encode(Entry(level, name, fields)).splitlines()
 
 
 def test_each_field_of_an_event_is_a_field_of_the_journal():
@@ -38,7 +38,7 @@ def test_several_values_stand_in_one_field():
 
 
 def test_a_value_of_several_lines_stands_behind_its_length_and_not_in_the_message():
-    data = encode(Entry(0.0, 0.0, Level.ERROR, "part_failed", {"part": "line a", "traceback": "one\ntwo"}))
+    data = encode(Entry(Level.ERROR, "part_failed", {"part": "line a", "traceback": "one\ntwo"}))
     assert data.startswith(b"MESSAGE=part_failed part=line a\n")
     assert data.endswith(b"MODBUS_TRACEBACK\n" + pack("<Q", 7) + b"one\ntwo\n")
 
