@@ -1,18 +1,21 @@
 """`run` as a process: it starts, is ready, serves, stops, and says what is wrong in one line."""
 
+import json
 import os
 import resource
 import signal
 import socket
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+from io import RawIOBase
 from pathlib import Path
 
 import pytest
 
 from kit.device import SimulatedDevice, SimulatedLine
-from kit.process import PATIENCE, GatewayProcess, command, started_anew
+from kit.process import COMMAND, PATIENCE, GatewayProcess, command, started_anew
 from kit.pty import VirtualPort
 from kit.serial_line import SerialDevices
 
@@ -240,6 +243,40 @@ def test_a_config_with_errors_is_not_run(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert f"{file}:3:1: error: line[0].buad" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_it_serves_and_ends_although_nothing_reads_its_log(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    image = '[[listen]]\nbind = "tcp://127.0.0.1:0"\n[[image]]\nunit = 1\nholding = 1\n'
+    file.write_text(f'{image}[log]\nformat = "json"\nlevel = "debug"\n')
+    own = {**os.environ, "STATE_DIRECTORY": str(tmp_path), "RUNTIME_DIRECTORY": str(tmp_path)}
+    log, its_log = os.pipe()
+    with (
+        os.fdopen(log) as lines,
+        os.fdopen(its_log, "wb", buffering=0) as full,
+        subprocess.Popen([*COMMAND, "run", file], stderr=full, env=own) as process,
+    ):
+        try:
+            ready = next(event for event in map(json.loads, lines) if event["event"] == "ready")
+            fill(full)
+            port = int(ready["listeners"][0].rpartition(":")[2])
+            for _ in range(5):
+                with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as client:
+                    client.sendall(READ)
+                    assert client.recv(260).hex() == "000100000005010302" + "0000"
+            process.terminate()
+            assert process.wait(PATIENCE) == 0
+        finally:
+            process.kill()
+
+
+def fill(pipe: RawIOBase) -> None:
+    """Write to a pipe until it is full."""
+    os.set_blocking(pipe.fileno(), False)
+    for size in (4096, 1):
+        while pipe.write(bytes(size)):
+            pass
+    os.set_blocking(pipe.fileno(), True)
 
 
 def test_a_signal_to_reload_does_not_end_it(tmp_path: Path, config: str) -> None:
