@@ -24,7 +24,7 @@ _LENGTH: Final = Struct("<Q")
 
 
 def leads_to_journal(descriptor: int, environment: Mapping[str, str] = os.environ) -> bool:
-    """Whether `descriptor` is connected to the journal: systemd names the stream in JOURNAL_STREAM."""
+    """Tell whether `descriptor` is connected to the journal: systemd names the stream in JOURNAL_STREAM."""
     try:
         found = os.fstat(descriptor)
     except OSError:
@@ -49,7 +49,7 @@ class Journal:
 
 
 def encode(entry: Entry) -> bytes:
-    """The datagram of an entry."""
+    """Encode an entry as a datagram."""
     texts = {name: _text(value) for name, value in entry.fields.items()}
     message = " ".join([entry.name, *(f"{name}={text}" for name, text in texts.items() if "\n" not in text)])
     fields = {
@@ -64,7 +64,7 @@ def encode(entry: Entry) -> bytes:
 
 
 def _host(client: str) -> dict[str, str]:
-    """The address of a client without its port, because the journal matches whole values. A server line has none."""
+    """Return a client's address without port, because the journal matches whole values. A server line has none."""
     host, _, port = client.rpartition(":")
     return {"MODBUS_CLIENT_ADDRESS": host.strip("[]")} if port.isdecimal() and host else {}
 
@@ -74,7 +74,7 @@ def _text(value: object) -> str:
 
 
 def _field(name: str, value: bytes) -> bytes:
-    """`NAME=value`; a value of several lines is written after its length instead."""
+    """Encode `NAME=value`; a value of several lines is written after its length instead."""
     if b"\n" not in value:
         return name.encode() + b"=" + value + b"\n"
     return name.encode() + b"\n" + _LENGTH.pack(len(value)) + value + b"\n"

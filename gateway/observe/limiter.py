@@ -30,7 +30,7 @@ class Subject(NamedTuple):
 
 
 def subject_of(level: int, name: str, fields: Mapping[str, object]) -> Subject:
-    """The subject of an event with these fields."""
+    """Make the subject of an event with these fields."""
     key = _KEY_OF_CLIENT if "client" in fields else _KEY
     return Subject(level, name, tuple((part, _without_port(part, fields[part])) for part in key if part in fields))
 
@@ -47,8 +47,8 @@ class _History:
     latest: float
     written: deque[float]
 
-    def came(self, now: float) -> None:
-        """An event has occurred."""
+    def add(self, now: float) -> None:
+        """Note that an event has occurred."""
         if now - self.latest > PAUSE:
             self.since = now
         self.latest = now
@@ -75,15 +75,15 @@ class Limiter:
 
     @property
     def next_due(self) -> float | None:
-        """When the next count is due, if there is one."""
+        """The time at which the next count is due, if there is one."""
         return self._due[0][0] if self._due else None
 
     def admits(self, subject: Subject, now: float, events: int = 1) -> bool:
-        """Whether a line about `subject` may be written; if not, its `events` are counted."""
+        """Tell whether a line about `subject` may be written; if not, count its `events`."""
         subject = self._distinguish(subject, now)
         history = self._histories.pop(subject, None) or _History(now, now, deque(maxlen=self.lines))
         self._histories[subject] = history
-        history.came(now)
+        history.add(now)
         is_steady = now - history.since >= self.steady
         room = self.lines - (self._keeps_a_line and subject in self._suppressed)
         if not is_steady and sum(time > now - self.seconds for time in history.written) < room:
@@ -96,7 +96,7 @@ class Limiter:
         return False
 
     def due(self, now: float) -> Iterator[tuple[Subject, int]]:
-        """The counts that are due: to be written, each as one line about its subject."""
+        """Yield the counts that are due, each to be written as one line about its subject."""
         while self._due and self._due[0][0] <= now:
             _, _, subject = heappop(self._due)
             if self._keeps_a_line and subject in self._histories:
@@ -108,7 +108,7 @@ class Limiter:
         return self.lines > 1
 
     def _distinguish(self, subject: Subject, now: float) -> Subject:
-        """The subject; without its key fields if there are too many."""
+        """Return the subject, without its key fields if there are too many."""
         if subject in self._histories or len(self._histories) < MOST_SUBJECTS:
             return subject
         self._forget(now)

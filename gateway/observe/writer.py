@@ -31,7 +31,7 @@ class Stream(Protocol):
         """Write the text; may block."""
 
     def isatty(self) -> bool:
-        """Whether it is a terminal."""
+        """Tell whether it is a terminal."""
 
 
 class StandardError:
@@ -50,7 +50,7 @@ class StandardError:
             rest = rest[os.write(2, rest) :]
 
     def isatty(self) -> bool:
-        """Whether it is a terminal."""
+        """Tell whether it is a terminal."""
         return sys.stderr is not None and sys.stderr.isatty()
 
 
@@ -86,6 +86,7 @@ class Writer:
 
     def _run(self) -> None:
         for entry in iter(self._take, None):
+            self._backlog.add_note()
             self._write_counts(entry.at)
             if self._admits(entry):
                 self._write(entry)
@@ -97,12 +98,9 @@ class Writer:
         """Take the next entry, None at the end; write counts that are due meanwhile."""
         while True:
             try:
-                entry = self._backlog.get(timeout=self._until_next_count())
+                return self._backlog.get(timeout=self._until_next_count())
             except Empty:
                 self._write_counts(time.monotonic())
-                continue
-            self._backlog.add_note()
-            return entry
 
     def _until_next_count(self) -> float | None:
         due = [each.next_due for each in self._limiters if each.next_due is not None]
