@@ -23,7 +23,7 @@ from gateway.events import (
     WriteAudit,
 )
 from gateway.lines.counts import RESULTS
-from gateway.observe.backlog import MOST_WAITING
+from gateway.observe.backlog import MOST_WAITING, MOST_WITH_RESERVE
 from gateway.observe.limiter import Limiter
 from gateway.observe.log import open_log
 from gateway.observe.writer import MOST_CAUSED
@@ -218,6 +218,19 @@ def test_a_log_that_nobody_reads_stops_nobody_and_says_later_what_is_missing() -
     *told, last = logged(stream)
     assert [line.get("unit") for line in told] == [None, *range(MOST_WAITING)]
     assert (last["event"], last["dropped"]) == ("events_dropped", 8)
+
+
+def test_what_is_missing_is_told_as_soon_as_the_log_is_read_again() -> None:
+    stream = SlowStream()
+    counted = Event()
+    with open_log("info", "json", stream) as emit:
+        emit(LOST)
+        assert stream.asked.wait(PATIENCE)
+        for register in range(MOST_WITH_RESERVE + 8):
+            emit(written(register))
+        stream.write = lambda text: counted.set() if "events_dropped" in text else None  # type: ignore[method-assign]
+        stream.released.set()
+        assert counted.wait(PATIENCE)
 
 
 def test_the_end_does_not_wait_for_a_log_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> None:
