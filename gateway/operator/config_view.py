@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.clock.threads import ThreadPerCall
-from gateway.config.plan.plan import Plan
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
 from gateway.config.reading.masking import masked
 from gateway.errors import ConfigError

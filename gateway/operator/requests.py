@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from gateway.config.reserved import CONTROL
+from gateway.config.values.reserved_names import CONTROL
 from gateway.errors import LineDown, RequestError, WrongQuestion
 from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.functions import only_reads

@@ -7,7 +7,7 @@ and another device may have this number for everybody else; so units are told ap
 from collections.abc import Callable
 from typing import Final
 
-from gateway.config.plan.plan import Plan
+from gateway.config.plan.settings import Plan
 from gateway.operator.units import find_unit, names
 from gateway.trace.records import Answered, Record, Refused, Sent
 

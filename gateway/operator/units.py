@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
-from gateway.config.plan.plan import Plan
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import did_you_mean
 from gateway.errors import WrongQuestion
 from gateway.images.image import ImageSettings

@@ -4,9 +4,9 @@ import os
 import time
 from collections.abc import Iterator
 
-from gateway.config.plan.resolve import resolve
 from gateway.config.problem import Problem, warning
-from gateway.config.schema.root import Config
+from gateway.config.resolve import resolve
+from gateway.config.schema.config import Config
 from gateway.errors import TlsError
 from gateway.readconfig.expiry import DAY, EARLY
 from gateway.tls.contexts import load

@@ -9,14 +9,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from gateway.config.checks.file_trouble import SERVICE_CONFIG, file_trouble
+from gateway.config.load import Loaded
+from gateway.config.machine.file_trouble import SERVICE_CONFIG, file_trouble
 from gateway.config.problem import Path as ProblemPath
 from gateway.config.problem import Problem, warning
-from gateway.config.reading.load import Loaded
 from gateway.config.reading.positions import Positions
+from gateway.config.schema.config import Config
 from gateway.config.schema.fleet import Fleet
 from gateway.config.schema.mqtt import Mqtt
-from gateway.config.schema.root import Config
 from gateway.config.schema.web import Web
 from gateway.errors import BrokerError, FleetError, UsersError
 from gateway.fleet.credentials import NO_LIBRARY, read_credentials

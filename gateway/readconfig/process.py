@@ -20,7 +20,7 @@ from gateway.config.problem import Problem, errors_in
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
-    from gateway.config.plan.plan import Plan
+    from gateway.config.plan.settings import Plan
 
 #: How long the process may take, in seconds. A slow machine may be busy, as when it boots.
 READING_TIME: Final = 60.0

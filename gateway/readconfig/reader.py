@@ -12,9 +12,9 @@ from math import ceil
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.config.checks.address_trouble import address_trouble
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import load
+from gateway.config.load import load
+from gateway.config.machine.address_trouble import address_trouble
+from gateway.config.resolve import resolve
 from gateway.readconfig.process import ANSWER, ConfigRead, remake
 
 #: How often it is looked whether the gateway is still there, in seconds.

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from gateway.clock.threads import ThreadPerCall
-from gateway.config.plan.plan import MqttPlan
+from gateway.config.plan.settings import MqttPlan
 from gateway.plant.discovery import Announced, Discovery
 from gateway.plant.messages import Message
 from gateway.plant.plain import gone

@@ -4,8 +4,8 @@ import asyncio
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, Union
 
-from gateway.config.plan.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
-from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
+from gateway.config.plan.settings import LinePlan, Plan, ServerPlan, UpstreamPlan
+from gateway.config.values.reserved_names import CONTROL, FLEET, MQTT, WEB
 from gateway.devices.device import Device
 from gateway.events import Emit
 from gateway.images.drivers.mirror_driver import MirrorDriver

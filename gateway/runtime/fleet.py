@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 from gateway import events
-from gateway.config.plan.plan import FleetPlan
+from gateway.config.plan.settings import FleetPlan
 from gateway.errors import FleetError, PortError
 from gateway.fleet.counts import LostMessages, OwnerCounts
 from gateway.fleet.settings import Login, Server

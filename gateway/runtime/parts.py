@@ -9,7 +9,7 @@ from math import ceil
 from typing import TYPE_CHECKING
 
 from gateway.config.plan.forecast import longest_wait_behind, longest_waits
-from gateway.config.plan.plan import LinePlan, ServerPlan, UpstreamPlan
+from gateway.config.plan.settings import LinePlan, ServerPlan, UpstreamPlan
 from gateway.devices.addresses import UnitAddresses
 from gateway.devices.device import Device, DeviceSettings, EveryDevice
 from gateway.devices.quirks import AddressZeroDevice, EveryQuirkyDevice, MovableDevice

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 from gateway import events
-from gateway.config.plan.plan import MqttPlan
+from gateway.config.plan.settings import MqttPlan
 from gateway.config.values.broker import HOME_ASSISTANT
 from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver

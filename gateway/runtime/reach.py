@@ -7,7 +7,7 @@ that line, and for a listener for one upstream a unit of that server, whatever u
 from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
-from gateway.config.plan.plan import ServerPlan
+from gateway.config.plan.settings import ServerPlan
 from gateway.devices.device import Device
 from gateway.images.drivers.mirror_driver import MirrorDriver
 from gateway.images.image import Image

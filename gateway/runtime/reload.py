@@ -8,7 +8,7 @@ from typing import Final, Protocol
 
 from gateway import events
 from gateway.clock.threads import ThreadPerCall
-from gateway.config.plan.plan import Plan
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
 from gateway.errors import ConfigError, ListenError, StateError, TlsError
 from gateway.readconfig.process import READING_TIME, ReadConfig, read_config

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from gateway.config.plan.plan import LinePlan, Plan
+from gateway.config.plan.settings import LinePlan, Plan
 from gateway.config.reading.source import place_of
 from gateway.devices.device import DeviceSettings
 from gateway.devices.quirks import BAUD_RATES, forget_command, how_to_forget, show_units

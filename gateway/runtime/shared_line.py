@@ -7,7 +7,7 @@ from socket import gethostname
 from typing import TYPE_CHECKING, Any, Final
 
 from gateway.config.plan.forecast import guard, longest_late_window
-from gateway.config.plan.plan import LinePlan
+from gateway.config.plan.settings import LinePlan
 from gateway.devices.quirks import BAUD_RATES
 from gateway.errors import PortError
 from gateway.events import Emit

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from gateway import events
 from gateway.clock.exact_loop import run_exactly
-from gateway.config.plan.plan import Plan, WebPlan
+from gateway.config.plan.settings import Plan, WebPlan
 from gateway.control.path import control_path, usual_path_leads
 from gateway.control.server import control_open
 from gateway.errors import ListenError, StateError, TlsError

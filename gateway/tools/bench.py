@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from gateway.config.plan.line_load import a_read, time_of
-from gateway.config.plan.plan import LinePlan, Plan
+from gateway.config.plan.settings import LinePlan, Plan
 from gateway.devices.device import DeviceSettings
 from gateway.errors import WrongQuestion
 from gateway.lines.breaker import FAILURES

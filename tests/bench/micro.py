@@ -12,8 +12,8 @@ from collections.abc import Callable
 from itertools import cycle
 from timeit import Timer
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.events import Emit, discard_event
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import ascii as ascii_framing

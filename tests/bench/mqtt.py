@@ -22,9 +22,9 @@ from typing import NamedTuple, Self
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from gateway.config.load import parse
 from gateway.config.plan.line_load import load_of, total_share
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.resolve import resolve
 from gateway.modbus.pdu import parse_request
 from kit.mosquitto import Mosquitto, Subscriber
 from kit.process import COMMAND, GatewayProcess, simulated

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 FIRST = DEPLOY / "gateway.toml"

@@ -10,7 +10,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from gateway import __version__
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
 from gateway.plant.discovery import Discovery
 from gateway.plant.topics import Topics
 

@@ -14,12 +14,17 @@ from hypothesis import reject
 from hypothesis import strategies as st
 
 from gateway.config.checks.units import served_units
+from gateway.config.load import parse
+from gateway.config.plan.names import all_device_names, unit_names
 from gateway.config.problem import Path
-from gateway.config.reading.load import parse
+from gateway.config.schema.config import Config
+from gateway.config.schema.image import Image
+from gateway.config.schema.line import Device, Line
+from gateway.config.schema.listen import Listen
 from gateway.config.schema.profile import PointTable, ProfileTable
-from gateway.config.schema.root import Config, Device, Image, Line, Listen, Upstream
 from gateway.config.schema.table import Table
-from gateway.config.values.kinds import Kind
+from gateway.config.schema.upstream import Upstream
+from gateway.config.values.key_types import Kind
 from gateway.modbus.codes import Area
 
 #: Tables and lists, as tomllib gives them.
@@ -77,8 +82,9 @@ def accepted_configs(draw: st.DrawFn) -> str:
     """The text of a file that `check` accepts: devices first, and then what names them or their units."""
     document = draw(_DEVICES)
     config = _accepted(document)
-    names = [name for line in config.line for name in line.all_device_names]
-    names += [name for upstream in config.upstream for row in upstream.rows for name in upstream.unit_names(row)]
+    names = [name for line in config.line for name in all_device_names(line)]
+    rows = [(upstream, row) for upstream in config.upstream for row in upstream.units or ()]
+    names += [name for upstream, row in rows for name in unit_names(upstream, row)]
     units = sorted(served_units(config))
     if names:
         mirrors = _tables(Image, of=st.sampled_from(names), read=st.lists(_POLLED, min_size=1, max_size=2))

@@ -5,8 +5,8 @@ from contextlib import asynccontextmanager, closing
 from pathlib import Path
 
 from gateway.clock.lazy_timer import LazyTimer
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.config.values.character_format import DEFAULT_FORMATS
 from gateway.events import Event
 from gateway.images.drivers.store import Store

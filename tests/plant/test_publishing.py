@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import pytest
 
+from gateway.config.load import parse
 from gateway.config.plan.line_load import load_of, total_share
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.resolve import resolve
 from gateway.events import AccessDenied, BrokerLost, CommandRefused, PartFailed, PollRefused, WriteAudit
 from gateway.plant.births import REBIRTH_PAUSE
 from gateway.plant.commands import MOST_COMMANDS

@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from gateway.config.reading.load import load
+from gateway.config.load import load
 from gateway.readconfig.certificate_troubles import certificate_troubles
 from kit import pki
 from kit.pki import listener

@@ -7,7 +7,7 @@ from contextlib import contextmanager, nullcontext
 import pytest
 
 from gateway import __version__
-from gateway.config.reading.load import load
+from gateway.config.load import load
 from gateway.readconfig.file_troubles import with_file_troubles
 from gateway.readconfig.libraries import not_installed
 from kit.browser import CHEAP_HASH

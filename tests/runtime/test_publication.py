@@ -2,8 +2,8 @@
 
 import pytest
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.runtime.announced import AnnouncedDevices
 from gateway.runtime.announcing import Announcing
 

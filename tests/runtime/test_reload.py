@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.errors import ListenError
 from gateway.events import ConfigApplied, ConfigRejected, ConfigWarning, LineLost, LineUp, PartFailed
 from gateway.images.drivers.store import Store

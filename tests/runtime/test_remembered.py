@@ -2,9 +2,9 @@
 
 import pytest
 
-from gateway.config.plan.plan import Plan
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.plan.settings import Plan
+from gateway.config.resolve import resolve
 from gateway.events import AddressRemembered, BaudRemembered
 from gateway.runtime.remembered import address_key, addresses, forget, in_force, rate, rate_key
 from gateway.state.memory import Memory

@@ -3,8 +3,8 @@ import sys
 
 import pytest
 
-from gateway.config.plan.resolve_profile import profile_of
-from gateway.config.reading.load import builtin_profiles
+from gateway.config.plan.profiles import profile_of
+from gateway.config.reading.builtin_profiles import builtin_profiles
 from gateway.profiles import BUILTIN_PROFILES
 from gateway.simulator.builtin import builtin_profile
 

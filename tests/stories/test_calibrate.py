@@ -14,7 +14,7 @@ from gateway.cli.kit.daemon import Meant
 from gateway.cli.main import main
 from gateway.cli.units import active_calibration
 from gateway.cli.verbs import calibrate
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
 from gateway.control.server import _line
 from gateway.modbus.frame import Frame
 from gateway.simulator.faults import Faults

@@ -6,8 +6,8 @@ from ipaddress import ip_address, ip_network
 
 import pytest
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.events import RequestRefused
 from gateway.modbus import rtu
 from gateway.runtime.build import build

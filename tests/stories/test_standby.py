@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from gateway.config.plan.plan import FleetPlan
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.plan.settings import FleetPlan
+from gateway.config.resolve import resolve
 from gateway.errors import FleetError, WrongQuestion
 from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
 from gateway.operator.forgetting import forget

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.events import WriteAudit
 from gateway.modbus import rtu
 from gateway.modbus.mbap import MbapFramer, encode

@@ -4,8 +4,8 @@ import asyncio
 
 import pytest
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.events import AddressMoved, AddressRemembered, BaudChanged, RequestRefused
 from gateway.runtime.build import build
 from gateway.state.memory import Memory

@@ -187,4 +187,4 @@ def test_commands_that_ask_the_daemon_load_nothing_that_takes_long() -> None:
     verbs = ("status", "reload", "read", "write", "trace", "bench", "doctor", "scan")
     script = f"import sys; {'; '.join(f'import gateway.cli.{verb}' for verb in verbs)}; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
-    assert not {"asyncio", "gateway.config.reading.load", "pydantic", "pymodbus", "structlog"} & set(loaded)
+    assert not {"asyncio", "gateway.config.load", "pydantic", "pymodbus", "structlog"} & set(loaded)

@@ -16,7 +16,7 @@ from pymodbus.client import ModbusSerialClient
 from serial import Serial
 
 from gateway.cli.main import main
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
 from gateway.errors import PortError
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.frame import Frame

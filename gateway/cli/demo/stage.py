@@ -11,7 +11,7 @@ from typing import Final
 from gateway import events
 from gateway.cli.demo.script import DemoRequest, reading
 from gateway.cli.kit.daemon import usual_socket
-from gateway.config.plan.plan import Plan
+from gateway.config.plan.settings import Plan
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
 from gateway.modbus import ascii as ascii_framing

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple, Self
 
 from gateway import __version__
 from gateway.cli.main import DEFAULT_CONFIG
-from gateway.config.reading.file_text import UnreadableFile, folder_of, read_file_text
+from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.control.path import SYSTEM_SOCKET, control_path
 from gateway.errors import DaemonError
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from gateway.cli.kit.columns import align
-from gateway.config.plan.plan import Plan
+from gateway.config.plan.settings import Plan
 from gateway.config.values.duration import show_duration
 from gateway.config.values.ranges import show_ranges
 from gateway.images.image import ImageSettings

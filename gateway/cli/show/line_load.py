@@ -5,7 +5,7 @@ from typing import Any
 
 from gateway.cli.kit.columns import align
 from gateway.config.plan.line_load import PollLoad, ReadRate, load_of, total_share
-from gateway.config.plan.plan import LinePlan, Plan
+from gateway.config.plan.settings import LinePlan, Plan
 from gateway.config.values.duration import show_duration
 
 

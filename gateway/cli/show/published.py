@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from gateway.cli.kit.columns import align
-from gateway.config.plan.plan import MqttPlan, Plan
+from gateway.config.plan.settings import MqttPlan, Plan
 from gateway.plant.topics import SparkplugTopics, Topics
 from gateway.profiles.published import PublishedDevice
 

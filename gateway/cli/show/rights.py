@@ -3,7 +3,6 @@
 from typing import Any
 
 from gateway.cli.kit.columns import align
-from gateway.config.plan.plan import Plan
 from gateway.config.plan.rights_in_words import (
     own_numbers,
     right_in_words,
@@ -11,6 +10,7 @@ from gateway.config.plan.rights_in_words import (
     unnamed_certified,
     unnamed_datagrams,
 )
+from gateway.config.plan.settings import Plan
 from gateway.routing.access import DEFAULT_ROWS
 
 

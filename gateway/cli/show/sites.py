@@ -5,7 +5,7 @@ from typing import Any
 
 from gateway.cli.kit.columns import align
 from gateway.config.plan.forecast import least_timeouts_at_other_sites
-from gateway.config.plan.plan import Plan, UpstreamPlan
+from gateway.config.plan.settings import Plan, UpstreamPlan
 from gateway.config.values.duration import show_duration
 from gateway.ports.port import SiteSettings
 

@@ -7,7 +7,7 @@ from select import select
 from typing import Final
 
 from gateway.cli.kit.daemon import Conversation, Meant
-from gateway.config.plan.plan import NETWORK_LATENCY
+from gateway.config.plan.settings import NETWORK_LATENCY
 from gateway.config.values.address import Address
 from gateway.config.values.port import parse_port
 from gateway.control.path import SYSTEM_SOCKET

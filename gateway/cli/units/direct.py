@@ -20,7 +20,7 @@ from gateway.cli.units.device_server import refuse_port_of_gateway, settle
 from gateway.cli.units.unit import Answer, NoResponseError
 from gateway.config.plan.points import points_of
 from gateway.config.problem import WrongValue, did_you_mean
-from gateway.config.reading.load import builtin_profiles
+from gateway.config.reading.builtin_profiles import builtin_profiles
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.values.address import Address, parse_address
 from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format

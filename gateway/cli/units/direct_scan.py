@@ -11,7 +11,7 @@ from typing import Any
 from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.device_server import refuse_port_of_gateway
-from gateway.config.plan.plan import NETWORK_LATENCY, LinePlan
+from gateway.config.plan.settings import NETWORK_LATENCY, LinePlan
 from gateway.config.problem import WrongValue
 from gateway.config.values.address import Address
 from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format

@@ -15,9 +15,10 @@ from gateway.cli.show.line_load import polls_as_json, polls_as_text, rates_as_js
 from gateway.cli.show.published import published_as_json, published_as_text
 from gateway.cli.show.rights import rights_as_json, rights_as_text
 from gateway.cli.show.sites import sites_as_json, sites_as_text, timeout_advice
-from gateway.config.checks.address_trouble import address_trouble
-from gateway.config.checks.port_trouble import predict_wire
 from gateway.config.documents.json_schema import json_schema
+from gateway.config.load import Loaded, load
+from gateway.config.machine.address_trouble import address_trouble
+from gateway.config.machine.port_trouble import predict_wire
 from gateway.config.plan.forecast import (
     FunctionLimits,
     function_limits,
@@ -28,10 +29,9 @@ from gateway.config.plan.forecast import (
     waits_behind,
 )
 from gateway.config.plan.line_load import load_of, read_rates, total_share
-from gateway.config.plan.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
-from gateway.config.plan.resolve import resolve
+from gateway.config.plan.settings import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.config.problem import Problem, dotted
-from gateway.config.reading.load import Loaded, load
+from gateway.config.resolve import resolve
 from gateway.config.values.duration import show_duration
 from gateway.config.values.unitset import show_units
 from gateway.devices.device import DeviceSettings

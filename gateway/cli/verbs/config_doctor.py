@@ -5,11 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from gateway.config.plan.plan import Plan
-from gateway.config.plan.resolve import resolve
+from gateway.config.load import load
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, did_you_mean
-from gateway.config.reading.load import load
 from gateway.config.reading.source import place_of
+from gateway.config.resolve import resolve
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding, Level
 from gateway.errors import DaemonError

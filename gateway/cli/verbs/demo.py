@@ -22,9 +22,9 @@ from gateway.cli.demo.traffic import traffic
 from gateway.cli.kit.daemon import usual_socket
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.clock.exact_loop import run_exactly
-from gateway.config.plan.plan import Plan
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import load
+from gateway.config.load import load
+from gateway.config.plan.settings import Plan
+from gateway.config.resolve import resolve
 from gateway.control.server import control_open
 from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut

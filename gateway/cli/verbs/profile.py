@@ -11,12 +11,14 @@ from gateway.cli.kit.columns import align
 from gateway.cli.kit.usage import baud
 from gateway.cli.main import FINE, PROBLEM_FOUND, WRONG_USAGE
 from gateway.cli.verbs.check import limits_as_json, limits_table, milliseconds
+from gateway.config.load import load
+from gateway.config.plan.areas import places_of
 from gateway.config.plan.forecast import FunctionLimits, function_limits
-from gateway.config.plan.plan import ASSUMED_LATENCY
 from gateway.config.plan.points import points_of, type_of
-from gateway.config.plan.resolve_profile import profile_of
+from gateway.config.plan.profiles import profile_of
+from gateway.config.plan.settings import ASSUMED_LATENCY
 from gateway.config.problem import WrongValue, did_you_mean
-from gateway.config.reading.load import builtin_profiles, load
+from gateway.config.reading.builtin_profiles import builtin_profiles
 from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
 from gateway.config.values.duration import show_duration
@@ -138,7 +140,7 @@ def _points_table(points: Iterable[PointTable]) -> str:
     rows = [
         (table.name, area, _span(addresses), type_of(table, area), table.unit, _WRITING[table.write])
         for table in points
-        for area, addresses in table.places
+        for area, addresses in places_of(table)
     ]
     return align([("NAME", "AREA", "ADDRESS", "TYPE", "UNIT", "WRITE"), *rows], "  ")
 

@@ -11,8 +11,8 @@ from typing import Final
 from gateway.cli.kit.columns import align
 from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
 from gateway.cli.main import DEFAULT_CONFIG, FINE
+from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.config.problem import did_you_mean
-from gateway.config.reading.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.errors import UsersError
 from gateway.readconfig.page_users import (
     ROLES,

@@ -4,12 +4,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from gateway.config.checks.own_listeners import numbers_on
-from gateway.config.checks.units import client_lines, not_configured, served_units
-from gateway.config.plan.plan import DEFAULT_LISTENER
+from gateway.config.checks.units import not_configured, served_units
+from gateway.config.plan.access import networks_of, sites_of
+from gateway.config.plan.reach import client_lines, is_apart, only_part
+from gateway.config.plan.settings import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
-from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
-from gateway.config.schema.root import Access, Config, Line, Listen, Upstream
+from gateway.config.schema.access import Access
+from gateway.config.schema.config import Config
+from gateway.config.schema.line import Line
+from gateway.config.schema.listen import Listen
+from gateway.config.schema.upstream import Upstream
 from gateway.config.values.fleet import Site
+from gateway.config.values.reserved_names import RESERVED, WITHOUT_ADDRESSES
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 from gateway.modbus.functions import only_reads
@@ -33,7 +39,6 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         if not failed & {"listen", "line"}:
             yield from _check_listeners(row, config)
             yield from _check_networks(row, config)
-            yield from _check_sites(row)
         if not failed & {"listen", "line", "image", "upstream"}:
             yield from _check_units(row, config)
     yield from _check_order(config.access, _by_own_numbers(config))
@@ -76,7 +81,7 @@ def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> It
         remedy = f"make clients larger, or reserve less than {listen.clients}"
         yield error(path, "leaves no connection for clients that no row of [[access]] names", remedy)
     here = [row for row in config.access if row.listen is None or listen.label in row.listen]
-    named = any(row.addresses and (row.allow or row.functions) for row in here)
+    named = any(networks_of(row) and (row.allow or row.functions) for row in here)
     if listen.reserve and config.access and not named and "access" not in failed:
         remedy = 'name them in a row: from = ["10.2.0.7"]'
         what = "reserves connections, but no row of [[access]] gives an address any right"
@@ -99,8 +104,8 @@ def _check_content(row: Access) -> Iterator[Problem]:
 
 
 def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
-    cables = [*(line.label for line in config.line if line.role == "server"), CONTROL, MQTT]
-    known = [*(listen.label for listen in _listeners(config)), *cables, WEB, FLEET]
+    cables = [*(line.label for line in config.line if line.role == "server"), *WITHOUT_ADDRESSES]
+    known = [*(listen.label for listen in _listeners(config)), *cables, *RESERVED]
     for index, name in enumerate(row.listen or ()):
         path = (*row.path, "listen", index)
         if name not in known:
@@ -135,17 +140,6 @@ def _check_networks(row: Access, config: Config) -> Iterator[Problem]:
             yield warning((*row.path, "from", index), f"no client can connect from {network}: {reasons[0]}")
 
 
-def _check_sites(row: Access) -> Iterator[Problem]:
-    """Sites are named in rows for the fleet alone, and nothing else is there."""
-    for index, each in enumerate(row.networks or ()):
-        path = (*row.path, "from", index)
-        if isinstance(each, Site) and row.listen != (FLEET,):
-            remedy = f'write it as "10.2.0.0/24" or "10.2.0.7"; a row for a site needs listen = ["{FLEET}"]'
-            yield error(path, f'"{each.name}" is not a valid network', remedy)
-        elif not isinstance(each, Site) and row.listen == (FLEET,):
-            yield error(path, f'clients of "{FLEET}" are sites, and have no network', 'such as from = ["plant-1"]')
-
-
 def _explain_unreachable(listen: Listen, network: Network, everyone: Iterable[Listen]) -> str:
     """Why no client from `network` can connect to a listener; empty when one can."""
     bind, version = listen.bind, listen.bind.ip_version
@@ -159,7 +153,7 @@ def _explain_unreachable(listen: Listen, network: Network, everyone: Iterable[Li
 
 def _by_own_numbers(config: Config) -> frozenset[str]:
     """The names of listeners for one line or upstream."""
-    return frozenset(listen.label for listen in config.listen if listen.only is not None)
+    return frozenset(listen.label for listen in config.listen if only_part(listen) is not None)
 
 
 def _check_units(row: Access, config: Config) -> Iterator[Problem]:
@@ -177,11 +171,11 @@ def _check_units(row: Access, config: Config) -> Iterator[Problem]:
 
 def _answered(row: Access, config: Config) -> frozenset[int]:
     """The unit IDs that a row can match: those of the line or server if it names listeners for one."""
-    named = {listen.only for listen in config.listen if listen.label in (row.listen or ())} - {None}
+    named = {only_part(listen) for listen in config.listen if listen.label in (row.listen or ())} - {None}
     if named:
         parts: tuple[Line | Upstream, ...] = (*client_lines(config), *config.upstream)
         return frozenset().union(*(numbers_on(part) for part in parts if part.label in named))
-    apart = any(map(config.is_apart, client_lines(config))) and row.listen is None
+    apart = any(is_apart(line, config) for line in client_lines(config)) and row.listen is None
     return served_units(config) | (frozenset(range(FIRST_UNIT, LAST_UNIT + 1)) if apart else frozenset())
 
 
@@ -229,9 +223,9 @@ def _covers(earlier: Access, row: Access, *, by_own_numbers: bool) -> bool:
 def _covers_clients(earlier: Access, row: Access) -> bool:
     if earlier.networks is None:
         return True
-    if row.networks is None or not set(row.sites) <= set(earlier.sites):
+    if row.networks is None or not set(sites_of(row)) <= set(sites_of(earlier)):
         return False
-    return all(any(_contains(big, small) for big in earlier.addresses) for small in row.addresses)
+    return all(any(_contains(big, small) for big in networks_of(earlier)) for small in networks_of(row))
 
 
 def _contains(big: Network, small: Network) -> bool:

@@ -4,25 +4,58 @@ from collections.abc import Iterator
 from typing import Final
 
 from gateway.config.problem import Problem, error, warning
+from gateway.config.schema.access import Access
+from gateway.config.schema.config import Config
 from gateway.config.schema.fleet import Fleet
-from gateway.config.schema.root import Config
-from gateway.config.values.fleet import SITE_RULE, is_site
+from gateway.config.schema.upstream import Upstream
+from gateway.config.values.fleet import SITE_RULE, Site, is_site
+from gateway.config.values.reserved_names import FLEET
 
+_ADD: Final = 'add [fleet] with servers = ["nats://127.0.0.1:4222"]'
+#: What a request to another site should have, in seconds.
+_SHORTEST_TO_SITE: Final = 0.25
 _TLS_KEYS: Final = ("ca", "certificate", "key")
 
 
 def check_fleet(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Its own keys fit together, and a lease has servers to ask. `failed` as in `check`."""
+    """Find keys of `[fleet]` that do not fit together, and what needs it elsewhere. `failed` as in `check`."""
     fleet = config.fleet
-    if fleet is None:
-        for line in config.line if "fleet" not in failed else ():
+    if fleet is not None:
+        yield from _check_site(config.site, fleet)
+        yield from _check_servers(fleet)
+        yield from _check_login(fleet)
+    elif "fleet" not in failed:
+        for line in config.line:
             if line.lease is not None:
-                remedy = 'add [fleet] with servers = ["nats://127.0.0.1:4222"]'
-                yield error((*line.path, "lease"), "needs [fleet], where NATS keeps the lease", remedy)
-        return
-    yield from _check_site(config.site, fleet)
-    yield from _check_servers(fleet)
-    yield from _check_login(fleet)
+                yield error((*line.path, "lease"), "needs [fleet], where NATS keeps the lease", _ADD)
+    for upstream in config.upstream:
+        if isinstance(upstream.to, Site):
+            yield from _check_upstream(upstream, upstream.to, config)
+    for row in config.access if not failed & {"listen", "line"} else ():
+        yield from _check_access(row)
+
+
+def _check_upstream(upstream: Upstream, other: Site, config: Config) -> Iterator[Problem]:
+    """Find why another site cannot be reached. Which sites there are is known to NATS only."""
+    path = (*upstream.path, "to")
+    if config.fleet is None:
+        yield error(path, f"{other} needs [fleet]", _ADD)
+    if other.name == config.site:
+        yield error(path, f"leads back to this gateway: {config.site} is its own site", "name another site")
+    if upstream.timeout < _SHORTEST_TO_SITE:
+        what = "is short for another site: heartbeat, request and response take their way, and 50 ms are kept"
+        yield warning((*upstream.path, "timeout"), what, 'write "250 ms" or more')
+
+
+def _check_access(row: Access) -> Iterator[Problem]:
+    """Find sites in rows for others, and clients that are no sites in rows for the fleet."""
+    for index, each in enumerate(row.networks or ()):
+        path = (*row.path, "from", index)
+        if isinstance(each, Site) and row.listen != (FLEET,):
+            remedy = f'write it as "10.2.0.0/24" or "10.2.0.7"; a row for a site needs listen = ["{FLEET}"]'
+            yield error(path, f'"{each.name}" is not a valid network', remedy)
+        elif not isinstance(each, Site) and row.listen == (FLEET,):
+            yield error(path, f'clients of "{FLEET}" are sites, and have no network', 'such as from = ["plant-1"]')
 
 
 def _check_site(site: str, fleet: Fleet) -> Iterator[Problem]:

@@ -2,11 +2,14 @@
 
 from collections.abc import Iterator
 
-from gateway.config.checks.units import claims, client_lines, profile_of_row
-from gateway.config.plan.resolve_lines import units_without_devices
+from gateway.config.checks.units import claims, profile_of_row
+from gateway.config.plan.areas import initial_values, ranges_in
+from gateway.config.plan.names import device_names, unit_names
+from gateway.config.plan.reach import client_lines, units_without_devices
 from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.schema.config import Config
+from gateway.config.schema.image import Image
 from gateway.config.schema.profile import ProfileTable
-from gateway.config.schema.root import Config, Image
 from gateway.config.values.duration import show_duration
 from gateway.config.values.ranges import show_ranges
 from gateway.images.polls import polling_function
@@ -57,10 +60,10 @@ def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
             names = (f"{line.label}/{unit}" for unit in units_without_devices(line, config))
             profiles |= dict.fromkeys(names, config.profile.get(line.profile))
         for row in line.devices or ():
-            profiles |= dict.fromkeys(line.device_names(row), profile_of_row(config, line, row))
+            profiles |= dict.fromkeys(device_names(line, row), profile_of_row(config, line, row))
     for upstream in config.upstream:
-        for units in upstream.rows:
-            profiles |= dict.fromkeys(upstream.unit_names(units))
+        for units in upstream.units or ():
+            profiles |= dict.fromkeys(unit_names(upstream, units))
     return profiles
 
 
@@ -68,15 +71,15 @@ def _check_local(image: Image) -> Iterator[Problem]:
     for key in ("read", "stale"):
         if image.has(key):
             yield error((*image.path, key), "only a mirror has this key", 'name the device to poll: of = "DEVICE"')
-    if not any(image.ranges(area) for area in Area):
+    if not any(ranges_in(area, image) for area in Area):
         yield error(image.path, "has no register and no coil", "write how many, such as holding = 100")
     for area in Area:
         yield from _check_initial(image, area)
 
 
 def _check_initial(image: Image, area: Area) -> Iterator[Problem]:
-    ranges = image.ranges(area)
-    for row in image.initial.rows(area):
+    ranges = ranges_in(area, image)
+    for row in initial_values(area, image):
         span = Span(area, row.at, len(row.values))
         if not row.values:
             yield error((*row.path, "values"), "is empty")
@@ -98,7 +101,7 @@ def _check_mirror(image: Image) -> Iterator[Problem]:
         if sum(row.has(area) for area in Area) != 1:
             yield error(row.path, "must name one of holding, input, coils and discrete")
         for area in Area:
-            if row.has(area) and not row.ranges(area):
+            if row.has(area) and not ranges_in(area, row):
                 yield error((*row.path, area), "names no address", "write the first and the last one, such as 0-9")
         if row.every >= image.stale:
             what = f"values become stale between two polls: stale is {show_duration(image.stale)}"
@@ -110,7 +113,7 @@ def _check_polled_once(image: Image) -> Iterator[Problem]:
     for area in Area:
         taken: list[Range] = []
         for row in image.read:
-            for first, last in row.ranges(area):
+            for first, last in ranges_in(area, row):
                 if any(first <= other_last and other_first <= last for other_first, other_last in taken):
                     yield error((*row.path, area), f"{area} {first}-{last} overlap with an earlier row")
                 taken.append((first, last))
@@ -123,7 +126,7 @@ def _check_polled(image: Image, device: str, profile: ProfileTable) -> Iterator[
         if profile.functions is not None and function not in profile.functions:
             yield error((*row.path, area), f"{device} has no function {function:d}, which reads {area}")
         existing: tuple[Range, ...] | None = getattr(profile, area)
-        for first, last in row.ranges(area):
+        for first, last in ranges_in(area, row):
             if not covers(existing, Span(area, first, last + 1 - first)):
                 what = f"{device} does not have all of {area} {first}-{last}"
                 yield error((*row.path, area), what, f"its {area}: {show_ranges(existing or ())}")

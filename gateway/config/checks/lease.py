@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from math import ceil
 from typing import Final
 
-from gateway.config.checks.units import client_lines
 from gateway.config.plan.forecast import guard
-from gateway.config.plan.resolve import resolve
+from gateway.config.plan.reach import client_lines
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, error, warning
-from gateway.config.schema.root import Config
+from gateway.config.schema.config import Config
 from gateway.config.values.duration import show_duration
 from gateway.timing.lease_time import HOLDS
 
@@ -16,16 +16,16 @@ from gateway.timing.lease_time import HOLDS
 _LEAST: Final = 0.6
 
 
-def check_lease(config: Config) -> Iterator[Problem]:
-    """A lease is longer than the transactions on its line. The config must have passed all other checks."""
+def check_lease(config: Config, plan: Plan) -> Iterator[Problem]:
+    """Find leases that are shorter than a transaction on their line may be."""
     fleet = config.fleet
     if fleet is None or all(line.lease is None for line in config.line):
         return
     if fleet.fallback == "hold":
         what = "lets two gateways ask on one line while NATS cannot be reached: their frames may collide"
         yield warning((*fleet.path, "fallback"), what, 'fallback = "release" lets nobody ask then')
-    for line, plan in zip(client_lines(config), resolve(config).lines, strict=True):
-        guarded = guard(plan)
+    for line, settings in zip(client_lines(config), plan.lines, strict=True):
+        guarded = guard(settings)
         if line.lease is not None and HOLDS * fleet.lease - guarded < _LEAST:
             longest = f"a transaction may take {show_duration(round(guarded, 2))}"
             remedy = f'set lease = "{ceil((guarded + _LEAST) / HOLDS)} s" or longer in [fleet]'

@@ -4,14 +4,13 @@ from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from typing import Final
 
-from gateway.config.plan.plan import Plan
-from gateway.config.plan.publishing import Publishable, names_device
-from gateway.config.plan.resolve import publishable, resolve
+from gateway.config.plan.mqtt import Publishable, names_device, publishable
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, did_you_mean, error, warning
-from gateway.config.reserved import MQTT
+from gateway.config.schema.config import Config
 from gateway.config.schema.mqtt import Mqtt, Publish
-from gateway.config.schema.root import Config
 from gateway.config.values.broker import is_topic_part
+from gateway.config.values.reserved_names import MQTT
 from gateway.modbus.functions import READERS
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.registers.items import WRITERS
@@ -24,8 +23,8 @@ _STATUS: Final = "status"
 _TIME: Final = "time"
 
 
-def check_mqtt(config: Config) -> Iterator[Problem]:
-    """Its own keys fit together."""
+def check_mqtt(config: Config, _failed: frozenset[str]) -> Iterator[Problem]:
+    """Find keys of `[mqtt]` that do not fit together."""
     mqtt = config.mqtt
     if mqtt is None:
         return
@@ -40,12 +39,11 @@ def check_mqtt(config: Config) -> Iterator[Problem]:
         yield error((*mqtt.path, "home_assistant"), what, "leave one of the two out")
 
 
-def check_published(config: Config) -> Iterator[Problem]:
-    """Each row of `publish` means points that may be read. The config must have passed all other checks."""
+def check_published(config: Config, plan: Plan) -> Iterator[Problem]:
+    """Find rows of `publish` that mean no point, or one that may not be read or written."""
     mqtt = config.mqtt
     if mqtt is None:
         return
-    plan = resolve(config)
     for row in mqtt.publish:
         yield from _check_row(row, tuple(publishable(plan)))
     devices = () if plan.mqtt is None else plan.mqtt.devices

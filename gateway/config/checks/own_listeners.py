@@ -2,9 +2,12 @@
 
 from collections.abc import Iterator, Mapping
 
-from gateway.config.checks.units import client_lines
+from gateway.config.plan.reach import client_lines
 from gateway.config.problem import Problem, did_you_mean, error, warning
-from gateway.config.schema.root import Config, Line, Listen, Upstream
+from gateway.config.schema.config import Config
+from gateway.config.schema.line import Line
+from gateway.config.schema.listen import Listen
+from gateway.config.schema.upstream import Upstream
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 

@@ -3,10 +3,11 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 from gateway.config.checks.units import profile_of_row
+from gateway.config.plan.areas import places_of
 from gateway.config.plan.points import is_range, names_of, size_of, type_of
 from gateway.config.problem import Path, Problem, error
+from gateway.config.schema.config import Config
 from gateway.config.schema.profile import PointTable, ProfileTable
-from gateway.config.schema.root import Config
 from gateway.config.values.ranges import MOST_ITEMS, show_ranges
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
@@ -30,11 +31,11 @@ def check_points(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 
 def _check_tables(tables: Iterable[PointTable], profile: ProfileTable | None) -> Iterator[Problem]:
     for table in tables:
-        if len(table.places) != 1:
+        if len(places_of(table)) != 1:
             what = "must have one of holding, input, coils and discrete"
             yield error(table.path, what, "such as holding = 16; addresses count from 0: 40017 is 16")
             continue
-        ((area, addresses),) = table.places
+        ((area, addresses),) = places_of(table)
         wrong_type = [*_check_type(table, area)]
         yield from wrong_type
         if not wrong_type:
@@ -148,7 +149,7 @@ def _names(tables: Iterable[PointTable]) -> dict[str, str]:
         name: source
         for table in tables
         for source in (table.source or "a built-in profile",)
-        for area, addresses in table.places
+        for area, addresses in places_of(table)
         for name in names_of(table, area, addresses)
     }
 

@@ -4,7 +4,10 @@ from collections.abc import Iterator
 from typing import Final
 
 from gateway.config.problem import Problem, error, warning
-from gateway.config.schema.root import Access, Config, Listen, Upstream
+from gateway.config.schema.access import Access
+from gateway.config.schema.config import Config
+from gateway.config.schema.listen import Listen
+from gateway.config.schema.upstream import Upstream
 
 _FOLDER: Final = "/etc/modbus-gateway/tls"
 _HOW: Final = "modbus-gateway certificates makes the files"

@@ -4,10 +4,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.config.plan.resolve_lines import ASKED_AT_ZERO, passing_units
+from gateway.config.plan.lines import ASKED_AT_ZERO
+from gateway.config.plan.names import all_device_names, device_names, unit_names
+from gateway.config.plan.reach import client_lines, is_apart, leads_everywhere, listeners_for, only_part, passing_units
 from gateway.config.problem import Path, Problem, error, warning
+from gateway.config.schema.config import Config
+from gateway.config.schema.line import Device, Line
 from gateway.config.schema.profile import ProfileTable
-from gateway.config.schema.root import Config, Device, Line, Upstream
+from gateway.config.schema.upstream import Upstream
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 
@@ -29,11 +33,6 @@ class Claim:
 _MOST_TOLD: Final = 5
 
 
-def client_lines(config: Config) -> list[Line]:
-    """The client lines."""
-    return [line for line in config.line if line.role == "client"]
-
-
 def profile_of_row(config: Config, line: Line, row: Device) -> ProfileTable | None:
     """What the devices of a row accept, None if there is no such profile; at address 0 only holding registers."""
     profile = config.profile.get(row.profile or line.profile)
@@ -48,15 +47,15 @@ def claims(config: Config) -> Iterator[Claim]:
         for row in line.devices or ():
             path = (*row.path, "unit" if row.known_as is None else "as")
             owner, remedy = f'of line "{line.label}"', 'give one of them another unit ID for clients with "as"'
-            yield Claim(row.client_units, owner, path, row.source, remedy, tuple(line.device_names(row)))
+            yield Claim(row.client_units, owner, path, row.source, remedy, tuple(device_names(line, row)))
     for image in config.image:
         owner = f'of image "{image.label}"'
         yield Claim((image.unit,), owner, (*image.path, "unit"), image.source, names=(image.label,))
     if config.own is not None:
         yield Claim((config.own.unit,), "of the gateway itself", (*config.own.path, "unit"), config.own.source)
     for upstream in config.upstream:
-        for units in upstream.rows:
-            owner, names = f'of upstream "{upstream.label}"', tuple(upstream.unit_names(units))
+        for units in upstream.units or ():
+            owner, names = f'of upstream "{upstream.label}"', tuple(unit_names(upstream, units))
             yield Claim(units.known_as, owner, (*units.path, "as"), units.source, names=names)
 
 
@@ -69,7 +68,7 @@ def not_configured(units: Iterable[int]) -> str:
 def served_units(config: Config) -> frozenset[int]:
     """All units that have a destination."""
     units = frozenset(unit for claim in claims(config) for unit in claim.units)
-    if any(line.devices is None and not config.is_apart(line) for line in client_lines(config)):
+    if any(line.devices is None and not is_apart(line, config) for line in client_lines(config)):
         return units.union(range(FIRST_UNIT, LAST_UNIT + 1))
     return units
 
@@ -100,7 +99,7 @@ def check_numbers_as_names(config: Config) -> Iterator[Problem]:
 def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     """A line without devices takes all units, so only one may lack its own listener. `failed` as in `check`."""
     lines = client_lines(config)
-    together = [line for line in lines if not config.is_apart(line)]
+    together = [line for line in lines if not is_apart(line, config)]
     for line in together:
         is_beside_others = len(together) > 1 or (len(lines) > 1 and not _is_asked(line, config))
         if line.devices is None and is_beside_others and "listen" not in failed:
@@ -110,7 +109,7 @@ def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Pr
                 "name its devices, such as devices = [{ unit = 1 }], or give it its own [[listen]] with "
                 f'line = "{line.label}"',
             )
-        if line.devices is None and not (passing_units(config) or config.listeners_for(line)):
+        if line.devices is None and not (passing_units(config) or listeners_for(line, config)):
             yield error(line.path, "has no devices, and no unit is left to pass through", "take it out")
         if line.devices == ():
             yield error((*line.path, "devices"), "is empty", "leave it out, and every unit 1-247 passes through")
@@ -121,11 +120,11 @@ def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 
     Server lines and mirrors lead to units too.
     """
-    if config.leads_everywhere or failed & {"listen", "line", "image"}:
+    if leads_everywhere(config) or failed & {"listen", "line", "image"}:
         return
     served, mirrored = _served_to_outside_clients(config), _mirrored(config)
     parts: tuple[Line | Upstream, ...] = (*client_lines(config), *config.upstream)
-    own = {part.path for part in parts if config.listeners_for(part)}
+    own = {part.path for part in parts if listeners_for(part, config)}
     for claim in claims(config):
         polled = {unit for unit, name in zip(claim.units, claim.names, strict=False) if name in mirrored}
         unasked = set(claim.units) - served - polled
@@ -150,7 +149,7 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
         return
     served = served_units(config)
     for listen in config.listen:
-        if listen.only is None and isinstance(listen.unit0, int) and listen.unit0 not in served:
+        if only_part(listen) is None and isinstance(listen.unit0, int) and listen.unit0 not in served:
             yield error((*listen.path, "unit0"), not_configured({listen.unit0}), _called(config, {listen.unit0}))
     for line in config.line:
         unknown = set(line.serves or ()) - served
@@ -173,7 +172,7 @@ def _called(config: Config, addresses: set[int]) -> str:
 def _is_asked(line: Line, config: Config) -> bool:
     """Whether any client can reach a line without devices that has no listener of its own."""
     units = _served_to_outside_clients(config).intersection(passing_units(config))
-    return config.leads_everywhere or bool(units) or not _mirrored(config).isdisjoint(line.all_device_names)
+    return leads_everywhere(config) or bool(units) or not _mirrored(config).isdisjoint(all_device_names(line))
 
 
 def _served_to_outside_clients(config: Config) -> frozenset[int]:

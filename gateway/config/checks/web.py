@@ -3,19 +3,32 @@
 from collections.abc import Iterator
 
 from gateway.config.checks.access import overlap
+from gateway.config.checks.listeners import taken
+from gateway.config.plan.reach import listening
 from gateway.config.problem import Problem, error, warning
-from gateway.config.schema.root import Config
+from gateway.config.schema.config import Config
 from gateway.config.schema.web import Web
 from gateway.routing.access import LOOPBACK
 
 
-def check_web(config: Config) -> Iterator[Problem]:
-    """What does not fit together in `[web]`."""
+def check_web(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Find keys of `[web]` that do not fit together, or have no effect. `failed` as in `check`."""
     if config.web is not None:
+        if "listen" not in failed:
+            yield from _check_bind(config.web, config)
         yield from _check_reach(config.web)
         yield from _check_encryption(config.web)
         yield from _check_writing(config.web)
         yield from _check_proxy(config.web)
+
+
+def _check_bind(web: Web, config: Config) -> Iterator[Problem]:
+    """Find the listeners that have the address of the page."""
+    where = "in {}" if config.listen else "by {}"
+    for bind, source in listening(config):
+        takes_ipv4 = not any(bind.takes_ipv4_of(other.bind) for other in config.listen)
+        if bind.collides_with(web.bind) or (takes_ipv4 and bind.takes_ipv4_of(web.bind)):
+            yield taken((*web.path, "bind"), web.bind, bind, where.format(source))
 
 
 def _check_reach(web: Web) -> Iterator[Problem]:

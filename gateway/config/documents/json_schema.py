@@ -12,8 +12,8 @@ from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
 
 from gateway.config.documents.reference import default_text
-from gateway.config.reading.wording import keys_of
-from gateway.config.schema.root import Config
+from gateway.config.schema.config import Config
+from gateway.config.schema.table import keys_of
 from gateway.config.values.kind import Schema
 
 #: Taplo knows no later draft.

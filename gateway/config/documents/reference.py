@@ -8,10 +8,9 @@ from typing import Annotated, Any, Final, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from gateway.config.reading.load import builtin_profiles
-from gateway.config.reading.wording import keys_of, row_model
-from gateway.config.schema.root import Config
-from gateway.config.schema.table import Table
+from gateway.config.reading.builtin_profiles import builtin_profiles
+from gateway.config.schema.config import Config
+from gateway.config.schema.table import Table, keys_of, row_model
 from gateway.config.values.kind import Kind
 
 SMALLEST: Final = """\
@@ -136,23 +135,6 @@ that are not in its `timing`. `modbus-gateway profile NAME` prints the limits of
 
 _PLAIN: Final[Mapping[Any, str]] = {int: "number", float: "number", str: "text", bool: "`true` or `false`"}
 
-#: The sections in the order of the page, as they are written.
-_HEADINGS: Final = {
-    "listen": "[[listen]]",
-    "line": "[[line]]",
-    "image": "[[image]]",
-    "upstream": "[[upstream]]",
-    "profile": "[profile.NAME]",
-    "access": "[[access]]",
-    "self": "[self]",
-    "web": "[web]",
-    "mqtt": "[mqtt]",
-    "fleet": "[fleet]",
-    "trace": "[trace]",
-    "control": "[control]",
-    "log": "[log]",
-}
-
 
 def document() -> str:
     """The whole page."""
@@ -164,12 +146,17 @@ def _sections() -> Iterator[str]:
     told: dict[type[Table], str] = {}
     site = Config.model_fields["site"]
     yield f"## Every key\n\nAt the top of the file: `site`, text. {site.description}\n"
-    sections = dict(zip(keys_of(Config), Config.model_fields.values(), strict=True))
-    for key, heading in _HEADINGS.items():
-        model = row_model(sections[key].annotation)
+    for key, field in zip(keys_of(Config), Config.model_fields.values(), strict=True):
+        model = row_model(field.annotation)
         if model is not None:
-            yield f"### `{heading}`\n\n{model.__doc__}\n\n{_keys(model)}"
+            yield f"### `{_heading(key, field)}`\n\n{model.__doc__}\n\n{_keys(model)}"
             yield from _inner_tables(model, key, told)
+
+
+def _heading(key: str, field: FieldInfo) -> str:
+    """Write the heading of a section."""
+    kind = get_origin(field.annotation)
+    return f"[[{key}]]" if kind is tuple else f"[{key}.NAME]" if kind is Mapping else f"[{key}]"
 
 
 def _inner_tables(model: type[Table], path: str, told: dict[type[Table], str]) -> Iterator[str]:

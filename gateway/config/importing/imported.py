@@ -5,14 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from gateway.config.machine.file_text import UnreadableFile, read_file_text
 from gateway.config.problem import WrongValue
-from gateway.config.reading.file_text import UnreadableFile, read_file_text
 from gateway.config.reading.toml_text import TableText, file_text
 from gateway.config.values.address import Address, parse_address
+from gateway.config.values.reserved_names import RESERVED
 from gateway.errors import GatewayError
-
-#: Names that mean something else for [[access]].
-_RESERVED: Final = ("control", "mqtt", "web", "fleet")
 
 #: Others let every client write.
 _OPEN_ACCESS: Final = TableText(
@@ -68,7 +66,7 @@ class Taken:
     """Names, addresses and ports that are used already."""
 
     def __init__(self) -> None:
-        self._names = set(_RESERVED)
+        self._names = set(RESERVED)
         self._binds: list[Address] = []
         self._targets: dict[str | Address, str] = {}
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
-from gateway.config.plan.plan import LinePlan, Plan, ServerPlan, UpstreamPlan
+from gateway.config.plan.settings import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import UNNOTICED

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from gateway.config.plan.forecast import most_items, one_of_each_kind
-from gateway.config.plan.plan import NETWORK_LATENCY, LinePlan, Plan
-from gateway.config.reserved import MQTT
+from gateway.config.plan.settings import NETWORK_LATENCY, LinePlan, Plan
+from gateway.config.values.reserved_names import MQTT
 from gateway.devices.device import DeviceSettings
 from gateway.images.polls import joined
 from gateway.modbus.codes import Area

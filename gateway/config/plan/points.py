@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
+from gateway.config.plan.areas import places_of
 from gateway.config.schema.profile import PointTable
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
@@ -43,7 +44,7 @@ def is_range(table: PointTable, area: Area, addresses: Range) -> bool:
 
 
 def _points(table: PointTable) -> Iterator[Point]:
-    for area, addresses in table.places:
+    for area, addresses in places_of(table):
         size = size_of(table, area)
         for index, name in enumerate(names_of(table, area, addresses)):
             yield Point(

@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from gateway.config.plan.plan import Plan
-from gateway.config.reserved import FLEET, MQTT, WEB
+from gateway.config.plan.settings import Plan
 from gateway.config.values.unitset import show_units
 from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, AccessRow, Network, Right
 
@@ -80,15 +79,9 @@ def _rest(plan: Plan) -> Iterator[RightsRow]:
     for server in plan.servers:
         if not _is_named(server.line.name, plan):
             yield RightsRow("the line", server.line.name, show_units(server.line.serves), "read, write, broadcast")
-    if plan.web is not None and not _is_named(WEB, plan):
-        if plan.web.write:
-            yield RightsRow("operators", WEB, "all", "read, write")
-        yield RightsRow("other users of the page", WEB, "all", "read")
-    if plan.mqtt is not None and not _is_named(MQTT, plan):
-        units = show_units(device.unit for device in plan.mqtt.devices)
-        yield RightsRow("the broker", MQTT, units, "read, write" if plan.mqtt.write else "read")
-    if plan.fleet is not None and not _is_named(FLEET, plan):
-        yield RightsRow("other sites", FLEET, "all", "read")
+    for name, part in plan.add_ons.items():
+        if not _is_named(name, plan):
+            yield from (RightsRow(one.clients, name, one.units, one.may) for one in part.usual_rights)
 
 
 def _is_named(listener: str, plan: Plan) -> bool:

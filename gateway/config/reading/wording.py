@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -11,7 +11,7 @@ from gateway.config.problem import NotText, Path, Problem, WrongValue, did_you_m
 from gateway.config.reading.masking import is_secret
 from gateway.config.reading.syntax import write_truth
 from gateway.config.reading.toml_text import value_text
-from gateway.config.schema.table import Table
+from gateway.config.schema.table import Table, keys_of, row_model
 
 #: Rates below this are meant in 1000 bits per second.
 _MOST_KILOBAUD = 1000
@@ -94,18 +94,6 @@ def not_text(path: Path, value: object, written: Callable[[Path], str]) -> Probl
 
 def _dotted(path: Path) -> str:
     return ".".join(map(str, path))
-
-
-def keys_of(model: type[Table]) -> list[str]:
-    """The keys of a table, as a user writes them."""
-    return [field.alias or name for name, field in model.model_fields.items()]
-
-
-def row_model(annotation: Any) -> type[Table] | None:
-    """The table inside a type such as `tuple[Device, ...] | None`, if there is one."""
-    if isinstance(annotation, type) and issubclass(annotation, Table):
-        return annotation
-    return next((model for part in get_args(annotation) if (model := row_model(part))), None)
 
 
 def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written: Callable[[Path], str]) -> Problem:

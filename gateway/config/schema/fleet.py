@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from gateway.config.schema.table import Table
-from gateway.config.values.kinds import CredentialFile, LeaseDuration, Name, NatsServers, PasswordFile
+from gateway.config.values.key_types import CredentialFile, LeaseDuration, Name, NatsServers, PasswordFile
 
 
 class Fleet(Table):

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from gateway.config.schema.table import Table
-from gateway.config.values.kinds import (
+from gateway.config.values.key_types import (
     BrokerAddress,
     CredentialFile,
     HomeAssistant,

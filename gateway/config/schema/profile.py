@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from gateway.config.schema.table import Count, FunctionNumber, Table
-from gateway.config.values.kinds import (
+from gateway.config.values.key_types import (
     AnswerDuration,
     Duration,
     Limits,
@@ -17,8 +17,6 @@ from gateway.config.values.kinds import (
     Ranges,
 )
 from gateway.devices.quirks import Quirk
-from gateway.modbus.codes import Area
-from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DataType, Swap
 
 
@@ -60,12 +58,6 @@ class PointTable(Table):
     write: PointWriting = Field(
         "no", description='Whether it can be written. `"only"`: it cannot be read, and is left out when all are.'
     )
-
-    @property
-    def places(self) -> tuple[tuple[Area, Range], ...]:
-        """The area and the addresses; a table that has been checked has one."""
-        found = ((area, getattr(self, area)) for area in Area)
-        return tuple((area, addresses) for area, addresses in found if addresses is not None)
 
 
 class TimingRow(Table):

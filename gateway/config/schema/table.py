@@ -1,6 +1,6 @@
 """A table of the config file, with its place there."""
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
@@ -14,7 +14,10 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class Table(BaseModel):
-    """A table of the file. `path` and `source` are its place, after `placed` was called."""
+    """A table of the file. `path` and `source` are its place, after `placed` was called.
+
+    A property of a table is the default of a key where that follows from its other keys, and nothing else.
+    """
 
     # Deferred: of most tables the validator is only needed inside that of the whole file, which builds it anyway.
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
@@ -24,12 +27,12 @@ class Table(BaseModel):
 
     @property
     def path(self) -> Path:
-        """The way to the table from the top of the file."""
+        """Give the way to the table from the top of the file."""
         return self._path
 
     @property
     def source(self) -> str:
-        """File and line of the table, such as `gateway.toml:31`."""
+        """Give file and line of the table, such as `gateway.toml:31`."""
         return self._source
 
     def placed(self, path: Path, source: str) -> Self:
@@ -39,5 +42,17 @@ class Table(BaseModel):
         return self
 
     def has(self, key: str) -> bool:
-        """Whether the user has written the field `key`."""
+        """Tell whether the user has written the field `key`."""
         return key in self.model_fields_set
+
+
+def keys_of(model: type[Table]) -> list[str]:
+    """List the keys of a table, as a user writes them."""
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def row_model(annotation: Any) -> type[Table] | None:
+    """Find the table inside a type such as `tuple[Device, ...] | None`, if there is one."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        return annotation
+    return next((model for part in get_args(annotation) if (model := row_model(part))), None)

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from gateway.config.schema.table import Table
-from gateway.config.values.kinds import CredentialFile, ListOf, Name, Networks, SocketPath, TokenFile, WebAddress
+from gateway.config.values.key_types import CredentialFile, ListOf, Name, Networks, SocketPath, TokenFile, WebAddress
 
 
 class Web(Table):

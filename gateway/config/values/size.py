@@ -6,6 +6,8 @@ from typing import Final
 from gateway.config.problem import WrongValue
 
 _UNITS: Final = {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
+#: The memory of the last transactions, if the config does not say.
+DEFAULT_RING: Final = 4 * 2**20
 #: Less would hold a moment, and more be the machine's whole memory.
 _LEAST: Final = 2**16
 _MOST: Final = 2**30

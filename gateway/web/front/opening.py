@@ -12,8 +12,8 @@ from typing import Any, Final
 
 from gateway import events
 from gateway.clock.threads import ThreadPerCall
-from gateway.config.plan.plan import WebPlan
 from gateway.config.plan.rights_in_words import RightsRow
+from gateway.config.plan.settings import WebPlan
 from gateway.errors import TlsError, UsersError
 from gateway.listeners.kept_sessions import KeptSessions
 from gateway.modbus.pdu import Span, exception_response

@@ -6,7 +6,7 @@ import os
 import pytest
 
 from gateway.cli.main import main
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
 
 
 def test_a_config_of_mbusd_is_printed(tmp_path, capsys):

@@ -3,8 +3,8 @@
 import pytest
 
 from gateway.config.checks import access as check_access_module
+from gateway.config.load import parse
 from gateway.config.problem import dotted
-from gateway.config.reading.load import parse
 
 UNITS = "[[image]]\nunit = 7\ncoils = 1\n[[image]]\nunit = 8\ncoils = 1\n"
 SCADA = '[[listen]]\nname = "scada"\nbind = "tcp://0.0.0.0:502"\n'

@@ -1,7 +1,7 @@
 import pytest
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 
 LINE = '[[line]]\nport = "/dev/a"\n'
 SITE = 'site = "plant-2"\n'

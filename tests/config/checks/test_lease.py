@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
 
 CONFIG = """
 site = "plant-2"

@@ -1,8 +1,8 @@
 import pytest
 
+from gateway.config.load import parse
 from gateway.config.plan.line_load import load_of
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.resolve import resolve
 
 DEVICES = """\
 site = "plant-2"

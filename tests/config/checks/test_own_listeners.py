@@ -4,8 +4,8 @@ import json
 
 import pytest
 
+from gateway.config.load import parse
 from gateway.config.problem import dotted
-from gateway.config.reading.load import parse
 
 LISTEN = '[[listen]]\nname = "{0}"\nbind = "tcp://127.0.0.1:{1}"\n'
 SHARED = LISTEN.format("all", 5020)

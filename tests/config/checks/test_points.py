@@ -2,8 +2,9 @@
 
 import pytest
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import builtin_profiles, parse
+from gateway.config.load import parse
+from gateway.config.reading.builtin_profiles import builtin_profiles
+from gateway.config.resolve import resolve
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 

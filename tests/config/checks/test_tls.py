@@ -2,8 +2,8 @@
 
 import pytest
 
+from gateway.config.load import parse
 from gateway.config.problem import dotted
-from gateway.config.reading.load import parse
 
 IMAGE = "[[image]]\nunit = 200\nholding = 10\n"
 FILES = 'certificate = "/a/server.crt"\nkey = "/a/server.key"\nclients_ca = "/a/ca.crt"\n'

@@ -2,8 +2,8 @@
 
 import pytest
 
+from gateway.config.load import parse
 from gateway.config.problem import dotted
-from gateway.config.reading.load import parse
 
 
 def problems(text):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gateway.config.documents.reference import EXAMPLE, SMALLEST, document
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
 
 PAGE = Path(__file__).parents[3] / "docs" / "configuration.md"
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from gateway.config.importing.from_mbusd import config_from_mbusd
 from gateway.config.importing.imported import Imported, ImportedFileError
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.routing.access import READING, WRITING
 
 #: A file as its manual describes it, for a UART with RS-485.

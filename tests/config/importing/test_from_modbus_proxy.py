@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from gateway.config.importing.from_modbus_proxy import config_from_modbus_proxy
 from gateway.config.importing.imported import Imported, ImportedFileError
-from gateway.config.plan.plan import Plan
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.plan.settings import Plan
+from gateway.config.resolve import resolve
 
 #: As its documentation describes it.
 ONE = """

@@ -2,6 +2,7 @@
 
 import pytest
 
+from gateway.config.load import parse
 from gateway.config.plan.forecast import (
     FunctionLimits,
     function_limits,
@@ -10,9 +11,9 @@ from gateway.config.plan.forecast import (
     longest_wait_outside,
     waits_behind,
 )
-from gateway.config.plan.resolve import resolve
-from gateway.config.plan.resolve_profile import profile_of
-from gateway.config.reading.load import builtin_profiles, parse
+from gateway.config.plan.profiles import profile_of
+from gateway.config.reading.builtin_profiles import builtin_profiles
+from gateway.config.resolve import resolve
 from gateway.config.schema.profile import ProfileTable
 from gateway.listeners.sessions.server_line import UNNOTICED
 from gateway.timing.budget import AnswerTime

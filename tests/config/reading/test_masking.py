@@ -5,10 +5,9 @@ from contextlib import suppress
 
 import pytest
 
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
 from gateway.config.reading.masking import is_secret, masked
-from gateway.config.reading.wording import keys_of
-from gateway.config.schema.table import Table
+from gateway.config.schema.table import Table, keys_of
 
 
 @pytest.mark.parametrize(

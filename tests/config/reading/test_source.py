@@ -2,9 +2,9 @@
 
 import pickle
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
 from gateway.config.reading.source import Source, place_of, to_write
+from gateway.config.resolve import resolve
 from gateway.readconfig.process import ANSWER, ConfigRead, _handed_over
 from gateway.readconfig.reader import packed
 

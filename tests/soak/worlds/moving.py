@@ -10,8 +10,8 @@ import random
 from contextlib import AsyncExitStack, suppress
 from typing import Final
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
 from gateway.errors import WrongQuestion
 from gateway.events import PartFailed
 from gateway.operator.forgetting import forget

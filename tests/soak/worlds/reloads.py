@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Final
 from unittest.mock import patch
 
-from gateway.config.plan.plan import Plan
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.plan.settings import Plan
+from gateway.config.resolve import resolve
 from gateway.ports.port import OpenPort, Port, PortSettings, PortUser
 from gateway.readconfig.process import ConfigRead
 from gateway.runtime.build import Gateway, build

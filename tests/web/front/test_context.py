@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.config.plan.plan import WebPlan
+from gateway.config.plan.settings import WebPlan
 from gateway.config.values.address import Address
 from gateway.listeners import kept_sessions
 from gateway.tls.settings import SecretFile, ServerTls

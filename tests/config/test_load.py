@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import builtin_profiles, load, parse
-from gateway.config.reading.wording import keys_of, row_model
-from gateway.config.schema.root import Config
-from gateway.config.schema.table import Table
+from gateway.config.load import load, parse
+from gateway.config.reading.builtin_profiles import builtin_profiles
+from gateway.config.resolve import resolve
+from gateway.config.schema.config import Config
+from gateway.config.schema.table import Table, keys_of, row_model
 
 SMALLEST = '[[line]]\nport = "/dev/ttyUSB0"\nbaud = 9600\nformat = "8E1"\n'
 

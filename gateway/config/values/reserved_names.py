@@ -1,14 +1,17 @@
 """What [[access]] calls ways to the gateway that no [[listen]] names."""
 
+from collections.abc import Mapping
 from typing import Final
 
 CONTROL: Final = "control"
 WEB: Final = "web"
 MQTT: Final = "mqtt"
 FLEET: Final = "fleet"
-RESERVED: Final = {
+RESERVED: Final[Mapping[str, str]] = {
     CONTROL: "the control socket",
-    WEB: "the web page and its API",
     MQTT: "the client of the MQTT broker",
+    WEB: "the web page and its API",
     FLEET: "the other sites",
 }
+#: Clients that come this way have no address.
+WITHOUT_ADDRESSES: Final = (CONTROL, MQTT)

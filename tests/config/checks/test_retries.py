@@ -2,8 +2,8 @@
 
 import pytest
 
+from gateway.config.load import parse
 from gateway.config.problem import dotted
-from gateway.config.reading.load import parse
 
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\nlatency = "5 ms"\n'
 TOO_SHORT = "is too short for one repeat after silence (needs {})"

@@ -2,24 +2,29 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
-from gateway.config.plan.plan import (
+from gateway.config.plan.fleet import lease_of
+from gateway.config.plan.names import device_names, unit_names, unlisted_units
+from gateway.config.plan.reach import listeners_for, own_units, units_without_devices
+from gateway.config.plan.settings import (
     NETWORK_LATENCY,
     SHARED_ARRIVES_WITHIN,
-    LeasePlan,
     LinePlan,
     ServerPlan,
     UpstreamPlan,
 )
-from gateway.config.schema.root import Config, Device, Line, Upstream
+from gateway.config.schema.config import Config
+from gateway.config.schema.line import Device, Line
+from gateway.config.schema.upstream import Upstream
 from gateway.config.values.address import Address
 from gateway.config.values.character_format import DEFAULT_FORMATS
 from gateway.config.values.fleet import Site
+from gateway.config.values.port import DEVICE_SERVER_MODES
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import ServerSettings
-from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, FunctionCode
+from gateway.modbus.codes import BROADCAST_UNIT, FunctionCode
 from gateway.ports.port import PortSettings, SerialSettings, SiteSettings, TcpSettings
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
@@ -38,9 +43,9 @@ ASKED_AT_ZERO: Final = frozenset({FunctionCode.READ_HOLDING_REGISTERS})
 def line_plan(line: Line, profiles: dict[str, Profile], config: Config) -> LinePlan:
     """A line where the gateway is the client."""
     timing = _timing(line)
-    own = _own_units(line, config)
+    own = own_units(line, config)
     devices = tuple(_devices(line, profiles, config))
-    settings, lease = _line_settings(line, timing, devices), _lease(line, config)
+    settings, lease = _line_settings(line, timing, devices), lease_of(line, config)
     return LinePlan(_port(line, timing), settings, devices, line.devices is None, own, lease)
 
 
@@ -73,47 +78,24 @@ def upstream_plan(upstream: Upstream, config: Config) -> UpstreamPlan:
     )
     named = (
         (unit, known_as, name, row.source)
-        for row in upstream.rows
-        for unit, known_as, name in zip(row.units, row.known_as, upstream.unit_names(row), strict=True)
+        for row in upstream.units or ()
+        for unit, known_as, name in zip(row.units, row.known_as, unit_names(upstream, row), strict=True)
     )
-    others = upstream.unnamed.items() if config.listeners_for(upstream) else ()
+    others = unlisted_units(upstream).items() if listeners_for(upstream, config) else ()
     unnamed = ((unit, unit, name, upstream.source) for unit, name in others)
     return UpstreamPlan(
         _other_server(upstream), settings, tuple(_behind(upstream, named)), tuple(_behind(upstream, unnamed))
     )
 
 
-def passing_units(config: Config) -> list[int]:
-    """The units of a pass-through line: all without another destination, and those that mirrors poll."""
-    elsewhere = {image.unit for image in config.image if image.of is None}
-    elsewhere |= {unit for upstream in config.upstream for row in upstream.rows for unit in row.known_as}
-    elsewhere |= set() if config.own is None else {config.own.unit}
-    return [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
-
-
-def units_without_devices(line: Line, config: Config) -> list[int]:
-    """The units of a line without devices: those that pass through, and those that only listeners for it lead to."""
-    return sorted({*passing_units(config), *_own_units(line, config)})
+def spoken_on(line: Line) -> Literal["rtu", "ascii"]:
+    """Tell the mode of a line: what the scheme of a device server says, else its `mode`."""
+    return DEVICE_SERVER_MODES[line.port.scheme] if isinstance(line.port, Address) else line.mode
 
 
 def _timing(line: Line) -> LineTiming:
     """The timing of `line`: mode, rate and character format."""
-    return LineTiming(line.spoken, line.baud, line.format or DEFAULT_FORMATS[line.spoken])
-
-
-def _lease(line: Line, config: Config) -> LeasePlan | None:
-    fleet = config.fleet
-    return (
-        None if line.lease is None or fleet is None else LeasePlan(line.lease, config.site, fleet.lease, fleet.fallback)
-    )
-
-
-def _own_units(line: Line, config: Config) -> frozenset[int]:
-    """The units of a line without devices that only the listeners for it lead to."""
-    if line.devices is not None or not config.listeners_for(line):
-        return frozenset()
-    every_unit = frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
-    return every_unit if config.is_apart(line) else every_unit.difference(passing_units(config))
+    return LineTiming(spoken_on(line), line.baud, line.format or DEFAULT_FORMATS[spoken_on(line)])
 
 
 def _port(line: Line, timing: LineTiming) -> PortSettings:
@@ -171,7 +153,7 @@ def _of_row(line: Line, row: Device, profiles: dict[str, Profile]) -> Iterator[D
     if BROADCAST_UNIT in row.units:
         profile = replace(profile, functions=ASKED_AT_ZERO)
     answer_time = _answer_time(line, row, profile)
-    for unit, known_as, name in zip(row.units, row.client_units, line.device_names(row), strict=True):
+    for unit, known_as, name in zip(row.units, row.client_units, device_names(line, row), strict=True):
         yield DeviceSettings(
             name=name,
             unit=unit,

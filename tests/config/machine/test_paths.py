@@ -2,8 +2,8 @@
 
 import pytest
 
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import load, parse
+from gateway.config.load import load, parse
+from gateway.config.resolve import resolve
 
 TEXT = """
 [[listen]]

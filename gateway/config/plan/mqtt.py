@@ -1,11 +1,15 @@
 """What `[mqtt]` asks for: the broker, and the devices and points that are published there."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-from gateway.config.plan.plan import MqttPlan
+from gateway.config.plan.settings import MqttPlan, Plan
+from gateway.config.schema.config import Config
 from gateway.config.schema.mqtt import Mqtt, Publish
+from gateway.images.image import ImageSettings
+from gateway.images.polls import MirrorSettings
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.profiles.published import PublishedDevice, PublishedPoint
@@ -22,8 +26,30 @@ class Publishable(NamedTuple):
     points: tuple[Point, ...]
 
 
-def publishing(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
-    """The settings for `[mqtt]`, of which the `known` units are published as its rows say."""
+def add_mqtt(plan: Plan, config: Config) -> Plan:
+    """Add what is published to a plan, if the config asks for it. All other units and their points are in the plan."""
+    return plan if config.mqtt is None else replace(plan, mqtt=_mqtt(config.site, config.mqtt, publishable(plan)))
+
+
+def publishable(plan: Plan) -> Iterator[Publishable]:
+    """Find every unit that can be published."""
+    behind = ((one.line.name, one.shared) for one in plan.lines)
+    others = ((one.upstream.name, one.devices) for one in plan.upstreams)
+    for line, devices in (*behind, *others):
+        for device in devices:
+            points = plan.points.get(device.known_as, ())
+            yield Publishable(device.name, device.known_as, line, device.profile, points)
+    own: tuple[ImageSettings | MirrorSettings, ...] = (*plan.images, *plan.mirrors)
+    for each in own:
+        yield Publishable(each.name, each.unit, "", each.profile, plan.points.get(each.unit, ()))
+
+
+def names_device(row: Publish, name: str) -> bool:
+    """Tell whether a row means the device with this name."""
+    return fnmatchcase(name, row.device)
+
+
+def _mqtt(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
     return MqttPlan(
         site=site,
         broker=mqtt.broker,
@@ -36,11 +62,6 @@ def publishing(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
         sparkplug=mqtt.sparkplug,
         source=mqtt.source,
     )
-
-
-def names_device(row: Publish, name: str) -> bool:
-    """Whether a row means the device with this name."""
-    return fnmatchcase(name, row.device)
 
 
 def _published(unit: Publishable, mqtt: Mqtt) -> PublishedDevice:

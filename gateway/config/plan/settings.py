@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from gateway.config.values.address import Address
 from gateway.config.values.broker import Broker, Sparkplug
+from gateway.config.values.reserved_names import FLEET, MQTT, WEB
+from gateway.config.values.size import DEFAULT_RING
+from gateway.config.values.unitset import show_units
 from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings
@@ -19,9 +22,6 @@ from gateway.profiles.published import PublishedDevice
 from gateway.routing.access import DEFAULT_ROWS, AccessRow, Network
 from gateway.tls.settings import ClientTls, SecretFile, Secured, ServerTls
 from gateway.upstreams.upstream import UpstreamSettings
-
-#: The ring of `trace`, in bytes.
-DEFAULT_RING: Final = 4 * 1024 * 1024
 
 #: The listener without any [[listen]].
 DEFAULT_LISTENER: Final = ListenSettings(name="default", host="127.0.0.1", port=5020)
@@ -125,6 +125,14 @@ class LogSettings:
     format: Literal["auto", "console", "json", "journald"] = "auto"
 
 
+class UsualRight(NamedTuple):
+    """What clients of an add-on may do until a row of `[[access]]` names it, in words."""
+
+    clients: str
+    units: str
+    may: str
+
+
 @dataclass(frozen=True, slots=True)
 class WebPlan:
     """Where the gateway answers over HTTP, by which names, and the files that say who is let in.
@@ -145,8 +153,14 @@ class WebPlan:
 
     @property
     def secured(self) -> tuple[Secured, ...]:
-        """Its address, if it is https://."""
-        return () if self.tls is None else (Secured("web", self.source, self.tls),)
+        """Give its address, if it is https://."""
+        return () if self.tls is None else (Secured(WEB, self.source, self.tls),)
+
+    @property
+    def usual_rights(self) -> tuple[UsualRight, ...]:
+        """Say who may do what without a row of `[[access]]` that names it."""
+        operators = (UsualRight("operators", "all", "read, write"),) if self.write else ()
+        return (*operators, UsualRight("other users of the page", "all", "read"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,8 +183,14 @@ class MqttPlan:
 
     @property
     def secured(self) -> tuple[Secured, ...]:
-        """The broker, if the connection is one of TLS."""
-        return () if self.tls is None else (Secured("mqtt", self.source, self.tls),)
+        """Give the broker, if the connection is one of TLS."""
+        return () if self.tls is None else (Secured(MQTT, self.source, self.tls),)
+
+    @property
+    def usual_rights(self) -> tuple[UsualRight, ...]:
+        """Say who may do what without a row of `[[access]]` that names it."""
+        units = show_units(device.unit for device in self.devices)
+        return (UsualRight("the broker", units, "read, write" if self.write else "read"),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,8 +212,13 @@ class FleetPlan:
 
     @property
     def secured(self) -> tuple[Secured, ...]:
-        """The servers, if the connection is one of TLS."""
-        return () if self.tls is None else (Secured("fleet", self.source, self.tls),)
+        """Give the servers, if the connection is one of TLS."""
+        return () if self.tls is None else (Secured(FLEET, self.source, self.tls),)
+
+    @property
+    def usual_rights(self) -> tuple[UsualRight, ...]:
+        """Say who may do what without a row of `[[access]]` that names it."""
+        return (UsualRight("other sites", "all", "read"),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,8 +245,14 @@ class Plan:
     ring: int = DEFAULT_RING
 
     @property
+    def add_ons(self) -> Mapping[str, WebPlan | MqttPlan | FleetPlan]:
+        """Give the settings of the add-ons that the config asks for, by the names that `[[access]]` has for them."""
+        named = ((WEB, self.web), (MQTT, self.mqtt), (FLEET, self.fleet))
+        return {name: part for name, part in named if part is not None}
+
+    @property
     def secured(self) -> tuple[Secured, ...]:
-        """Every address that TLS secures, but for web page, broker and NATS: without these, all else works."""
+        """Give every address that TLS secures, but for web page, broker and NATS: without these, all else works."""
         listeners = ((f"listen {one.name}", one.source, one.tls) for one in self.listeners)
         servers = ((one, one.port) for one in self.upstreams if isinstance(one.port, TcpSettings))
         upstreams = ((f"upstream {one.upstream.name}", one.upstream.source, port.tls) for one, port in servers)

@@ -5,9 +5,9 @@ from textwrap import dedent
 
 import pytest
 
-from gateway.config.plan.plan import DEFAULT_LISTENER, LogSettings, Plan
-from gateway.config.plan.resolve import resolve
-from gateway.config.reading.load import parse
+from gateway.config.load import parse
+from gateway.config.plan.settings import DEFAULT_LISTENER, LogSettings, Plan
+from gateway.config.resolve import resolve
 from gateway.images.image import ImageSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import ServerSettings

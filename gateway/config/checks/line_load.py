@@ -2,18 +2,15 @@
 
 from collections.abc import Iterator
 
-from gateway.config.checks.units import client_lines
 from gateway.config.plan.line_load import FULL, load_of, total_share
-from gateway.config.plan.resolve import resolve
+from gateway.config.plan.reach import client_lines
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, warning
-from gateway.config.schema.root import Config
+from gateway.config.schema.config import Config
 
 
-def check_load(config: Config) -> Iterator[Problem]:
-    """Declared polls leave a line time for something else. The config must have passed all other checks."""
-    if config.mqtt is None and all(image.of is None for image in config.image):
-        return
-    plan = resolve(config)
+def check_load(config: Config, plan: Plan) -> Iterator[Problem]:
+    """Find lines that have no time for anything but their declared polls."""
     for line, line_plan in zip(client_lines(config), plan.lines, strict=True):
         share = total_share(load_of(line_plan, plan))
         if share >= FULL:

@@ -4,10 +4,10 @@ from textwrap import dedent
 
 import pytest
 
-from gateway.config.checks.everything import check
-from gateway.config.plan.resolve import resolve
+from gateway.config.check import check
+from gateway.config.load import parse
 from gateway.config.problem import dotted
-from gateway.config.reading.load import parse
+from gateway.config.resolve import resolve
 
 LINE = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = 1, name = "one" }]\n'
 

@@ -7,9 +7,11 @@ both, and there is none where the address before the first reference number is i
 from collections.abc import Iterable, Iterator
 from typing import Final
 
+from gateway.config.plan.areas import places_of, ranges_in
+from gateway.config.plan.names import device_names
 from gateway.config.problem import Path, Problem, warning
+from gateway.config.schema.config import Config
 from gateway.config.schema.profile import PointTable, ProfileTable
-from gateway.config.schema.root import Config
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Range
 from gateway.registers.items import MANUAL_BASES
@@ -23,19 +25,19 @@ def check_addresses(config: Config) -> Iterator[Problem]:
     """The warnings about images, mirrors, profiles and points."""
     of_profiles = [(profile, _Known(profile)) for profile in config.profile.values()]
     rows = [
-        (line.device_names(row), row, _Known(config.profile.get(row.profile or line.profile), row.points))
+        (device_names(line, row), row, _Known(config.profile.get(row.profile or line.profile), row.points))
         for line in config.line
         for row in line.devices or ()
     ]
     of_devices = {name: known for names, _, known in rows for name in names}
     for area in MANUAL_BASES:
         for image in config.image:
-            yield from _check_ranges((*image.path, area), area, image.ranges(area), _Known(None))
+            yield from _check_ranges((*image.path, area), area, ranges_in(area, image), _Known(None))
             for polled in image.read:
                 known = of_devices.get(image.of or "", _Known(None))
-                yield from _check_ranges((*polled.path, area), area, polled.ranges(area), known)
+                yield from _check_ranges((*polled.path, area), area, ranges_in(area, polled), known)
         for profile, known in of_profiles:
-            yield from _check_ranges((*profile.path, area), area, getattr(profile, area) or (), known)
+            yield from _check_ranges((*profile.path, area), area, ranges_in(area, profile), known)
     yield from _check_points((point, known) for profile, known in of_profiles for point in profile.points)
     yield from _check_points((point, known) for _, row, known in rows for point in row.points)
 
@@ -44,10 +46,10 @@ class _Known:
     """What is known of the addresses of a kind of device: from its profile, and from points."""
 
     def __init__(self, profile: ProfileTable | None, points: Iterable[PointTable] = ()) -> None:
-        self._ranges: list[tuple[Area, Range]] = [place for point in points for place in point.places]
+        self._ranges: list[tuple[Area, Range]] = [place for point in points for place in places_of(point)]
         if profile is not None:
-            self._ranges += [(area, each) for area in MANUAL_BASES for each in getattr(profile, area) or ()]
-            self._ranges += [place for point in profile.points for place in point.places]
+            self._ranges += [(area, each) for area in MANUAL_BASES for each in ranges_in(area, profile)]
+            self._ranges += [place for point in profile.points for place in places_of(point)]
 
     def may_be_reference(self, area: Area, address: int) -> bool:
         """Whether an address may be a reference number here."""
@@ -69,7 +71,7 @@ def _check_points(points: Iterable[tuple[PointTable, _Known]]) -> Iterator[Probl
     found = [
         (point, area, addresses[0])
         for point, known in points
-        for area, addresses in point.places
+        for area, addresses in places_of(point)
         if known.may_be_reference(area, addresses[0])
     ]
     for point, area, first in found[:1]:

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from gateway.config.checks.port_trouble import port_trouble
+from gateway.config.machine.port_trouble import port_trouble
 
 
 def test_a_character_device_that_this_user_may_open_is_no_trouble():

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 
-from gateway.config.plan.plan import Plan
+from gateway.config.plan.names import device_names
 from gateway.config.plan.points import points_of
-from gateway.config.plan.resolve_lines import passing_units
-from gateway.config.schema.root import Config
+from gateway.config.plan.reach import is_apart, passing_units
+from gateway.config.plan.settings import Plan
+from gateway.config.schema.config import Config
 from gateway.images import self_map
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings
@@ -52,12 +53,12 @@ def _device_points(
 ) -> Iterator[tuple[str, int, tuple[Point, ...]]]:
     """Name, unit and points of each device. On a line that is apart units are not those of the clients."""
     for line in config.line:
-        if line.role == "client" and line.devices is None and not config.is_apart(line):
+        if line.role == "client" and line.devices is None and not is_apart(line, config):
             points = of_profile(line.profile)
             yield from ((f"{line.label}/{unit}", unit, points) for unit in passing_units(config))
         for row in line.devices or ():
             points = (*of_profile(row.profile or line.profile), *points_of(row.points))
-            named = zip(line.device_names(row), row.client_units, strict=True)
+            named = zip(device_names(line, row), row.client_units, strict=True)
             yield from ((name, unit, points) for name, unit in named)
 
 

@@ -3,13 +3,17 @@
 import pytest
 from pydantic import ValidationError
 
-from gateway.config.reading.load import parse
-from gateway.config.reading.wording import row_model
+from gateway.config.load import parse
+from gateway.config.schema.access import Access
+from gateway.config.schema.config import Config
+from gateway.config.schema.gateway import Log
+from gateway.config.schema.image import Image, Initial, Polled
+from gateway.config.schema.line import Device, Line
+from gateway.config.schema.listen import Listen
 from gateway.config.schema.profile import ProfileTable
-from gateway.config.schema.root import Access, Config, Device, Image, Initial, Line, Listen, Log, Polled, Upstream
-from gateway.config.schema.table import Table
+from gateway.config.schema.table import Table, row_model
+from gateway.config.schema.upstream import Upstream
 from gateway.config.schema.web import Web
-from gateway.modbus.codes import Area
 
 
 def tables(model=Config):
@@ -98,26 +102,6 @@ def test_clients_use_the_units_of_the_wire_unless_as_says_otherwise():
     assert Device.model_validate({"unit": "1-3", "as": "41-43"}).client_units == (41, 42, 43)
 
 
-def test_a_device_without_a_name_is_called_after_its_line_and_unit():
-    line = Line.model_validate({"name": "hall-a", "port": "/dev/x", "devices": [{"unit": 7, "as": 17}, {"unit": 8}]})
-    assert line.all_device_names == ["hall-a/17", "hall-a/8"]
-
-
-def test_a_star_in_a_name_becomes_the_unit_that_clients_use():
-    line = Line.model_validate(
-        {
-            "port": "/dev/x",
-            "devices": [{"unit": "10-11", "as": "110-111", "name": "drive-*"}, {"unit": 5, "name": "fan"}],
-        }
-    )
-    assert line.all_device_names == ["drive-110", "drive-111", "fan"]
-
-
-def test_every_device_of_a_line_that_passes_through_has_a_name():
-    names = Line.model_validate({"name": "hall-a", "port": "/dev/x"}).all_device_names
-    assert (names[0], names[-1], len(names)) == ("hall-a/1", "hall-a/247", 247)
-
-
 @pytest.mark.parametrize(
     ("table", "label"),
     [
@@ -134,13 +118,6 @@ def test_every_device_of_a_line_that_passes_through_has_a_name():
 )
 def test_what_is_named_has_its_name_and_the_rest_is_called_after_its_place(table, label):
     assert table.label == label
-
-
-def test_an_image_knows_its_addresses_and_its_first_values_by_area():
-    image = Image.model_validate({"unit": 1, "holding": 10, "initial": {"holding": [{"at": 3, "values": [1, True]}]}})
-    assert image.ranges(Area.HOLDING) == ((0, 9),)
-    assert image.ranges(Area.COILS) == ()
-    assert [(row.at, row.values) for row in image.initial.rows(Area.HOLDING)] == [(3, (1, 1))]
 
 
 def test_a_table_knows_where_it_stands_once_it_was_told():

@@ -1,0 +1,75 @@
+"""Cross-checks of profiles, and of the devices that have them."""
+
+from collections.abc import Iterator
+from itertools import groupby, pairwise
+
+from gateway.config.checks.lines import other_mode
+from gateway.config.plan.lines import spoken_on
+from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.schema.config import Config
+from gateway.config.schema.image import Image
+from gateway.config.schema.line import Device, Line
+from gateway.config.schema.profile import ProfileTable
+from gateway.config.values.duration import show_duration
+
+
+def check_profiles(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Find profiles that contradict themselves, and names of profiles that do not exist. `failed` as in `check`."""
+    for profile in config.profile.values():
+        if profile.functions == ():
+            yield error((*profile.path, "functions"), "is empty", "leave it out, and every function is accepted")
+        yield from _check_timing(profile)
+    if "profile" in failed:
+        return
+    rows = [row for line in config.line for row in line.devices or ()]
+    tables: tuple[Line | Device | Image, ...] = (*config.line, *rows, *config.image)
+    for table in tables:
+        if table.profile is not None and table.profile not in config.profile:
+            remedy = did_you_mean(table.profile, config.profile)
+            yield error((*table.path, "profile"), f'there is no profile "{table.profile}"', remedy)
+
+
+def check_profiles_of_devices(config: Config) -> Iterator[Problem]:
+    """Find devices that do not fit their profile: by the mode of their line, or by their time-out."""
+    yield from _check_mode(config)
+    yield from _check_timeouts(config)
+
+
+def _check_timing(profile: ProfileTable) -> Iterator[Problem]:
+    rows = sorted(profile.timing, key=lambda row: (row.fc, row.items))
+    for function, points in groupby(rows, key=lambda row: row.fc):
+        for fewer, more in pairwise(points):
+            if fewer.items == more.items:
+                yield error((*more.path, "items"), f"function {function} already has a time for {more.items} items")
+            elif more.time < fewer.time:
+                what = f"function {function} takes less time for {more.items} items than for {fewer.items}"
+                yield error((*more.path, "time"), what, "more items cannot take less time")
+
+
+def _check_mode(config: Config) -> Iterator[Problem]:
+    """The mode of a line is one that its devices have."""
+    for line in config.line:
+        tables: tuple[Line | Device, ...] = (line, *(line.devices or ()))
+        for table in tables:
+            profile = config.profile.get(table.profile or "")
+            if line.role == "client" and profile is not None and profile.mode not in (None, spoken_on(line)):
+                what = f"{profile.path[-1]} devices use {profile.mode.upper()}, but this line {spoken_on(line).upper()}"
+                yield warning((*table.path, "profile"), what, f"set {other_mode(line)} for the line")
+
+
+def _check_timeouts(config: Config) -> Iterator[Problem]:
+    """A device's time-out replaces the times of its profile, so it should not be below one of them."""
+    for line in config.line:
+        for row in line.devices or ():
+            profile = config.profile.get(row.profile or line.profile or "")
+            if row.timeout is None or profile is None:
+                continue
+            slowest = max(profile.timing, key=lambda point: point.time, default=None)
+            if slowest is not None and row.timeout < slowest.time:
+                what = (
+                    f"is shorter than the {show_duration(slowest.time)} of {profile.path[-1]} for"
+                    f" {slowest.items} items (function {slowest.fc})"
+                )
+                yield warning(
+                    (*row.path, "timeout"), what, "leave timeout out: the profile has a time for each request"
+                )

@@ -1,0 +1,38 @@
+"""The rows of access rights."""
+
+from typing import Final
+
+from gateway.config.schema.access import Access
+from gateway.config.values.fleet import Site
+from gateway.routing.access import NOTHING, READING, WRITING, AccessRow, Network, Right, right_to
+
+_RIGHTS: Final = {"read": READING, "write": WRITING}
+
+
+def access_row(row: Access) -> AccessRow:
+    """Turn a row of `[[access]]` into a row of rights."""
+    return AccessRow(
+        right=_right(row),
+        networks=None if row.networks is None else networks_of(row),
+        listeners=None if row.listen is None else frozenset(row.listen),
+        units=None if row.units == "all" else frozenset(row.units),
+        role=row.role,
+        source=row.source,
+        sites=frozenset(sites_of(row)),
+    )
+
+
+def networks_of(row: Access) -> tuple[Network, ...]:
+    """List what `from` names, without sites."""
+    return tuple(each for each in row.networks or () if not isinstance(each, Site))
+
+
+def sites_of(row: Access) -> tuple[str, ...]:
+    """List the sites that `from` names."""
+    return tuple(each.name for each in row.networks or () if isinstance(each, Site))
+
+
+def _right(row: Access) -> Right:
+    if row.functions is not None:
+        return right_to(row.functions)
+    return NOTHING.union(*(_RIGHTS[name] for name in row.allow or ()))

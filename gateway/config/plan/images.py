@@ -1,0 +1,43 @@
+"""The settings of register images and mirrors."""
+
+from collections.abc import Mapping
+
+from gateway.config.plan.areas import initial_values, ranges_in
+from gateway.config.schema.image import Image
+from gateway.config.values.ranges import join_ranges
+from gateway.devices.device import DeviceSettings
+from gateway.images.image import ImageSettings
+from gateway.images.polls import MirrorSettings, Poll
+from gateway.modbus.codes import Area
+from gateway.profiles.profile import Profile
+
+
+def image_settings(image: Image, profiles: Mapping[str, Profile]) -> ImageSettings:
+    """Turn a table without `of` into the settings of a register image."""
+    return ImageSettings(
+        unit=image.unit,
+        name=image.label,
+        profile=profiles[image.profile],
+        areas={area: ranges_in(area, image) for area in Area if ranges_in(area, image)},
+        initial={
+            area: tuple((row.at, row.values) for row in initial_values(area, image))
+            for area in Area
+            if initial_values(area, image)
+        },
+        persist=image.persist,
+        source=image.source,
+    )
+
+
+def mirror_settings(image: Image, device: DeviceSettings) -> MirrorSettings:
+    """Turn a table with `of` into the settings of a mirror of this device."""
+    polls = tuple(
+        Poll(area, first, last, row.every)
+        for row in image.read
+        for area in Area
+        for first, last in ranges_in(area, row)
+    )
+    areas = {area: join_ranges((poll.first, poll.last) for poll in polls if poll.area is area) for area in Area}
+    return MirrorSettings(
+        image.unit, image.label, device.name, device.profile, polls, areas, image.stale, source=image.source
+    )

@@ -1,0 +1,62 @@
+"""Which listeners lead to which lines and upstreams, and to which units of them."""
+
+from gateway.config.plan.settings import DEFAULT_LISTENER
+from gateway.config.schema.config import Config
+from gateway.config.schema.line import Line
+from gateway.config.schema.listen import Listen
+from gateway.config.schema.upstream import Upstream
+from gateway.config.values.address import Address
+from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
+
+
+def listening(config: Config) -> tuple[tuple[Address, str], ...]:
+    """List the addresses where clients can connect, each with its place in the file."""
+    default = Address(DEFAULT_LISTENER.scheme, DEFAULT_LISTENER.host, DEFAULT_LISTENER.port)
+    return tuple((each.bind, each.source) for each in config.listen) or ((default, "the default listener"),)
+
+
+def only_part(listen: Listen) -> str | None:
+    """Name the one line or upstream that a listener leads to; None for a listener that leads to all units."""
+    return listen.line if listen.line is not None else listen.upstream
+
+
+def leads_everywhere(config: Config) -> bool:
+    """Tell whether a listener leads to all units; the default listener does."""
+    return not config.listen or any(only_part(listen) is None for listen in config.listen)
+
+
+def listeners_for(part: Line | Upstream, config: Config) -> list[Listen]:
+    """List the listeners that lead to this line or upstream alone."""
+    return [listen for listen in config.listen if only_part(listen) == part.label]
+
+
+def client_lines(config: Config) -> list[Line]:
+    """List the lines on which the gateway is the client."""
+    return [line for line in config.line if line.role == "client"]
+
+
+def is_apart(line: Line, config: Config) -> bool:
+    """Tell whether only its own listeners lead to a client line: it has no devices, and is not the only one."""
+    has_company = any(other is not line for other in client_lines(config))
+    return line.devices is None and has_company and bool(listeners_for(line, config))
+
+
+def passing_units(config: Config) -> list[int]:
+    """List the units of a pass-through line: all without another destination, and those that mirrors poll."""
+    elsewhere = {image.unit for image in config.image if image.of is None}
+    elsewhere |= {unit for upstream in config.upstream for row in upstream.units or () for unit in row.known_as}
+    elsewhere |= set() if config.own is None else {config.own.unit}
+    return [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
+
+
+def own_units(line: Line, config: Config) -> frozenset[int]:
+    """Find the units of a line without devices that only the listeners for it lead to."""
+    if line.devices is not None or not listeners_for(line, config):
+        return frozenset()
+    every_unit = frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
+    return every_unit if is_apart(line, config) else every_unit.difference(passing_units(config))
+
+
+def units_without_devices(line: Line, config: Config) -> list[int]:
+    """List the units of a line without devices: those that pass through, and its own."""
+    return sorted({*passing_units(config), *own_units(line, config)})

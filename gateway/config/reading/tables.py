@@ -1,0 +1,152 @@
+"""Turns a TOML document into the tables of a config."""
+
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from pathlib import Path as FilePath
+from typing import Any, Final, get_origin
+
+from pydantic import ValidationError
+
+from gateway.config.problem import Path, Problem, error
+from gateway.config.reading.builtin_profiles import PROFILE, builtin_profiles
+from gateway.config.reading.positions import Positions
+from gateway.config.reading.source import Source
+from gateway.config.reading.wording import not_text, unknown_key, value_problems
+from gateway.config.schema.config import Config
+from gateway.config.schema.profile import ProfileTable
+from gateway.config.schema.table import Table, keys_of, row_model
+
+
+def _sections(origin: type | None) -> Mapping[str, type[Table]]:
+    """Find the sections of this kind in the schema, each with its table."""
+    fields = ((field.alias or name, field.annotation) for name, field in Config.model_fields.items())
+    of_kind = ((key, row_model(each)) for key, each in fields if (get_origin(each) is tuple) == (origin is tuple))
+    return {key: model for key, model in of_kind if model is not None and key != PROFILE}
+
+
+#: Sections that are written [[name]], and those that are written [name].
+LISTS: Final = _sections(tuple)
+_SINGLES: Final = _sections(None)
+
+#: Keys that no other table refers to. A table with errors only in these is still checked against the others.
+_NOT_REFERRED_TO: Final = frozenset(
+    {
+        *("baud", "format", "rs485", "echo", "latency", "timeout", "gap", "turnaround", "late_window", "queue"),
+        *("max_wait", "retries", "retry_within", "rest", "wire", "coalesce", "broadcast", "priority"),
+        *("clients", "idle", "in_flight", "on_failure"),
+    }
+)
+
+
+class TableReader:
+    """Turns a TOML document into tables, each on its own, so that one broken table hides no other's problems.
+
+    `failed` are the sections of which a table is missing from the config because something is wrong with it. Paths
+    count from the `folder` in which `file` stands.
+    """
+
+    def __init__(self, document: dict[str, Any], positions: Positions, file: str, folder: FilePath) -> None:
+        self.problems: list[Problem] = []
+        self.failed: set[str] = set()
+        self._document = document
+        self._positions = positions
+        self._file = file
+        self._folder = folder
+
+    def config(self) -> Config:
+        """Make the config of every table that is good."""
+        self._find_unknown_sections()
+        lists = {section: tuple(self._rows(section, model)) for section, model in LISTS.items()}
+        singles = {section: self._single(section, model) for section, model in _SINGLES.items()}
+        present = {section: table for section, table in singles.items() if table is not None}
+        profiles = {**builtin_profiles(), **self._profiles()}
+        return Config.model_validate({"site": self._site(), PROFILE: profiles, **lists, **present})
+
+    def _find_unknown_sections(self) -> None:
+        known = keys_of(Config)
+        unknown = [key for key in self._document if key not in known]
+        self.failed.update(unknown)
+        self.problems += [unknown_key((key,), known) for key in unknown]
+
+    def _site(self) -> str:
+        site = self._document.get("site", "")
+        if isinstance(site, str):
+            return site
+        self.failed.add("site")
+        self.problems.append(not_text(("site",), site, self._positions.written))
+        return ""
+
+    def _rows(self, section: str, model: type[Table]) -> Iterator[Table]:
+        rows = self._document.get(section, [])
+        if not isinstance(rows, list):
+            self._complain((section,), "is a list of tables", f"write [[{section}]] with two brackets")
+            return
+        for index, raw in enumerate(rows):
+            table = self._table((section, index), raw, model)
+            if table is not None:
+                yield table
+
+    def _single(self, section: str, model: type[Table]) -> Table | None:
+        raw = self._document.get(section)
+        if raw is None:
+            return None
+        if isinstance(raw, list):
+            self._complain((section,), "is one table, not a list", f"write [{section}] with one bracket")
+            return None
+        return self._table((section,), raw, model)
+
+    def _profiles(self) -> dict[str, Table]:
+        profiles = self._document.get(PROFILE, {})
+        if not isinstance(profiles, dict):
+            self._complain((PROFILE,), "is a table of tables", f"write [{PROFILE}.NAME]")
+            return {}
+        tables = {name: self._table((PROFILE, name), raw, ProfileTable) for name, raw in profiles.items()}
+        return {name: table for name, table in tables.items() if table is not None}
+
+    def _table(self, path: Path, raw: object, model: type[Table]) -> Table | None:
+        try:
+            table = model.model_validate(raw, context=self._folder)
+        except ValidationError as wrong:
+            self.failed.add(str(path[0]))
+            self.problems += value_problems(wrong, model, path, self._positions.written)
+            rest = _without(wrong, raw)
+            if rest is None:
+                return None
+            table = model.model_validate(rest, context=self._folder)
+        self._place(table, path)
+        return table
+
+    def _place(self, table: Table, path: Path) -> None:
+        """Set the place of a table and of those inside it."""
+        line, _ = self._positions.value(path)
+        keys = [type(table).model_fields[name].alias or name for name in table.model_fields_set]
+        lines = {key: self._positions.key((*path, key))[0] for key in keys}
+        table.placed(path, Source.of(self._file, line, lines))
+        for name, field in type(table).model_fields.items():
+            value = getattr(table, name)
+            key = field.alias or name
+            if isinstance(value, Table):
+                self._place(value, (*path, key))
+            elif isinstance(value, tuple):
+                for index, row in enumerate(value):
+                    if isinstance(row, Table):
+                        self._place(row, (*path, key, index))
+
+    def _complain(self, path: Path, what: str, remedy: str) -> None:
+        self.failed.add(str(path[0]))
+        self.problems.append(error(path, what, remedy))
+
+
+def _without(wrong: ValidationError, raw: object) -> dict[str, Any] | None:
+    """The table without its wrong values, if no other table refers to these."""
+    found = wrong.errors(include_url=False)
+    if not isinstance(raw, dict) or any(one["loc"][-1:] and one["loc"][-1] not in _NOT_REFERRED_TO for one in found):
+        return None
+    rest = deepcopy(raw)
+    for one in found:
+        *parents, last = one["loc"]
+        table = rest
+        for part in parents:
+            table = table[part]
+        table.pop(last, None)
+    return rest

@@ -1,0 +1,44 @@
+"""The keys of `[[access]]`."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gateway.config.schema.table import FunctionNumber, Table
+from gateway.config.values.key_types import ListOf, Name, NetworksOrSites, Role, UnitsOrAll
+
+
+class Access(Table):
+    """Access rights. First match wins, by client and unit; no match means denied."""
+
+    networks: NetworksOrSites | None = Field(
+        None,
+        alias="from",
+        description='Networks or addresses of the clients; with `listen = ["fleet"]` the sites. Default: all.',
+    )
+    listen: Annotated[tuple[Name, ...], ListOf] | None = Field(
+        None,
+        description="Names of listeners, server lines, `control`, `web`, `mqtt` or `fleet`. Default: all. A server "
+        "line, the control socket, the web page and the MQTT client keep their rights until a row names them. UDP "
+        "clients can write only through a row that names their listener, other sites through one that names `fleet`. A "
+        "row names either listeners for one line or upstream, or others.",
+    )
+    role: Role | None = Field(
+        None,
+        description='The role in the certificate of a TLS client; `""` for one without a role. For clients of `tls://` '
+        "a row without this key counts only if it names the listener.",
+    )
+    units: UnitsOrAll = Field(
+        "all",
+        description="Unit IDs for clients, 1-255; in a row that names a listener for one line, addresses on "
+        "that line, and in one that names a listener for one upstream, unit IDs of that server, 0-255. A broadcast "
+        "needs the right at every unit.",
+    )
+    allow: Annotated[tuple[Literal["read", "write"], ...], ListOf] | None = Field(
+        None,
+        description="What is allowed; alternatively use `functions`. `read`: functions 1, 2, 3, 4, 7, 11, 12, 17, 20, "
+        "24 and 43/14. `write`: all others. `[]`: nothing.",
+    )
+    functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
+        None, description="Functions that are allowed, and no others."
+    )

@@ -1,0 +1,73 @@
+"""The keys of `[[image]]`: register images and mirrors."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gateway.config.schema.table import Table
+from gateway.config.values.key_types import (
+    Item,
+    ListOf,
+    LongerDuration,
+    Name,
+    OwnUnit,
+    Ranges,
+)
+
+
+class Polled(Table):
+    """A range of addresses that a mirror polls."""
+
+    holding: Ranges | None = Field(None, description="Holding registers to read.")
+    input: Ranges | None = Field(None, description="Input registers to read.")
+    coils: Ranges | None = Field(None, description="Coils to read.")
+    discrete: Ranges | None = Field(None, description="Discrete inputs to read.")
+    every: LongerDuration = Field(description="Time from one poll to the next.")
+
+
+class InitialValues(Table):
+    """Initial values from one address on."""
+
+    at: Annotated[int, Field(ge=0, le=65535)] = Field(description="Address of the first value.")
+    values: Annotated[tuple[Item, ...], ListOf] = Field(description="The values: 0-65535, or `true` and `false`.")
+
+
+class Initial(Table):
+    """Initial values of an image; all others are 0."""
+
+    holding: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Holding registers.")
+    input: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Input registers.")
+    coils: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Coils.")
+    discrete: Annotated[tuple[InitialValues, ...], ListOf] = Field((), description="Discrete inputs.")
+
+
+class Image(Table):
+    """A unit that the gateway answers itself: a register image, or with `of` a mirror of a device."""
+
+    unit: OwnUnit = Field(
+        description="Its unit ID for clients, 1-247; or 255, which many Modbus TCP clients use for the server itself."
+    )
+    name: Name | None = Field(None, description="Its name in logs. Default: `image-` and the unit ID.")
+    profile: str = Field("generic", description="What it accepts: functions, limits, addresses.")
+    holding: Ranges = Field((), description="Its holding registers.")
+    input: Ranges = Field((), description="Its input registers.")
+    coils: Ranges = Field((), description="Its coils.")
+    discrete: Ranges = Field((), description="Its discrete inputs.")
+    persist: Literal["never", "interval", "always"] = Field(
+        "never",
+        description="`interval`: a crash loses at most 1 s of writes, a normal stop none. `always`: each write is on "
+        "disk before it is acknowledged.",
+    )
+    initial: Initial = Field(
+        Initial(), description="Initial values, such as `initial.holding = [{ at = 0, values = [1, 2, 3] }]`."
+    )
+    of: str | None = Field(
+        None, description="Makes it a mirror: the name of the device to poll, once for any number of clients."
+    )
+    read: Annotated[tuple[Polled, ...], ListOf] = Field((), description="Mirrors: what to poll, and how often.")
+    stale: LongerDuration = Field(2.0, description="Mirrors: older values are answered with exception 0B.")
+
+    @property
+    def label(self) -> str:
+        """Its name, or its default name."""
+        return self.name or f"image-{self.unit}"

@@ -1,0 +1,189 @@
+"""The keys of `[[line]]`, and of its devices."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gateway.config.schema.profile import PointTable
+from gateway.config.schema.table import Count, Table
+from gateway.config.values.key_types import (
+    Duration,
+    DurationOrAuto,
+    DurationOrOffOrAuto,
+    DurationOrZeroOrAuto,
+    Format,
+    LeaseName,
+    ListOf,
+    LongerDuration,
+    Name,
+    SerialPort,
+    Units,
+    UnitsFrom0,
+)
+from gateway.ports.port import Wire
+
+
+class Device(Table):
+    """A device on a line, or several alike in one row."""
+
+    units: UnitsFrom0 = Field(
+        alias="unit",
+        description="Its unit ID on the wire, 1-247; a set means several devices. 248-255 are reserved by the "
+        "specification, but some devices have them. 0: for a single device with an unknown address; only its holding "
+        "registers can be read.",
+    )
+    known_as: Units | None = Field(
+        None,
+        alias="as",
+        description="Its unit ID for clients, 1-255; as many as in `unit`. Default: the same.",
+    )
+    name: Name | None = Field(
+        None,
+        description="Its name in logs; `*` stands for the unit ID for clients. Default: line name and unit ID.",
+    )
+    profile: str | None = Field(None, description="The kind of device. Default: the `profile` of the line.")
+    priority: Literal["normal", "high"] = Field(
+        "normal",
+        description="Who waits for a device with high priority is the first in each round of those who wait for its "
+        "line, like who waits with a write.",
+    )
+    timeout: Duration | None = Field(
+        None, description="How long it may take to begin its response, regardless of its profile."
+    )
+    points: Annotated[tuple[PointTable, ...], ListOf] = Field(
+        (), description="What its registers mean, in addition to the points of its profile."
+    )
+
+    @property
+    def client_units(self) -> tuple[int, ...]:
+        """The units that clients use for `units`, in the same order."""
+        return self.units if self.known_as is None else self.known_as
+
+
+class Line(Table):
+    """A serial line: its port and settings, and its devices."""
+
+    name: Name | None = Field(None, description="Its name in logs and metrics. Default: the last part of the port.")
+    port: SerialPort = Field(
+        description="The serial device, preferably by its name in `/dev/serial/by-id/`; or a device server in raw TCP "
+        "mode: `rtu+tcp://host:port`, `ascii+tcp://host:port`, which sets the `mode` too. `baud` and `format` must "
+        "then equal the settings of the server.",
+    )
+    mode: Literal["rtu", "ascii"] = Field("rtu", description="What is spoken on the line.")
+    baud: Annotated[int, Field(ge=1, le=100_000_000)] = Field(
+        19200, description="Any rate; 14400 and other odd ones are set as custom rates."
+    )
+    format: Format | None = Field(
+        None, description="Data bits, parity, stop bits. Default: `8E1` for RTU, `7E1` for ASCII."
+    )
+    role: Literal["client", "server"] = Field(
+        "client",
+        description="`client`: the gateway polls the devices. `server`: the gateway answers a client on the line "
+        "(HMI, PLC).",
+    )
+    rs485: Literal["adapter", "kernel"] = Field(
+        "adapter", description="What controls the direction of an RS-485 line: the adapter, or the kernel (TIOCSRS485)."
+    )
+    echo: bool = Field(
+        False,
+        description="True if the adapter echoes what is sent; exactly that is then removed. With `wire` = `serial` an "
+        "echo is detected and logged; with `direct` only on server lines.",
+    )
+    wire: Wire = Field(
+        "auto",
+        description="`serial`: there is a wire, so a response that arrives before the request can have been sent is "
+        "rejected. `direct`: for a device without a wire (USB CDC, a virtual machine, a soft PLC), which may respond "
+        "at once; an echo then cannot be told from the response to 05 or 06. `auto`: `direct` for virtual ports and "
+        "device servers, otherwise `serial`, also for `ttyACM`, because some adapters use that name. If that is "
+        "wrong, the log says `answer_too_early`.",
+    )
+    latency: DurationOrAuto = Field(
+        None,
+        description='The delay of a response by adapter and driver, at most. `"auto"`: 5 ms; USB adapters whose driver '
+        "cannot be set to that, 20 ms; TCP, 100 ms.",
+    )
+    profile: str = Field(
+        "generic", description="The profile of devices without their own, and of passed-through units."
+    )
+    timeout: Duration | None = Field(
+        None,
+        description="How long a device without its own profile may take to begin its response, for functions without a "
+        "row in `timing`. Default: the `timeout` of `profile` (`generic`: 1 s).",
+    )
+    gap: DurationOrZeroOrAuto = Field(
+        None,
+        description="Silence before each request; on server lines, before each response. "
+        '`"auto"`: the larger of t3.5 and the `idle_chars` of its devices, or of the units that it serves; '
+        'none for ASCII. `"0"`: none.',
+    )
+    turnaround: DurationOrAuto = Field(
+        None,
+        description='Silence after a broadcast. `"auto"`: 100 ms, or `margin` x `timing` of the slowest device if '
+        "longer.",
+    )
+    late_window: DurationOrAuto = Field(
+        None,
+        description="How long a late response is expected after a time-out or a damaged response. Until then no "
+        "request with the same function is sent to that unit: it gets 0B at once, or waits if 250 ms or less are "
+        'left. `"auto"`: twice the time limit of the request, or the longest time that the device may take for any '
+        "request (its `timeout`, `margin` x its table) if that is more. With a time-out of 1 s, one lost response "
+        "blocks that function of the unit for 2 s.",
+    )
+    queue: Count = Field(
+        64,
+        description="Maximum number of waiting requests. When it is exceeded, the client with most of them, by "
+        "connection, then by address, gets 06 for its newest. Requests that share a transaction count separately.",
+    )
+    max_wait: LongerDuration = Field(2.0, description="A request that has waited longer is answered 06 and not sent.")
+    retries: Annotated[int, Field(ge=0)] = Field(
+        0,
+        description="How often a read is repeated: at once after a damaged frame, after the late window when nothing "
+        "came. Writes are never repeated.",
+    )
+    retry_within: DurationOrAuto = Field(
+        None,
+        description="The longest that a read with its repeats may take, counted from the first attempt. A repeat that "
+        "cannot end by then is not sent: the client gets 0B at once. A repeat after silence needs at least limit + "
+        'late window + limit. `max_wait` does not apply to repeats. `"auto"`: twice the sum of limit and late window, '
+        "or more where that is too short for one repeat; `check` shows how long.",
+    )
+    rest: DurationOrOffOrAuto = Field(
+        None,
+        description='The longest back-off of a unit that does not answer. `"auto"`: one minute, or nine time limits if '
+        'longer. With a short one, or `"off"`, a dead unit delays the other units more.',
+    )
+    coalesce: bool = Field(
+        True,
+        description="Waiting reads of different clients that are equal share one transaction. Reads of one client are "
+        "sent one after the other.",
+    )
+    broadcast: bool = Field(True, description="Whether broadcasts go to this line too.")
+    lease: LeaseName | None = Field(
+        None,
+        description="The name of a lease: of all gateways whose lines have it, one opens its port and sends requests. "
+        "See [fleet](fleet.md).",
+    )
+    devices: Annotated[tuple[Device, ...], ListOf] | None = Field(
+        None,
+        description="Its devices. Without this key, every unit 1-247 is passed through if the line is the only one "
+        "with `role` = `client`. If it is not, the key may be left out only if a `[[listen]]` names the line; only "
+        "such listeners then lead to it.",
+    )
+    serves: Units | None = Field(
+        None, description="Server lines: the units that the gateway answers for; others get no response."
+    )
+    on_failure: Literal["exception", "silent"] = Field(
+        "exception",
+        description="Server lines: what the client gets instead of a device's response, as in `[[listen]]`.",
+    )
+    answer_within: LongerDuration = Field(1.0, description="Server lines: a response that takes longer is not sent.")
+    broadcast_to: Literal["images", "all", "none"] = Field(
+        "images",
+        description="Server lines: where broadcasts go: to the images that the line serves, also to every line that "
+        "accepts broadcasts, or nowhere.",
+    )
+
+    @property
+    def label(self) -> str:
+        """Its name, or its default name."""
+        return self.name or str(self.port).rstrip("/").rsplit("/", 1)[-1]
