@@ -16,7 +16,7 @@ from gateway.tls.settings import Secured, ServerTls
 def certificate_troubles(config: Config, file: str) -> Iterator[Problem]:
     """A warning for each file that cannot be used, or not for long. Credentials are known to the service only."""
     plan = resolve(config)
-    besides = (one for each in (plan.web, plan.mqtt, plan.fleet) if each for one in each.secured)
+    besides = (one for part in plan.add_ons.values() for one in part.secured)
     for one in (*plan.secured, *besides):
         if not _has_credentials(one) or "CREDENTIALS_DIRECTORY" in os.environ:
             yield from (each.located(file, _line(one), 1) for each in _look_at(one))

@@ -9,29 +9,24 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from gateway.config.add_ons import ADD_ONS
 from gateway.config.load import Loaded
 from gateway.config.machine.file_trouble import SERVICE_CONFIG, file_trouble
 from gateway.config.problem import Path as ProblemPath
 from gateway.config.problem import Problem, warning
 from gateway.config.reading.positions import Positions
 from gateway.config.schema.config import Config
-from gateway.config.schema.fleet import Fleet
-from gateway.config.schema.mqtt import Mqtt
-from gateway.config.schema.web import Web
+from gateway.config.schema.table import Table
 from gateway.errors import BrokerError, FleetError, UsersError
 from gateway.fleet.credentials import NO_LIBRARY, read_credentials
 from gateway.readconfig.certificate_troubles import certificate_troubles
-from gateway.readconfig.libraries import Extra, missing_library, not_installed
+from gateway.readconfig.libraries import missing_library, not_installed
 from gateway.readconfig.page_users import Users, read_users
 from gateway.readconfig.password import read_password, read_secret, read_token
 from gateway.tls.settings import SecretFile
 
 #: Rights that others than the owner and the group have, and writing by the group.
 _EXPOSED: Final = stat.S_IRWXO | stat.S_IWGRP
-#: What is lost without a file.
-NO_PAGE: Final = "there will be no web page"
-UNPUBLISHED: Final = "nothing will be published"
-UNREACHED: Final = "other sites cannot be reached"
 
 
 def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG) -> Loaded:
@@ -49,33 +44,37 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
 
 
 def _about_files(config: Config, folder: Path) -> Iterator[Problem]:
-    """Warnings about what single keys name. Those of TLS are in certificate_troubles, ports in config.port_trouble."""
-    web, mqtt, fleet, control = config.web, config.mqtt, config.fleet, config.control
-    if mqtt is not None and mqtt.password is not None:
-        yield from _about_secret((*mqtt.path, "password"), mqtt.password, read_password, UNPUBLISHED, folder)
-    if fleet is not None and fleet.password is not None:
-        yield from _about_secret((*fleet.path, "password"), fleet.password, read_password, UNREACHED, folder)
-    if fleet is not None and fleet.credentials is not None:
-        yield from _about_secret((*fleet.path, "credentials"), fleet.credentials, _read_credentials, UNREACHED, folder)
-    if web is not None and web.users is not None:
-        yield from _about_users(web, web.users, folder)
-    if web is not None and web.token is not None:
-        yield from _about_token((*web.path, "token"), web.token, folder)
-    if control is not None and control.socket is not None:
-        yield from _about_socket((*control.path, "socket"), Path(control.socket))
+    """Warn of what single keys name. Those of TLS are in certificate_troubles, ports in config.machine."""
+    for add_on in ADD_ONS:
+        table = add_on.table(config)
+        if table is not None:
+            for key in filter(table.has, add_on.files):
+                yield from _about_file(table, key, add_on.loss, folder)
+    if config.control is not None and config.control.socket is not None:
+        yield from _about_socket((*config.control.path, "socket"), Path(config.control.socket))
+
+
+def _about_file(table: Table, key: str, loss: str, folder: Path) -> Iterator[Problem]:
+    """Warn of the file that a key of an add-on names: without it, there is a `loss`."""
+    path, named = (*table.path, key), getattr(table, key)
+    match key:
+        case "password":
+            yield from _about_secret(path, named, read_password, loss, folder)
+        case "credentials":
+            yield from _about_secret(path, named, _read_credentials, loss, folder)
+        case "token":
+            yield from _about_token(path, named, loss, folder)
+        case "users":
+            yield from _about_users(path, named, loss, folder, may_write=getattr(table, "write", False))
 
 
 def _about_libraries(config: Config) -> Iterator[Problem]:
-    """Warnings about tables without effect, because a library is missing."""
-    tables: tuple[tuple[Extra, Web | Mqtt | Fleet | None], ...] = (
-        ("web", config.web),
-        ("mqtt", config.mqtt),
-        ("fleet", config.fleet),
-    )
-    for extra, table in tables:
-        module = None if table is None else missing_library(extra)
+    """Warn of tables without effect, because a library is missing."""
+    for add_on in ADD_ONS:
+        table = add_on.table(config)
+        module = None if table is None else missing_library(add_on.key)
         if table is not None and module is not None:
-            yield warning(table.path, f"has no effect: {not_installed(module, extra)}")
+            yield warning(table.path, f"has no effect: {not_installed(module, add_on.key)}")
 
 
 def _about_secret(
@@ -115,35 +114,34 @@ def _unreadable(path: ProblemPath, file: str, loss: str, reason: str, cause: Bas
     return warning(path, f"{loss}: {reason}")
 
 
-def _about_users(web: Web, name: str, folder: Path) -> Iterator[Problem]:
-    """Warnings about the file with the users: the gateway runs without its page if it cannot be used."""
-    path, key, file = (*web.path, "users"), Path(name), name
+def _about_users(path: ProblemPath, file: str, loss: str, folder: Path, *, may_write: bool) -> Iterator[Problem]:
+    """Warn of the file with the users, of whom some may write."""
     try:
-        if key.stat().st_mode & _EXPOSED:
+        if Path(file).stat().st_mode & _EXPOSED:
             remedy = f"chmod o=,g-w {file}; the service must be able to read it: chgrp dialout, 640"
             yield warning(path, f"others may read or change {file}: it is not used", remedy)
             return
-        users = read_users(key)
+        users = read_users(Path(file))
     except FileNotFoundError:
         add = f"modbus-gateway user add NAME --role operator --file {file}"
-        yield warning(path, f"there is no file {file}: {NO_PAGE}", add)
+        yield warning(path, f"there is no file {file}: {loss}", add)
     except PermissionError:
         yield warning(path, f"{file} cannot be read by the user who runs this command", "run it as root")
     except OSError as error:
         yield warning(path, f"{file} cannot be read: {error.strerror}")
     except UsersError as error:
-        yield warning(path, f"{error}: {NO_PAGE}")
+        yield warning(path, f"{error}: {loss}")
     else:
         yield from _about_access(path, file, folder)
-        yield from _about_roles(web, path, file, users)
+        yield from _about_roles(path, file, users, may_write=may_write)
 
 
-def _about_token(path: ProblemPath, name: str, folder: Path) -> Iterator[Problem]:
-    """Warnings about the file with the token: the gateway runs without its page if it cannot be used."""
+def _about_token(path: ProblemPath, name: str, loss: str, folder: Path) -> Iterator[Problem]:
+    """Warn of the file with the token."""
     try:
         read_token(name)
     except OSError as error:
-        yield _unreadable(path, name, NO_PAGE, f"{name}: {error.strerror or error}", error)
+        yield _unreadable(path, name, loss, f"{name}: {error.strerror or error}", error)
     else:
         yield from _about_access(path, name, folder)
 
@@ -178,10 +176,10 @@ def _about_access(path: ProblemPath, file: str, folder: Path) -> Iterator[Proble
         yield warning(path, what, f"sudo chgrp dialout {file}; sudo chmod 640 {file}")
 
 
-def _about_roles(web: Web, path: ProblemPath, file: str, users: Users) -> Iterator[Problem]:
+def _about_roles(path: ProblemPath, file: str, users: Users, *, may_write: bool) -> Iterator[Problem]:
     if not users:
         add = f"modbus-gateway user add NAME --role operator --file {file}"
         yield warning(path, f"{file} has no users: nobody can log in", add)
-    elif web.write and not any(user.role == "operator" for user in users.values()):
+    elif may_write and not any(user.role == "operator" for user in users.values()):
         what = f"{file} has no operator: nobody can write, although write = true"
         yield warning(path, what, f"modbus-gateway user add NAME --role operator --file {file}")

@@ -14,8 +14,8 @@ from gateway.config.schema.config import Config
 from gateway.config.schema.line import Line
 from gateway.config.schema.listen import Listen
 from gateway.config.schema.upstream import Upstream
-from gateway.config.values.fleet import Site
 from gateway.config.values.reserved_names import RESERVED, WITHOUT_ADDRESSES
+from gateway.config.values.site import Site
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 from gateway.modbus.functions import only_reads

@@ -8,8 +8,8 @@ from gateway.config.schema.access import Access
 from gateway.config.schema.config import Config
 from gateway.config.schema.fleet import Fleet
 from gateway.config.schema.upstream import Upstream
-from gateway.config.values.fleet import SITE_RULE, Site, is_site
 from gateway.config.values.reserved_names import FLEET
+from gateway.config.values.site import SITE_RULE, Site, is_site
 
 _ADD: Final = 'add [fleet] with servers = ["nats://127.0.0.1:4222"]'
 #: What a request to another site should have, in seconds.

@@ -3,7 +3,7 @@
 from typing import Final
 
 from gateway.config.schema.access import Access
-from gateway.config.values.fleet import Site
+from gateway.config.values.site import Site
 from gateway.routing.access import NOTHING, READING, WRITING, AccessRow, Network, Right, right_to
 
 _RIGHTS: Final = {"read": READING, "write": WRITING}

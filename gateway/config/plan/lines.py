@@ -19,8 +19,8 @@ from gateway.config.schema.line import Device, Line
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.address import Address
 from gateway.config.values.character_format import DEFAULT_FORMATS
-from gateway.config.values.fleet import Site
 from gateway.config.values.port import DEVICE_SERVER_MODES
+from gateway.config.values.site import Site
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import ServerSettings

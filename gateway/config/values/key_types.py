@@ -26,7 +26,7 @@ from gateway.config.values.duration import (
     show_duration,
 )
 from gateway.config.values.files import check_path, in_folder, parse_file, parse_token_file, secret_in_folder
-from gateway.config.values.fleet import Site, parse_lease_name, parse_other_server, parse_servers
+from gateway.config.values.fleet import parse_servers
 from gateway.config.values.kind import NUMBER, TRUTH, WORD, Kind, any_of, list_of, map_to, one_of, text
 from gateway.config.values.limits import parse_item, parse_limits
 from gateway.config.values.names import parse_name, parse_role
@@ -34,6 +34,7 @@ from gateway.config.values.networks import parse_networks, parse_networks_or_sit
 from gateway.config.values.point_keys import parse_labels, parse_point_addresses, parse_point_name, parse_writing
 from gateway.config.values.port import parse_port
 from gateway.config.values.ranges import parse_ranges
+from gateway.config.values.site import Site, parse_lease_name, parse_other_server
 from gateway.config.values.size import parse_size_or_zero, show_size
 from gateway.config.values.unitset import check_own_unit, parse_unit0, parse_units, parse_units_or_all
 from gateway.profiles.point import Writing

@@ -4,7 +4,7 @@ from ipaddress import IPv4Network, IPv6Network, ip_interface, ip_network
 from typing import Final
 
 from gateway.config.problem import WrongValue
-from gateway.config.values.fleet import Site, is_site
+from gateway.config.values.site import Site, is_site
 
 _IPV4_MAPPED: Final = IPv6Network("::ffff:0:0/96")
 

@@ -1,0 +1,55 @@
+"""Gateways of other sites, by the names of their sites."""
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.config.problem import NotText, WrongValue
+from gateway.config.values.address import Address, parse_address
+
+_SITE = re.compile(r"[A-Za-z0-9_-]{1,64}")
+#: What a site may be called: its name is a part of subjects and a key of buckets.
+SITE_RULE: Final = "letters, digits, - and _ are allowed, at most 64"
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """Another gateway of the fleet, by its site."""
+
+    name: str
+    scheme = "fleet"
+
+    def __str__(self) -> str:
+        return f"fleet://{self.name}"
+
+
+def is_site(name: str) -> bool:
+    """Whether a gateway of the fleet can have this site."""
+    return _SITE.fullmatch(name) is not None
+
+
+def parse_other_server(value: object) -> Address | Site:
+    """Another Modbus TCP server, or a gateway of the fleet.
+
+    Raises:
+        WrongValue: it is neither.
+    """
+    if isinstance(value, str) and value.startswith("fleet://"):
+        name = value.removeprefix("fleet://").removesuffix("/")
+        if not is_site(name):
+            raise WrongValue(f'"{name}" is not the name of a site', f"write fleet://SITE: {SITE_RULE}")
+        return Site(name)
+    return parse_address(value, ("tcp", "tls", "fleet"))
+
+
+def parse_lease_name(value: object) -> str:
+    """The name of a lease, which is a key of a bucket.
+
+    Raises:
+        WrongValue: it cannot be one.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    if not all(map(is_site, value.split("."))):
+        raise WrongValue(f'"{value}" is not the name of a lease', f"{SITE_RULE} between two dots")
+    return value

@@ -1,0 +1,83 @@
+"""The keys of a line."""
+
+import pytest
+
+from kit.config_problems import LINE, problems
+
+
+def test_a_device_server_whose_scheme_is_another_mode():
+    text = LINE.replace('"/dev/a"', '"rtu+tcp://10.0.0.1:4001"\nmode = "ascii"')
+    assert problems(text) == [
+        ('error: line[0].mode: rtu+tcp:// carries RTU | leave mode out, or write port = "ascii+tcp://10.0.0.1:4001"')
+    ]
+    assert problems(text.replace('"ascii"', '"rtu"')) == []
+
+
+def test_a_device_server_with_seven_bits():
+    text = LINE.replace('"/dev/a"', '"rtu+tcp://10.0.0.1:4001"\nformat = "7E1"')
+    assert problems(text) == ['error: line[0].format: RTU needs 8 data bits | write "8E1", or ascii+tcp:// in port']
+    assert problems(text.replace("rtu+", "ascii+")) == []
+
+
+def test_a_device_server_has_no_kernel_driver_here():
+    text = LINE.replace('"/dev/a"', '"rtu+tcp://10.0.0.1:4001"\nrs485 = "kernel"')
+    assert problems(text) == [
+        (
+            "error: line[0].rs485: a device server controls its own driver"
+            ' | set RS-485 in the device server, and leave rs485 out or "adapter"'
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("mode", "character_format", "said"),
+    [
+        ("rtu", "7E1", ['error: line[0].format: RTU needs 8 data bits | write "8E1", or mode = "ascii"']),
+        ("rtu", "8N2", []),
+        (
+            "ascii",
+            "8E1",
+            ['warning: line[0].format: 8E1 is unusual for ASCII devices | most are set to "7E1", "7O1" or "8N1"'],
+        ),
+        ("ascii", "8N1", []),
+        ("ascii", "7O1", []),
+    ],
+)
+def test_the_format_fits_the_mode(mode, character_format, said):
+    assert problems(LINE + f'mode = "{mode}"\nformat = "{character_format}"\n') == said
+
+
+def test_a_client_line_has_no_keys_of_a_server_line():
+    assert problems(LINE + 'serves = 1\nanswer_within = "1 s"\n') == [
+        'error: line[0].serves: only a line with role = "server" has this key',
+        'error: line[0].answer_within: only a line with role = "server" has this key',
+    ]
+
+
+SERVER = '[[line]]\nname = "panel"\nport = "/dev/p"\nrole = "server"\n'
+
+
+def test_a_server_line_has_no_keys_of_a_client_line():
+    text = LINE + SERVER + "serves = 1\nretries = 1\ndevices = [{ unit = 5 }]\n"
+    assert problems(text) == [
+        'error: line[1].retries: only a line with role = "client" has this key',
+        'error: line[1].devices: only a line with role = "client" has this key',
+    ]
+
+
+def test_a_server_line_serves_something():
+    assert problems(LINE + SERVER) == [
+        "error: line[1].serves: serves is missing | name the units that the gateway answers for: serves = [41]"
+    ]
+
+
+@pytest.mark.parametrize(("scheme", "frames"), [("rtu+tcp", "RTU"), ("ascii+tcp", "ASCII")])
+def test_a_device_server_at_the_port_of_modbus_tcp_is_noted(scheme, frames):
+    line = f'[[line]]\nport = "{scheme}://10.1.0.9:502"\n'
+    assert problems(line) == [
+        (
+            f"warning: line[0].port: port 502 is that of Modbus TCP, and {scheme}:// sends bare {frames} frames"
+            ' | if the server speaks Modbus TCP: [[upstream]] with to = "tcp://10.1.0.9:502"'
+        )
+    ]
+    assert problems(line.replace("502", "4001")) == []

@@ -1,0 +1,79 @@
+"""Profiles, and the devices that have them."""
+
+import pytest
+
+from kit.config_problems import LINE, problems
+
+
+@pytest.mark.parametrize(
+    ("text", "path"),
+    [
+        (LINE + 'profile = "wiegher"\n', "line[0]"),
+        (LINE.replace('name = "one"', 'profile = "wiegher"'), "line[0].devices[0]"),
+        ('[[image]]\nunit = 1\ncoils = 1\nprofile = "wiegher"\n', "image[0]"),
+    ],
+)
+def test_a_profile_that_does_not_exist(text, path):
+    assert problems(text) == [f'error: {path}.profile: there is no profile "wiegher" | did you mean "weigher"?']
+
+
+def test_a_profile_without_any_function_is_none():
+    assert problems(LINE + "[profile.x]\nfunctions = []\n") == [
+        "error: profile.x.functions: is empty | leave it out, and every function is accepted"
+    ]
+
+
+def test_more_items_cannot_take_less_time():
+    text = LINE + '[profile.x]\ntiming = [{ fc = 3, items = 9, time = "5 ms" }, { fc = 3, items = 1, time = "9 ms" }]\n'
+    assert problems(text) == [
+        (
+            "error: profile.x.timing[0].time: function 3 takes less time for 9 items than for 1"
+            " | more items cannot take less time"
+        )
+    ]
+
+
+def test_a_function_has_one_time_for_so_many_items():
+    text = LINE + '[profile.x]\ntiming = [{ fc = 3, items = 1, time = "5 ms" }, { fc = 3, items = 1, time = "5 ms" }]\n'
+    assert problems(text) == ["error: profile.x.timing[1].items: function 3 already has a time for 1 items"]
+
+
+def test_times_of_different_functions_have_nothing_to_do_with_each_other():
+    text = LINE + '[profile.x]\ntiming = [{ fc = 3, items = 1, time = "9 ms" }, { fc = 4, items = 2, time = "5 ms" }]\n'
+    assert problems(text) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (
+            'port = "/dev/a"\ndevices = [{ unit = 1, profile = "mint" }]',
+            'line[0].devices[0].profile: mint devices use ASCII, but this line RTU | set mode = "ascii" for the line',
+        ),
+        (
+            'port = "/dev/a"\nmode = "ascii"\nprofile = "weigher"',
+            'line[0].profile: weigher devices use RTU, but this line ASCII | set mode = "rtu" for the line',
+        ),
+        (
+            'port = "rtu+tcp://10.1.0.9:4001"\nprofile = "mint"',
+            "line[0].profile: mint devices use ASCII, but this line RTU | set ascii+tcp:// in port for the line",
+        ),
+    ],
+)
+def test_a_line_that_its_devices_do_not_speak(line, said):
+    assert problems(f"[[line]]\n{line}") == [f"warning: {said}"]
+
+
+@pytest.mark.parametrize("mode", ["rtu", "ascii"])
+def test_devices_that_speak_both(mode):
+    assert problems(f'[[line]]\nport = "/dev/a"\nmode = "{mode}"\nprofile = "v80"') == []
+
+
+def test_a_time_out_that_is_shorter_than_the_table_it_replaces():
+    line = '[[line]]\nport = "/dev/a"\nmode = "ascii"\nprofile = "mint"\ndevices = [{ unit = 1, timeout = "%s" }]'
+    assert problems(line % "1 s") == []
+    (said,) = problems(line % "100 ms")
+    assert said == (
+        "warning: line[0].devices[0].timeout: is shorter than the 500 ms of mint for 99 items (function 23)"
+        " | leave timeout out: the profile has a time for each request"
+    )
