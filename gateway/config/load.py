@@ -17,7 +17,7 @@ from gateway.config.reading.syntax import syntax_problem
 from gateway.config.reading.tables import LISTS, TableReader
 from gateway.config.schema.config import Config
 
-#: How many problems are listed: nobody reads more.
+#: How many problems are listed.
 _MOST_PROBLEMS: Final = 1000
 
 
@@ -34,7 +34,7 @@ class Loaded:
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """Why there is no config, as text."""
+        """Say as text why there is no config."""
         return errors_in(self.problems)
 
 
@@ -79,7 +79,7 @@ def parse(
 
 
 def _most_important(problems: list[Problem], file: str) -> list[Problem]:
-    """At most _MOST_PROBLEMS of these, errors before warnings, in the order of the file."""
+    """Keep at most _MOST_PROBLEMS of these, errors before warnings, in the order of the file."""
     kept = sorted(problems, key=lambda one: one.severity != "error")[:_MOST_PROBLEMS]
     kept.sort(key=lambda one: (one.line, one.column))
     left_out = len(problems) - len(kept)
@@ -92,7 +92,7 @@ def _locate(problem: Problem, positions: Positions, file: str, document: dict[st
 
 
 def _name(path: Path, document: dict[str, Any]) -> str:
-    """The name of the table at the beginning of `path`, if it is one of several."""
+    """Find the name of the table at the beginning of `path`, if it is one of several."""
     if len(path) < 2 or not isinstance(path[1], int):
         return ""
     row = document[str(path[0])][path[1]]

@@ -50,12 +50,12 @@ class Problem:
     name: str = ""
 
     def located(self, file: str, line: int, column: int, name: str = "") -> Self:
-        """The same problem at its place in a file."""
+        """Make the same problem at its place in a file."""
         return replace(self, file=file, line=line, column=column, name=name)
 
     @property
     def subject(self) -> str:
-        """What it is about: `line[0].baud: `; empty for the whole file."""
+        """Say what it is about: `line[0].baud: `; empty for the whole file."""
         return f"{dotted(self.path)}: " if self.path else ""
 
     def __str__(self) -> str:
@@ -67,27 +67,27 @@ class Problem:
 
 
 def _on_one_line(text: str) -> str:
-    """The text, in which names from the file may have line breaks. The terminal is kept from other characters."""
+    """Escape line breaks, which names from the file may have. Other characters are kept from the terminal elsewhere."""
     return text.replace("\n", r"\n").replace("\r", r"\r")
 
 
 def error(path: Path, what: str, remedy: str = "") -> Problem:
-    """A problem with which the file cannot be used."""
+    """Make a problem with which the file cannot be used."""
     return Problem("error", path, what, remedy)
 
 
 def warning(path: Path, what: str, remedy: str = "") -> Problem:
-    """A problem with which the file can be used."""
+    """Make a problem with which the file can be used."""
     return Problem("warning", path, what, remedy)
 
 
 def errors_in(problems: Iterable[Problem]) -> tuple[str, ...]:
-    """Those of them that are errors, as text."""
+    """List those of them that are errors, as text."""
     return tuple(str(each) for each in problems if each.severity == "error")
 
 
 def dotted(path: Path) -> str:
-    """A path as text: `line[0].devices[2].unit`."""
+    """Write a path as text: `line[0].devices[2].unit`."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}"
@@ -95,7 +95,7 @@ def dotted(path: Path) -> str:
 
 
 def did_you_mean(written: str, known: Iterable[str]) -> str:
-    """A remedy for an unknown name: the nearest of the `known` ones, or all unless they are too many."""
+    """Suggest the nearest of the `known` names for an unknown one, or all of them unless they are too many."""
     names = list(dict.fromkeys(known))
     close = get_close_matches(written, names, n=_MOST_NEAREST + 1)
     nearest = [name for name in close if _likeness(name, written) == _likeness(close[0], written)]

@@ -27,7 +27,7 @@ _FIRST_RIGHT: Final = (
 
 
 def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Each row allows something in one way, names listeners that exist, and can match. `failed` as in `check`."""
+    """Find rows that do not say what they allow, or cannot match, and say who may write. `failed` as in `check`."""
     if not config.access and "access" not in failed:
         yield from _defaults(config)
     if "access" not in failed:
@@ -62,7 +62,7 @@ def _defaults(config: Config) -> Iterator[Problem]:
 
 
 def _check_reads(rows: tuple[Access, ...]) -> Iterator[Problem]:
-    """A client that may write should usually be able to read. If no row allows anything, that is intended."""
+    """Warn if no row lets a client read, and some let it write. If no row allows anything, that is intended."""
     first = next((row for row in rows if row.allow or row.functions), None)
     reads = any(
         "read" in (row.allow or ()) or any(only_reads(bytes((number,))) for number in row.functions or ())
@@ -75,7 +75,7 @@ def _check_reads(rows: tuple[Access, ...]) -> Iterator[Problem]:
 
 
 def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Some connections are not reserved, and some client can use the reserved ones."""
+    """Find listeners that reserve all their connections, or some that no client can use."""
     path = (*listen.path, "reserve")
     if listen.reserve >= listen.clients:
         remedy = f"make clients larger, or reserve less than {listen.clients}"
@@ -89,7 +89,7 @@ def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> It
 
 
 def _this_machine(listen: Listen, config: Config) -> str:
-    """The local addresses that can reach a listener, as in a row."""
+    """List the local addresses that can reach a listener, as a row names them."""
     networks = [own for own in LOOPBACK if not _explain_unreachable(listen, own, _listeners(config))]
     return ", ".join(f'"{str(own).removesuffix("/128")}"' for own in networks)
 
@@ -122,14 +122,14 @@ def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
 
 
 def _listeners(config: Config) -> tuple[Listen, ...]:
-    """The listeners in the file, or the default one."""
+    """List the listeners in the file, or the default one."""
     default = DEFAULT_LISTENER
     bind = f"{default.scheme}://{default.host}:{default.port}"
     return config.listen or (Listen.model_validate({"name": default.name, "bind": bind}),)
 
 
 def _check_networks(row: Access, config: Config) -> Iterator[Problem]:
-    """Clients from each network can connect, as far as the addresses in the file tell."""
+    """Find networks from which no client can connect, as far as the addresses in the file tell."""
     listeners = _listeners(config)
     meant = [listen for listen in listeners if row.listen is None or listen.label in row.listen]
     for index, network in enumerate(row.networks or ()):
@@ -141,7 +141,7 @@ def _check_networks(row: Access, config: Config) -> Iterator[Problem]:
 
 
 def _explain_unreachable(listen: Listen, network: Network, everyone: Iterable[Listen]) -> str:
-    """Why no client from `network` can connect to a listener; empty when one can."""
+    """Say why no client from `network` can connect to a listener; empty if one can."""
     bind, version = listen.bind, listen.bind.ip_version
     if bind.is_loopback and not any(overlap(network, own) for own in LOOPBACK):
         return f"{listen.label} is for programs on this machine ({bind})"
@@ -152,7 +152,7 @@ def _explain_unreachable(listen: Listen, network: Network, everyone: Iterable[Li
 
 
 def _by_own_numbers(config: Config) -> frozenset[str]:
-    """The names of listeners for one line or upstream."""
+    """Name the listeners for one line or upstream."""
     return frozenset(listen.label for listen in config.listen if only_part(listen) is not None)
 
 
@@ -170,7 +170,7 @@ def _check_units(row: Access, config: Config) -> Iterator[Problem]:
 
 
 def _answered(row: Access, config: Config) -> frozenset[int]:
-    """The unit IDs that a row can match: those of the line or server if it names listeners for one."""
+    """Find the unit IDs that a row can match: those of the line or server if it names listeners for one."""
     named = {only_part(listen) for listen in config.listen if listen.label in (row.listen or ())} - {None}
     if named:
         parts: tuple[Line | Upstream, ...] = (*client_lines(config), *config.upstream)
@@ -180,9 +180,9 @@ def _answered(row: Access, config: Config) -> frozenset[int]:
 
 
 def _check_order(rows: Sequence[Access], by_own_numbers: frozenset[str]) -> Iterator[Problem]:
-    """First match wins, so a special row must come before a more general one.
+    """Find rows that never match, because an earlier one matches all that they would: the first match wins.
 
-    A row is compared with those only that name its first client: thousands of rows are one for each client.
+    A row is compared only with rows that name its first client: thousands of rows are one for each client.
     """
     #: The earlier rows that name a client, in their order; with None those for all clients.
     naming: dict[Network | Site | None, list[int]] = {}
@@ -201,7 +201,7 @@ def _check_order(rows: Sequence[Access], by_own_numbers: frozenset[str]) -> Iter
 
 
 def _around_first_client(row: Access) -> Iterator[Network | Site]:
-    """What contains the first client of a row: the site itself, or every network around it."""
+    """Find what contains the first client of a row: the site itself, or every network around it."""
     for client in (row.networks or ())[:1]:
         if isinstance(client, Site):
             yield client
@@ -210,7 +210,7 @@ def _around_first_client(row: Access) -> Iterator[Network | Site]:
 
 
 def _covers(earlier: Access, row: Access, *, by_own_numbers: bool) -> bool:
-    """Whether `earlier` matches every client and unit that `row` matches, which may count units `by_own_numbers`."""
+    """Tell whether `earlier` matches every client and unit of `row`, which may count units `by_own_numbers`."""
     if by_own_numbers and earlier.units != "all" and earlier.listen is None:
         return False
     listeners = earlier.listen is None or (row.listen is not None and set(row.listen) <= set(earlier.listen))
@@ -233,5 +233,5 @@ def _contains(big: Network, small: Network) -> bool:
 
 
 def overlap(one: Network, other: Network) -> bool:
-    """Whether some address is in both."""
+    """Tell whether some address is in both networks."""
     return one.version == other.version and one.overlaps(other)

@@ -30,7 +30,7 @@ def check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
 
 
 def _generate_names(config: Config) -> dict[str, Table]:
-    """The default names of units. Duplicates among them come from duplicate lines or units."""
+    """Make the default names of units. Duplicates among them come from duplicate lines or units."""
     lines = client_lines(config)
     made: dict[str, Table] = {name: line for line in lines if line.devices is None for name in all_device_names(line)}
     rows = [(line, row) for line in lines for row in line.devices or () if row.name is None]
@@ -61,7 +61,7 @@ def _real(line: Line, real_path: Callable[[str], str]) -> Hashable:
 
 
 def _find_repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str = '"{}"') -> Iterator[Problem]:
-    """Tables that have the same value at `key` as an earlier table. `what` describes the value."""
+    """Find tables that have the same value at `key` as an earlier table. `what` describes the value."""
     taken: dict[Hashable, Table] = {}
     for value, table in uses:
         first = taken.setdefault(value, table)

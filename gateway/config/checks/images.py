@@ -19,7 +19,7 @@ from gateway.profiles.profile import Range, covers
 
 
 def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Images have the addresses of their initial values, and mirrors have a device that they can poll."""
+    """Find images without the addresses of their initial values, and mirrors of what cannot be polled."""
     profiles = _profiles_of_devices(config)
     for image in config.image:
         if image.of is None:
@@ -35,7 +35,7 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 
 
 def _owner_of(name: str, config: Config) -> str:
-    """Why this unit of a line without devices does not pass through; empty if it is none."""
+    """Say why this unit of a line without devices does not pass through; empty if it does, or is no such unit."""
     lines = [line for line in client_lines(config) if line.devices is None]
     taken = ((claim, unit) for claim in claims(config) for unit in claim.units)
     found = (
@@ -45,7 +45,7 @@ def _owner_of(name: str, config: Config) -> str:
 
 
 def _name_of_unit(text: str, config: Config) -> str:
-    """The name of the device, where its number is written instead."""
+    """Tell the name of a device of which the number is written instead; empty if there is no such unit."""
     named = (
         (str(unit), name) for claim in claims(config) for unit, name in zip(claim.units, claim.names, strict=False)
     )
@@ -53,7 +53,7 @@ def _name_of_unit(text: str, config: Config) -> str:
 
 
 def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
-    """Each device's profile by name of the device; None if unknown, as behind other servers."""
+    """Find the profile of each device, by its name; None if it is not known, as behind other servers."""
     profiles: dict[str, ProfileTable | None] = {}
     for line in client_lines(config):
         if line.devices is None:
@@ -120,7 +120,7 @@ def _check_polled_once(image: Image) -> Iterator[Problem]:
 
 
 def _check_polled(image: Image, device: str, profile: ProfileTable) -> Iterator[Problem]:
-    """The device has what is polled."""
+    """Find polls of what the device does not have."""
     for row, area in ((row, area) for row in image.read for area in Area if row.has(area)):
         function = polling_function(area)
         if profile.functions is not None and function not in profile.functions:

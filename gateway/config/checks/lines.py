@@ -34,7 +34,7 @@ def other_mode(line: Line) -> str:
 
 
 def _check_device_server(line: Line) -> Iterator[Problem]:
-    """The address of a device server sets the mode, and the serial line behind it cannot be controlled."""
+    """Find keys without effect on a device server: its address sets the mode, and it drives its own serial line."""
     if not isinstance(line.port, Address):
         return
     if line.has("mode") and line.mode != spoken_on(line):

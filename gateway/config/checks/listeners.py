@@ -31,7 +31,7 @@ def taken(path: Path, bind: Address, earlier: Address, where: str) -> Problem:
 
 
 def _covering(bind: Address) -> str:
-    """What it includes beside the address that is written."""
+    """Say what an address includes beside what is written; empty for a single address."""
     if bind.is_wildcard:
         return f"{bind.host} stands for every address of its kind"
     return "localhost stands for 127.0.0.1 and [::1]" if bind.host == "localhost" else ""

@@ -81,7 +81,7 @@ def _check_files(mqtt: Mqtt) -> Iterator[Problem]:
 
 
 def _check_row(row: Publish, known: tuple[Publishable, ...]) -> Iterator[Problem]:
-    """It matches a device, and each of its patterns a point of one."""
+    """Find rows that match no device, and patterns that match no point."""
     meant = [each for each in known if names_device(row, each.name)]
     if not meant:
         remedy = did_you_mean(row.device, (each.name for each in known))
@@ -100,7 +100,7 @@ def _check_row(row: Publish, known: tuple[Publishable, ...]) -> Iterator[Problem
 
 
 def _check_topics(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:
-    """Names of devices are parts of topics. Those of points always can be."""
+    """Find devices whose names cannot be parts of topics, or mean something else there. Names of points always can."""
     wrong = [device.name for device in devices if not is_topic_part(device.name)]
     if wrong:
         what = f"{_named(wrong)} cannot be a part of topics, where +, # and / mean something else"
@@ -114,7 +114,7 @@ def _check_topics(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[
 
 
 def _check_alike(mqtt: Mqtt, names: list[str], what: str) -> Iterator[Problem]:
-    """Sparkplug hosts need not tell names apart that differ by case only."""
+    """Find names that differ by case only, which Sparkplug hosts may take for one."""
     alike: dict[str, list[str]] = {}
     for name in names:
         alike.setdefault(name.casefold(), []).append(name)
@@ -127,7 +127,7 @@ def _check_alike(mqtt: Mqtt, names: list[str], what: str) -> Iterator[Problem]:
 
 
 def _check_taken(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:
-    """No device and no point has a name that plain messages use for something else."""
+    """Find devices and points with a name that plain messages use for something else."""
     for device in devices:
         if device.name == _STATUS:
             what = f"the topic of {_STATUS} says whether the gateway is there"
@@ -138,7 +138,7 @@ def _check_taken(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[P
 
 
 def _check_rights(mqtt: Mqtt, devices: tuple[PublishedDevice, ...], plan: Plan) -> Iterator[Problem]:
-    """Rows of `[[access]]` that name `mqtt` let it do what it is to do."""
+    """Find points that rows of `[[access]]` keep the broker from reading or writing."""
     rights = Rights(plan.access, EntryPoint(MQTT, "local"))
     unread = [device.name for device in devices if not all(_may_read(rights, device, one) for one in device.points)]
     remedy = f'a row of [[access]] names "{MQTT}", so another must allow it'
@@ -156,7 +156,7 @@ def _may_read(rights: Rights, device: PublishedDevice, point: PublishedPoint) ->
 
 
 def _is_shut(rights: Rights, device: PublishedDevice, point: PublishedPoint) -> bool:
-    """Whether it is to be written and no function for that is allowed."""
+    """Tell whether a point is to be written, and no function that writes it is allowed."""
     writers = WRITERS.get(point.point.area)
     if not point.is_writable or writers is None:
         return False

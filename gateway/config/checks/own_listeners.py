@@ -13,7 +13,7 @@ from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 
 
 def check_own_listeners(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Each names a client line or an upstream, and its keys fit that. `failed` as in `check`."""
+    """Find listeners for a line or an upstream that does not exist, or that their other keys do not fit."""
     lines = {line.label: line for line in client_lines(config)}
     known = {"line": [*lines], "upstream": [upstream.label for upstream in config.upstream]}
     for listen in config.listen:
@@ -27,7 +27,7 @@ def check_own_listeners(config: Config, failed: frozenset[str]) -> Iterator[Prob
 
 
 def numbers_on(part: Line | Upstream) -> frozenset[int]:
-    """What a listener for a line or an upstream leads to: addresses on its wire, units of the server."""
+    """List what a listener for this part leads to: addresses on the wire of a line, units of a server."""
     if isinstance(part, Upstream):
         return frozenset(range(256))
     if part.devices is None:
@@ -36,7 +36,7 @@ def numbers_on(part: Line | Upstream) -> frozenset[int]:
 
 
 def _no_such(key: str, name: str, known: Mapping[str, list[str]], config: Config) -> tuple[str, str]:
-    """The error and the remedy. `known` are the names of client lines and of upstreams."""
+    """Make the error and the remedy. `known` are the names of client lines and of upstreams."""
     other = next((each for each in known if name in known[each]), None)
     if other is not None:
         return f'there is no {key} "{name}"', f'write {other} = "{name}"'

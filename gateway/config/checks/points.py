@@ -18,7 +18,7 @@ from gateway.registers.items import WRITERS, has_bits
 
 
 def check_points(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Each point is possible, and no unit has two points with one name. `failed` as in `check`."""
+    """Find points that are not possible, and names that two points of a unit have. `failed` as in `check`."""
     for profile in config.profile.values():
         yield from _check_tables(profile.points, profile)
         yield from _check_names(profile.points, {})
@@ -87,7 +87,7 @@ def _check_place(table: PointTable, area: Area, addresses: Range, profile: Profi
 
 
 def _check_requests(table: PointTable, area: Area, profile: ProfileTable | None) -> Iterator[Problem]:
-    """The profile has a function that reads the point, and one that writes it, with room for all of it."""
+    """Find points that the profile has no function to read or write, or none with enough room."""
     path, size = (*table.path, area), size_of(table, area)
     if profile is not None and table.write != "only":
         yield from _check_request(path, profile, READERS[area][:1], size, "read")
@@ -103,7 +103,7 @@ def _check_requests(table: PointTable, area: Area, profile: ProfileTable | None)
 def _check_request(
     path: Path, profile: ProfileTable, functions: tuple[int, ...], size: int, done: str
 ) -> Iterator[Problem]:
-    """A point of this `size` can be read or written with one of the `functions`."""
+    """Find out whether one of the `functions` can read or write a point of this `size`."""
     known = [each for each in functions if profile.functions is None or each in profile.functions]
     if not known:
         named = " or ".join(str(int(each)) for each in functions)
@@ -116,7 +116,7 @@ def _check_request(
 
 
 def _check_number(table: PointTable, area: Area) -> Iterator[Problem]:
-    """Scale and decimals are for numbers, labels for whole ones."""
+    """Find scale and decimals at what is no number, and labels at what is no whole one."""
     data_type = type_of(table, area)
     if table.scale == 0:
         yield error((*table.path, "scale"), "must not be 0")
@@ -144,7 +144,7 @@ def _check_names(tables: Iterable[PointTable], taken: Mapping[str, str]) -> Iter
 
 
 def _names(tables: Iterable[PointTable]) -> dict[str, str]:
-    """The names of points, and their sources."""
+    """Collect the names of points, each with its source."""
     return {
         name: source
         for table in tables

@@ -47,7 +47,7 @@ def _check_timing(profile: ProfileTable) -> Iterator[Problem]:
 
 
 def _check_mode(config: Config) -> Iterator[Problem]:
-    """The mode of a line is one that its devices have."""
+    """Find lines with another mode than their devices have."""
     for line in config.line:
         tables: tuple[Line | Device, ...] = (line, *(line.devices or ()))
         for table in tables:
@@ -58,7 +58,7 @@ def _check_mode(config: Config) -> Iterator[Problem]:
 
 
 def _check_timeouts(config: Config) -> Iterator[Problem]:
-    """A device's time-out replaces the times of its profile, so it should not be below one of them."""
+    """Find devices with a shorter time-out than the times of their profile, which it replaces."""
     for line in config.line:
         for row in line.devices or ():
             profile = config.profile.get(row.profile or line.profile or "")

@@ -22,7 +22,7 @@ _FROM_ZERO: Final = "addresses are those on the wire, from 0"
 
 
 def check_addresses(config: Config) -> Iterator[Problem]:
-    """The warnings about images, mirrors, profiles and points."""
+    """Warn of such addresses of images, mirrors, profiles and points."""
     of_profiles = [(profile, _Known(profile)) for profile in config.profile.values()]
     rows = [
         (device_names(line, row), row, _Known(config.profile.get(row.profile or line.profile), row.points))
@@ -52,7 +52,7 @@ class _Known:
             self._ranges += [place for point in profile.points for place in places_of(point)]
 
     def may_be_reference(self, area: Area, address: int) -> bool:
-        """Whether an address may be a reference number here."""
+        """Tell whether an address may be a reference number here."""
         base = MANUAL_BASES.get(area)
         if base is None or not base <= address < base + _SPAN:
             return False
@@ -67,7 +67,7 @@ def _check_ranges(path: Path, area: Area, ranges: tuple[Range, ...], known: _Kno
 
 
 def _check_points(points: Iterable[tuple[PointTable, _Known]]) -> Iterator[Problem]:
-    """The first point that may have a reference number: where one is, there are many."""
+    """Warn of the first point that may have a reference number: where there is one, there are many."""
     found = [
         (point, area, addresses[0])
         for point, known in points

@@ -21,7 +21,7 @@ _EXAMPLES: Final = {
 
 
 def check_tls(config: Config) -> Iterator[Problem]:
-    """TLS has all that it needs and nothing else has it. A role is one that a client can have."""
+    """Find TLS that lacks something it needs, its keys where there is no TLS, and roles that no client can have."""
     for listen in config.listen:
         yield from _check_keys(listen, ("bind", listen.bind.scheme), ("certificate", "key", "clients_ca"), ("crl",))
     for upstream in config.upstream:
@@ -47,7 +47,7 @@ def _check_keys(
 
 
 def _check_role(row: Access, config: Config) -> Iterator[Problem]:
-    """A role only means something where clients show certificates."""
+    """Find roles in rows for listeners whose clients show no certificates."""
     if row.role is None:
         return
     secured = {listen.label for listen in config.listen if listen.bind.scheme == "tls"}
@@ -59,7 +59,7 @@ def _check_role(row: Access, config: Config) -> Iterator[Problem]:
 
 
 def _check_rights(config: Config) -> Iterator[Problem]:
-    """Without rows, clients with certificates read; with rows, they need one."""
+    """Find TLS listeners whose clients have no right. Without any rows they may read."""
     for listen in config.listen:
         if listen.bind.scheme != "tls":
             continue

@@ -34,7 +34,7 @@ _MOST_TOLD: Final = 5
 
 
 def profile_of_row(config: Config, line: Line, row: Device) -> ProfileTable | None:
-    """What the devices of a row accept, None if there is no such profile; at address 0 only holding registers."""
+    """Find the profile of a row; None if it does not exist. At address 0, only holding registers can be read."""
     profile = config.profile.get(row.profile or line.profile)
     if profile is not None and BROADCAST_UNIT in row.units:
         return profile.model_copy(update={"functions": tuple(ASKED_AT_ZERO)})
@@ -42,7 +42,7 @@ def profile_of_row(config: Config, line: Line, row: Device) -> ProfileTable | No
 
 
 def claims(config: Config) -> Iterator[Claim]:
-    """The claims of all tables except pass-through lines, which get the remaining units."""
+    """Collect the claims of all tables except pass-through lines, which get the remaining units."""
     for line in client_lines(config):
         for row in line.devices or ():
             path = (*row.path, "unit" if row.known_as is None else "as")
@@ -60,13 +60,13 @@ def claims(config: Config) -> Iterator[Claim]:
 
 
 def not_configured(units: Iterable[int]) -> str:
-    """The message that these units are not in the config."""
+    """Say that these units are not in the config."""
     text = show_units(units)
     return f"unit {text} is not configured" if text.isdecimal() else f"units {text} are not configured"
 
 
 def served_units(config: Config) -> frozenset[int]:
-    """All units that have a destination."""
+    """Find all units that have a destination."""
     units = frozenset(unit for claim in claims(config) for unit in claim.units)
     if any(line.devices is None and not is_apart(line, config) for line in client_lines(config)):
         return units.union(range(FIRST_UNIT, LAST_UNIT + 1))
@@ -74,7 +74,7 @@ def served_units(config: Config) -> frozenset[int]:
 
 
 def check_overlaps(config: Config) -> Iterator[Problem]:
-    """Each unit has only one destination."""
+    """Find units with more than one destination."""
     owners: dict[int, Claim] = {}
     for claim in claims(config):
         taken: dict[str, list[int]] = {}
@@ -88,7 +88,7 @@ def check_overlaps(config: Config) -> Iterator[Problem]:
 
 
 def check_numbers_as_names(config: Config) -> Iterator[Problem]:
-    """Who asks for a unit by digits means its number: no other unit is called so."""
+    """Find units that are called by the number of another one: digits mean a number."""
     for claim in claims(config):
         for unit, name in zip(claim.units, claim.names, strict=False):
             if name.isdecimal() and int(name) != unit:
@@ -97,7 +97,7 @@ def check_numbers_as_names(config: Config) -> Iterator[Problem]:
 
 
 def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """A line without devices takes all units, so only one may lack its own listener. `failed` as in `check`."""
+    """Find lines without devices that are not alone: they take all units. `failed` as in `check`."""
     lines = client_lines(config)
     together = [line for line in lines if not is_apart(line, config)]
     for line in together:
@@ -116,7 +116,7 @@ def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Pr
 
 
 def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Each unit can be reached if every listener is for one line or upstream. `failed` as in `check`.
+    """Find units that no client can reach, if every listener is for one line or upstream. `failed` as in `check`.
 
     Server lines and mirrors lead to units too.
     """
@@ -134,7 +134,7 @@ def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 
 
 def check_device_rows(config: Config) -> Iterator[Problem]:
-    """Each row of devices is unambiguous."""
+    """Find rows of devices that are ambiguous."""
     for line in client_lines(config):
         for row in line.devices or ():
             yield from _check_row(row)
@@ -144,7 +144,7 @@ def check_device_rows(config: Config) -> Iterator[Problem]:
 
 
 def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Units that other tables name exist, unless a table that may have them failed."""
+    """Find units that other tables name and that do not exist. If a table that may have them `failed`, find none."""
     if failed & {"line", "image", "upstream"}:
         return
     served = served_units(config)
@@ -158,7 +158,7 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
 
 
 def _called(config: Config, addresses: set[int]) -> str:
-    """How clients call the devices at these addresses, where they are meant and have other numbers for clients."""
+    """Say which unit IDs clients use for the devices at these addresses, if these are what was meant."""
     rows = [row for line in client_lines(config) for row in line.devices or ()]
     found = [
         f"{unit} is at address {at}"
@@ -170,7 +170,7 @@ def _called(config: Config, addresses: set[int]) -> str:
 
 
 def _is_asked(line: Line, config: Config) -> bool:
-    """Whether any client can reach a line without devices that has no listener of its own."""
+    """Tell whether any client can reach a line without devices that has no listener of its own."""
     units = _served_to_outside_clients(config).intersection(passing_units(config))
     return leads_everywhere(config) or bool(units) or not _mirrored(config).isdisjoint(all_device_names(line))
 
@@ -180,7 +180,7 @@ def _served_to_outside_clients(config: Config) -> frozenset[int]:
 
 
 def _mirrored(config: Config) -> frozenset[str]:
-    """The names of devices that have a mirror."""
+    """Name the devices that have a mirror."""
     return frozenset(image.of for image in config.image if image.of is not None)
 
 

@@ -11,7 +11,7 @@ from gateway.config.values.unitset import show_units
 
 
 def check_upstreams(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Servers have a usable address and are not this gateway. An upstream has units. `failed` as in `check`."""
+    """Find servers with an address that is of no use, or this gateway's, and upstreams without units."""
     for upstream in config.upstream:
         if isinstance(upstream.to, Address):
             yield from _check_server((*upstream.path, "to"), upstream.to, config)
@@ -25,7 +25,7 @@ def check_upstreams(config: Config, failed: frozenset[str]) -> Iterator[Problem]
 
 
 def _check_server(path: Path, address: Address, config: Config) -> Iterator[Problem]:
-    """A gateway must not be its own upstream. Only the addresses in the file can be compared."""
+    """Find addresses of this gateway itself. Only the addresses in the file can be compared."""
     if address.is_wildcard:
         yield error(path, f"{address.host} is not the address of a server", "name the server: its host name or address")
     if not address.port:

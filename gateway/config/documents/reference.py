@@ -137,7 +137,7 @@ _PLAIN: Final[Mapping[Any, str]] = {int: "number", float: "number", str: "text",
 
 
 def document() -> str:
-    """The whole page."""
+    """Write the whole page."""
     parts = [_OPENING, *_sections(), _profiles()]
     return "\n".join(parts)
 
@@ -160,7 +160,7 @@ def _heading(key: str, field: FieldInfo) -> str:
 
 
 def _inner_tables(model: type[Table], path: str, told: dict[type[Table], str]) -> Iterator[str]:
-    """The tables inside a table; keys with the same type are listed together, and each kind of table once."""
+    """Describe the tables inside a table: keys with the same type together, and each kind of table once."""
     inner: dict[type[Table], list[str]] = {}
     for key, field in zip(keys_of(model), model.model_fields.values(), strict=True):
         row = row_model(field.annotation)
@@ -185,7 +185,7 @@ def _keys(model: type[Table]) -> str:
 
 
 def _kind(annotation: Any, metadata: Sequence[Any] = ()) -> str:
-    """The name of a type."""
+    """Name a type."""
     named = next((one.name for one in metadata if isinstance(one, Kind)), None)
     if named is not None:
         return str(named)

@@ -111,7 +111,7 @@ class _Settings:
 
 
 def config_from_mbusd(files: Sequence[str], read: Callable[[str], str] = read_file) -> Imported:
-    """The config that does what mbusd does with these `files`.
+    """Write the config that does what mbusd does with these `files`.
 
     Raises:
         ImportedFileError: none of them can be used.
@@ -121,7 +121,7 @@ def config_from_mbusd(files: Sequence[str], read: Callable[[str], str] = read_fi
 
 
 def _tables(file: str, read: Callable[[str], str], taken: Taken) -> Iterator[TableText]:
-    """A listener and its line."""
+    """Make a listener and its line."""
     settings = _Settings(read(file), file)
     device, bind = _port(settings), _bind(settings)
     name = taken.name(device.rsplit("/", 1)[-1])
@@ -175,7 +175,7 @@ def _line(settings: _Settings, name: str, device: str) -> TableText:
 
 
 def _is_usb(device: str) -> bool:
-    """Whether a port is called as those of USB adapters are: hardly any of their drivers has RS-485."""
+    """Tell whether a port is named like those of USB adapters: few of their drivers have RS-485."""
     return "usb" in device.lower() or "/ttyACM" in device
 
 

@@ -56,7 +56,7 @@ class _Device(NamedTuple):
 
 
 def config_from_modbus_proxy(file: str, text: str) -> Imported:
-    """The config that does what modbus-proxy does with this `file`, which has this `text`.
+    """Write the config that does what modbus-proxy does with this `file`, which has this `text`.
 
     Raises:
         ImportedFileError: nothing of it can be used.
@@ -83,10 +83,10 @@ def _document(file: str, text: str) -> dict[str, Any]:
 
 
 def _parsed(kind: str, text: str) -> Any:
-    """The document in a text.
+    """Parse the document in a text.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not valid.
     """
     if kind == ".toml":
         return tomllib.loads(text)
@@ -104,7 +104,7 @@ def _parsed(kind: str, text: str) -> Any:
 
 
 def _tables(table: Any, where: str, taken: Taken, *, may_remap: bool) -> Iterator[TableText]:
-    """A listener, and the upstream or the line that it leads to."""
+    """Make a listener, and the upstream or the line that it leads to."""
     device = _device(table, where)
     target, settings = _target(device)
     spoken = target.scheme if isinstance(target, Address) else "rtu+tcp"
@@ -130,7 +130,7 @@ def _tables(table: Any, where: str, taken: Taken, *, may_remap: bool) -> Iterato
 
 
 def _rows(units: Mapping[int, int]) -> list[Value]:
-    """Units that keep their numbers in one row, and each other one in a row of its own."""
+    """Put units that keep their numbers in one row, and each other one in a row of its own."""
     runs = show_units(unit for unit, to in units.items() if unit == to).split(", ")
     same: list[Value] = [int(run) if run.isdecimal() else run for run in runs]
     rows: list[Value] = [{"as": same, "unit": same}]
@@ -201,7 +201,7 @@ def _remapped(table: Any, where: str) -> Iterator[tuple[int, int]]:
 
 
 def _target(device: _Device) -> tuple[str | Address, dict[str, Value]]:
-    """The serial port or the server of a device, and the keys that say so."""
+    """Find the serial port or the server of a device, and the keys that say so."""
     url, where = device.url, f"{device.where}: url"
     if url.scheme in _SERIAL and not url.hostname and url.path:
         return url.path, _serial(url, where)

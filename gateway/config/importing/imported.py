@@ -32,7 +32,7 @@ class Imported(NamedTuple):
 
 
 def gather(comments: tuple[str, ...], parts: Iterable[Iterator[TableText]]) -> Imported:
-    """The config of these `parts`, below these comments. A comment takes the place of a part that cannot be used.
+    """Write the config of these `parts`, below these comments. A comment takes the place of a part that cannot be used.
 
     Raises:
         ImportedFileError: none can.
@@ -71,7 +71,7 @@ class Taken:
         self._targets: dict[str | Address, str] = {}
 
     def name(self, wanted: str) -> str:
-        """A name like this that nobody has."""
+        """Find a name like this that is not in use, and take it."""
         readable = "".join(letter for letter in wanted.strip() if letter.isprintable()).strip()[:50] or "line"
         numbered = (f"{readable}-{number}" for number in range(2, 10_000))
         name = next(each for each in (readable, *numbered) if each not in self._names)
@@ -97,7 +97,7 @@ class Taken:
 
 
 def listen_address(scheme: str, host: str, port: int, where: str) -> Address:
-    """Where clients connect: "", "0" and "*" stand for every IPv4 address.
+    """Make the address where clients connect: "", "0" and "*" stand for every IPv4 address.
 
     Raises:
         ImportedFileError: it is no address.
@@ -107,10 +107,10 @@ def listen_address(scheme: str, host: str, port: int, where: str) -> Address:
 
 
 def address(scheme: str, host: str, port: int, where: str) -> Address:
-    """The address of a server.
+    """Make the address of a server.
 
     Raises:
-        ImportedFileError: it is none.
+        ImportedFileError: it is not valid.
     """
     try:
         found = parse_address(str(Address(scheme, host.strip("[]"), port)), (scheme,))
@@ -120,5 +120,5 @@ def address(scheme: str, host: str, port: int, where: str) -> Address:
 
 
 def milliseconds(number: float) -> str:
-    """A duration as text."""
+    """Write a duration as text."""
     return f"{number:g} ms" if number < 1000 or number % 1000 else f"{number / 1000:g} s"

@@ -5,7 +5,7 @@ import socket
 
 
 def address_trouble(host: str) -> str | None:
-    """What keeps this machine from listening at the IP address `host` now, or None. Names are not looked up."""
+    """Say what keeps this machine from listening at the IP address `host` now; None if nothing does, or for a name."""
     try:
         found = socket.getaddrinfo(host, 0, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICHOST)
     except socket.gaierror:

@@ -21,12 +21,12 @@ class UnreadableFile(Exception):  # noqa: N818 - it is the file that is wrong, n
 
 
 def folder_of(file: Path) -> Path:
-    """The folder from which paths in a config count: where it stands, not where a link to it may lead."""
+    """Find the folder from which paths in a config count: where it stands, not where a link to it may lead."""
     return file.parent.resolve()
 
 
 def read_file_text(path: Path) -> str:
-    """The text of a config file, with the line ends of Unix, and no byte order mark.
+    """Read the text of a config file, with the line ends of Unix, and no byte order mark.
 
     Raises:
         UnreadableFile: it cannot be read. What is no file is not opened: a FIFO would never end.

@@ -11,7 +11,7 @@ SERVICE_CONFIG: Final = Path("/etc/modbus-gateway")
 
 
 def file_trouble(path: str, folder: Path = SERVICE_CONFIG) -> Problem | None:
-    """The warning for a file in the service's `folder` that not all users may read: the service has its own user."""
+    """Warn of a file in the service's `folder` that not all users may read: the service has its own user."""
     file = Path(path).absolute()
     if file.parent != folder or file.stat().st_mode & stat.S_IROTH:
         return None

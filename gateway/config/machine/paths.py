@@ -16,7 +16,7 @@ _KEYS: Final = frozenset(
 def check_paths(
     document: Mapping[str, Any], folder: FilePath, exists: Callable[[str], bool] = os.path.exists
 ) -> Iterator[Problem]:
-    """A warning for each such path in a `document` whose file stands in `folder`."""
+    """Warn of each path in a `document` whose file is not in `folder`, but in the working directory."""
     for path, written in _named(document, ()):
         there = str(folder / written)
         if not exists(there) and exists(written):
@@ -26,7 +26,7 @@ def check_paths(
 
 
 def _named(value: Any, path: Path) -> Iterator[tuple[Path, str]]:
-    """The files that a table and the tables in it name, each with its place."""
+    """Find the files that a table and the tables in it name, each with its place."""
     if isinstance(value, list):
         for index, each in enumerate(value):
             yield from _named(each, (*path, index))

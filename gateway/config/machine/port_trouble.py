@@ -9,7 +9,7 @@ from gateway.ports.port import PortSettings, SerialSettings, Wire, resolve_wire
 
 
 def port_trouble(path: str) -> str | None:
-    """Why this user cannot use the serial port at `path` at the moment, or None."""
+    """Say why this user cannot use the serial port at `path` at the moment; None if there is no reason."""
     try:
         mode = Path(path).stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -24,7 +24,7 @@ def port_trouble(path: str) -> str | None:
 
 
 def predict_wire(wire: Wire, port: PortSettings) -> Wire:
-    """What `wire` will be on this port; `auto` while a serial port is not there."""
+    """Predict what `wire` will be on this port; `auto` while a serial port is not there."""
     is_virtual = True  # a device server carries bytes at once
     if isinstance(port, SerialSettings):
         try:

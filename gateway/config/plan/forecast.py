@@ -63,13 +63,16 @@ class FunctionLimits:
 def function_limits(
     profile: Profile, answer_time: AnswerTime, timing: LineTiming, latency: float
 ) -> tuple[FunctionLimits, ...]:
-    """The limits of all functions of a device."""
+    """Compute the limits of all functions of a device."""
     budget = Budget(timing, latency)
     return tuple(_limits_of(function, profile, budget, answer_time) for function in _functions(profile))
 
 
 def longest_wait(plan: LinePlan, device: DeviceSettings, *, repeats: bool = True) -> float:
-    """The longest wait for this device: in the queue, for the gap, and for the response; `repeats`: to the last one."""
+    """Compute the longest wait for this device: in the queue, for the gap, and for the response.
+
+    With `repeats`, it ends with the last one.
+    """
     limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
     longest = max(one.request + one.most_items for one in limits)
     if plan.line.retries and repeats:
@@ -80,42 +83,42 @@ def longest_wait(plan: LinePlan, device: DeviceSettings, *, repeats: bool = True
 
 
 def longest_waits(plan: LinePlan, *, repeats: bool = True) -> dict[str, float]:
-    """The longest wait for each device of the line, by its name."""
+    """Compute the longest wait for each device of the line, by its name."""
     waits = {_limiting(each): longest_wait(plan, each, repeats=repeats) for each in one_of_each_kind(plan)}
     return {each.name: waits[_limiting(each)] for each in plan.devices}
 
 
 def one_of_each_kind(plan: LinePlan) -> Iterable[DeviceSettings]:
-    """A device for each set of limits: all units of a line may have the same."""
+    """Choose a device for each set of limits: all units of a line may have the same."""
     return {_limiting(each): each for each in plan.devices}.values()
 
 
 def guard(plan: LinePlan) -> float:
-    """Longer than any transaction on the line may take from the moment of its writing, in seconds."""
+    """Compute a time in seconds that no transaction on the line exceeds, from the moment of its writing."""
     line = plan.line
     held_back = plan.port.arrives_within if isinstance(plan.port, TcpSettings) else 0.0
     return max(_longest_transaction(plan), line.turnaround) + held_back + _MARGIN
 
 
 def longest_late_window(plan: LinePlan) -> float:
-    """How long after its limit an answer may still come on the line, in seconds."""
+    """Compute how long after its limit a response may still come on the line, in seconds."""
     limit = _longest_transaction(plan)
     return max((_late_window(limit, plan.line, device) for device in one_of_each_kind(plan)), default=2 * limit)
 
 
 def _longest_transaction(plan: LinePlan) -> float:
-    """From the writing of a request to the end of its limit."""
+    """Compute the longest time from the writing of a request to the end of its limit."""
     return max(longest_waits(plan, repeats=False).values(), default=plan.line.max_wait) - plan.line.max_wait
 
 
 def least_for_repeat(plan: LinePlan) -> float:
-    """The shortest `retry_within` with which any read can be sent again after silence; 0 if there are no reads."""
+    """Compute the shortest `retry_within` that lets any read be sent again after silence; 0 if there are no reads."""
     needed = (_needed_for_repeat(limits, plan.line, device) for limits, device in _reads(plan))
     return min(needed, default=0.0)
 
 
 def times_for_repeats(plan: LinePlan) -> tuple[float, float]:
-    """How long a read may take with its repeats, at least and at most; 0 if there are no reads."""
+    """Compute how long a read may take with its repeats, at least and at most; 0 if there are no reads."""
     times = [
         plan.line.time_for_repeats(limits.request, limit, _late_window(limit, plan.line, device))
         for limits, device in _reads(plan)
@@ -125,19 +128,19 @@ def times_for_repeats(plan: LinePlan) -> tuple[float, float]:
 
 
 def longest_wait_behind(plan: UpstreamPlan) -> float:
-    """The longest wait for a unit behind another server: until the request is sent, and for the response."""
+    """Compute the longest wait for a unit behind another server: until the request is sent, and for the response."""
     return plan.upstream.max_wait + plan.upstream.timeout
 
 
 def least_timeouts_at_other_sites(plan: Plan) -> dict[str, float]:
-    """What another site's upstream to this one needs as `timeout`, for the units of each line and upstream by name."""
+    """Compute the shortest `timeout` of an upstream at another site, for each line and upstream here by its name."""
     waits = {line.line.name: [longest_wait(line, device) for device in line.shared] for line in plan.lines}
     waits |= {one.upstream.name: [longest_wait_behind(one)] for one in plan.upstreams}
     return {name: _TIMEOUT_AT_OTHER_SITES * max(each) for name, each in waits.items() if each}
 
 
 def most_items(function: int, profile: Profile) -> int:
-    """The most that protocol, profile and the addresses of the device allow; 1 at least."""
+    """Find the most items that protocol, profile and the addresses of the device allow; 1 at least."""
     items = _items_of(function)
     most = max(each.most for each in items)
     ranges = profile.areas.get(items[0].area)
@@ -146,7 +149,7 @@ def most_items(function: int, profile: Profile) -> int:
 
 
 def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
-    """For each unit of a server line: the name of its destination, and the longest wait."""
+    """Find the name of the destination of each unit of a server line, and the longest wait for it."""
     behind = {name: wait for line in plan.lines for name, wait in longest_waits(line).items()}
     behind |= {device.name: longest_wait_behind(upstream) for upstream in plan.upstreams for device in upstream.devices}
     shared = [device for line in plan.lines for device in line.shared]
@@ -158,9 +161,9 @@ def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]
 
 
 def longest_wait_outside(server: ServerPlan) -> float:
-    """The longest from the end of a request on a server line to the end of the response, if there is one.
+    """Compute the longest time from the end of a request on a server line to the end of its response, if it has one.
 
-    It does not depend on what is asked: any response may take `answer_within` when the gateway stands still.
+    It does not depend on the request: any response may take `answer_within` when the gateway stands still.
     """
     line = server.line
     answer = line.answer_within + UNNOTICED
@@ -168,7 +171,7 @@ def longest_wait_outside(server: ServerPlan) -> float:
 
 
 def _reads(plan: LinePlan) -> Iterator[tuple[FunctionLimits, DeviceSettings]]:
-    """The limits of the reading functions of each kind of device."""
+    """Find the limits of the reading functions of each kind of device."""
     for device in one_of_each_kind(plan):
         for limits in function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency):
             if limits.function in READING_FUNCTIONS:
@@ -176,28 +179,28 @@ def _reads(plan: LinePlan) -> Iterator[tuple[FunctionLimits, DeviceSettings]]:
 
 
 def _limiting(device: DeviceSettings) -> tuple[int, int]:
-    """What its limits depend on, told apart as objects: the units of a row of the config have the same."""
+    """Give what the limits of a device depend on, as identities: the units of a row of the config share these."""
     return id(device.profile), id(device.answer_time)
 
 
 def _is_repeated(function: int | None) -> bool:
-    """Whether a request with this function may be sent again; None are those that count no items, some of which may."""
+    """Tell whether a request with this function may be sent again. Of those without items (None), some may."""
     return function is None or function in READING_FUNCTIONS
 
 
 def _add_repeats(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
-    """The time from the first attempt of a read until its last one has failed."""
+    """Compute the time from the first attempt of a read until its last one has failed."""
     limit = limits.most_items
     return line.time_for_repeats(limits.request, limit, _late_window(limit, line, device))
 
 
 def _late_window(limit: float, line: LineSettings, device: DeviceSettings) -> float:
-    """The late window after this limit."""
+    """Compute the late window after this limit."""
     return max(2 * limit, device.answer_time.slowest) if line.late_window is None else line.late_window
 
 
 def _needed_for_repeat(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
-    """From the first sending of a read of one item until its second one has failed, after silence."""
+    """Compute the time from the first attempt of a read of one item until its second one has failed, after silence."""
     return 2 * (limits.request + limits.one_item) + _late_window(limits.one_item, line, device)
 
 
@@ -234,14 +237,14 @@ def _largest_request(function: int) -> RequestPdu:
 
 
 def _items_of(function: int) -> list[Items]:
-    """What it reads or writes in the tables."""
+    """List what a function reads or writes in the tables."""
     row = FUNCTIONS[function]
     return [items for items in (row.reads, row.writes) if items is not None]
 
 
 @lru_cache(maxsize=_REQUESTS)
 def request_for(function: int, count: int) -> RequestPdu:
-    """A request for this many items from address 0 on, or for the most there can be."""
+    """Make a request for this many items from address 0 on, or for the most there can be."""
     pdu = bytes((function,))
     for items in _items_of(function):
         named = min(count, items.most)

@@ -63,7 +63,7 @@ class ReadRate(NamedTuple):
 
 
 def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
-    """Every read that the gateway sends by itself, because the config says so."""
+    """Find every read that the gateway sends by itself, because the config says so."""
     devices = {device.name: device for line in plan.lines for device in line.devices}
     for mirror in plan.mirrors:
         if mirror.of in devices:
@@ -77,19 +77,19 @@ def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
 
 
 def load_of(line: LinePlan, plan: Plan) -> tuple[PollLoad, ...]:
-    """What the declared polls take of a line. Together it may be more than there is: then they come less often."""
+    """Compute what the declared polls take of a line. If it is more than there is, they come less often."""
     names = {device.name for device in line.devices}
     found = ((poll, time_of(line, poll.of, poll.request)) for poll in declared_polls(plan) if poll.of.name in names)
     return tuple(PollLoad(poll, time, time / poll.every) for poll, time in found)
 
 
 def total_share(load: tuple[PollLoad, ...]) -> float:
-    """The share of a line that all of its polls take together."""
+    """Add up the share of a line that all of its polls take."""
     return sum(each.share for each in load)
 
 
 def read_rates(line: LinePlan, device: DeviceSettings) -> tuple[ReadRate, ...]:
-    """How often a device can be read, for some numbers of items; empty for one that cannot be read."""
+    """Compute how often a device can be read, for some numbers of items; empty if it cannot be read."""
     area = read_area(device.profile)
     if area is None:
         return ()
@@ -98,17 +98,17 @@ def read_rates(line: LinePlan, device: DeviceSettings) -> tuple[ReadRate, ...]:
 
 
 def time_of(line: LinePlan, device: DeviceSettings, request: bytes) -> float:
-    """The seconds that a line needs for a request to a device."""
+    """Compute the seconds that a line needs for a request to a device."""
     return _pace(line, device).time_of(parse_request(request), device.profile.timing)
 
 
 def read_area(profile: Profile) -> Area | None:
-    """What is read of a device when nothing else is said; None if its profile has no reading function."""
+    """Choose what is read of a device when nothing else is said; None if its profile has no reading function."""
     return next((area for area in _AREAS if profile.knows(READERS[area][0])), None)
 
 
 def a_read(profile: Profile, count: int) -> Span | None:
-    """Up to `count` items that exist in a device with this profile; None if nothing of it can be read."""
+    """Choose up to `count` items that exist in a device with this profile; None if nothing of it can be read."""
     area = read_area(profile)
     if area is None:
         return None
@@ -141,7 +141,7 @@ def _pace(line: LinePlan, device: DeviceSettings) -> Pace:
 
 
 def _usual_latency(line: LinePlan) -> float:
-    """What the config says of it. An adapter of which it says nothing adds a millisecond at most, when it is set well.
+    """Give the latency that the config names, else none. An adapter adds a millisecond at most, when it is set well.
 
     What a network adds is not known if the config does not say it.
     """

@@ -41,7 +41,7 @@ ASKED_AT_ZERO: Final = frozenset({FunctionCode.READ_HOLDING_REGISTERS})
 
 
 def line_plan(line: Line, profiles: dict[str, Profile], config: Config) -> LinePlan:
-    """A line where the gateway is the client."""
+    """Plan a line where the gateway is the client."""
     timing = _timing(line)
     own = own_units(line, config)
     devices = tuple(_devices(line, profiles, config))
@@ -50,7 +50,7 @@ def line_plan(line: Line, profiles: dict[str, Profile], config: Config) -> LineP
 
 
 def server_plan(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
-    """A line where an outside client asks; `profiles` are those of all units."""
+    """Plan a line where an outside client asks; `profiles` are those of all units."""
     timing = _timing(line)
     serves = frozenset(line.serves or ())
     settings = ServerSettings(
@@ -72,7 +72,7 @@ def server_plan(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
 
 
 def upstream_plan(upstream: Upstream, config: Config) -> UpstreamPlan:
-    """Another server, or the gateway of another site."""
+    """Plan the way to another server, or to the gateway of another site."""
     settings = UpstreamSettings(
         name=upstream.label, timeout=upstream.timeout, in_flight=upstream.in_flight, source=upstream.source
     )
@@ -94,7 +94,7 @@ def spoken_on(line: Line) -> Literal["rtu", "ascii"]:
 
 
 def _timing(line: Line) -> LineTiming:
-    """The timing of `line`: mode, rate and character format."""
+    """Make the timing of a line: mode, rate and character format."""
     return LineTiming(spoken_on(line), line.baud, line.format or DEFAULT_FORMATS[spoken_on(line)])
 
 
@@ -131,12 +131,12 @@ def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings
 
 
 def _idle_characters(profiles: Iterable[Profile]) -> float:
-    """The silence that ends a frame for all of them."""
+    """Find the silence that ends a frame for all of these profiles."""
     return max([_IDLE_CHARACTERS, *(profile.idle_chars for profile in profiles)])
 
 
 def _turnaround(devices: Iterable[DeviceSettings]) -> float:
-    """Time for the slowest device to act on a broadcast."""
+    """Find the time for the slowest device to act on a broadcast."""
     times = (device.answer_time.margin * device.answer_time.table.slowest for device in devices)
     return max([_SHORTEST_TURNAROUND, *times])
 
@@ -166,7 +166,10 @@ def _of_row(line: Line, row: Device, profiles: dict[str, Profile]) -> Iterator[D
 
 
 def _answer_time(line: Line, row: Device, profile: Profile) -> AnswerTime:
-    """A device's own time-out has priority; the line's applies only without a timing table and a named profile."""
+    """Choose the answer time of a device.
+
+    Its own time-out has priority; that of the line applies only without a timing table and a named profile.
+    """
     if row.timeout is not None:
         return AnswerTime(profile.timing, profile.margin, row.timeout, fixed=True)
     of_line = line.timeout if row.profile is None else None
@@ -186,9 +189,9 @@ def _client_tls(upstream: Upstream, address: Address) -> ClientTls | None:
 
 
 def _behind(upstream: Upstream, units: Iterable[tuple[int, int, str, str]]) -> Iterator[DeviceSettings]:
-    """These units behind another server, without a profile: the server checks requests itself.
+    """Make these units behind another server, without a profile: the server checks requests itself.
 
-    Of each there are the number there, the one for clients, its name and its place in the file.
+    Each is its number there, the one for clients, its name and its place in the file.
     """
     profile = Profile("upstream")
     answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=upstream.timeout, fixed=True)

@@ -12,22 +12,22 @@ from gateway.registers.items import has_bits
 
 
 def points_of(tables: Iterable[PointTable]) -> tuple[Point, ...]:
-    """The points of tables that have passed their checks, in their order."""
+    """Make the points of tables that have passed their checks, in their order."""
     return tuple(point for table in tables for point in _points(table))
 
 
 def type_of(table: PointTable, area: Area) -> str:
-    """The type of a table's points in an area."""
+    """Tell the type of a table's points in an area."""
     return table.type or ("bit" if has_bits(area) else "uint16")
 
 
 def size_of(table: PointTable, area: Area) -> int:
-    """How many coils or registers each point takes."""
+    """Tell how many coils or registers each point takes."""
     return 1 if has_bits(area) else table.length or registers_of(type_of(table, area))
 
 
 def names_of(table: PointTable, area: Area, addresses: Range) -> Iterator[str]:
-    """The names of a table's points."""
+    """List the names of a table's points."""
     first, last = addresses
     number, size = first if table.first is None else table.first, size_of(table, area)
     if not is_range(table, area, addresses):
@@ -38,7 +38,7 @@ def names_of(table: PointTable, area: Area, addresses: Range) -> Iterator[str]:
 
 
 def is_range(table: PointTable, area: Area, addresses: Range) -> bool:
-    """Whether the addresses are those of several points; the first one alone stands for a whole value."""
+    """Tell whether the addresses are those of several points; the first one alone stands for a whole value."""
     first, last = addresses
     return last > first and last - first + 1 != size_of(table, area)
 

@@ -8,7 +8,7 @@ from gateway.timing.table import TimingTable
 
 
 def profile_of(name: str, table: ProfileTable) -> Profile:
-    """The profile that a table describes."""
+    """Turn a table into the profile that it describes."""
     areas = {area: ranges for area in Area if (ranges := getattr(table, area)) is not None}
     points: dict[int, list[TimingPoint]] = {}
     for row in table.timing:

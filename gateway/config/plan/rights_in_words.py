@@ -21,29 +21,29 @@ class RightsRow(NamedTuple):
 
 
 def rows_in_words(plan: Plan) -> list[RightsRow]:
-    """The rows, of which the first that applies counts, and then what is the case without one."""
+    """Say each row in words, of which the first that applies counts, and then what applies without one."""
     return [*(row_in_words(row, plan) for row in plan.access), *_rest(plan)]
 
 
 def row_in_words(row: AccessRow, plan: Plan) -> RightsRow:
-    """One row."""
+    """Say one row in words."""
     units = "all" if row.units is None else f"{show_units(row.units)} {own_numbers(row, plan)}".rstrip()
     return RightsRow(_clients(row), _through(row), units, right_in_words(row.right), row.source)
 
 
 def right_in_words(right: Right) -> str:
-    """What somebody may do: `read, write`, or the numbers of functions."""
+    """Say what a right allows: `read, write`, or the numbers of functions."""
     return _WORDS.get(right) or "functions " + show_units(each if isinstance(each, int) else each[0] for each in right)
 
 
 def own_numbers(row: AccessRow, plan: Plan) -> str:
-    """Where the units of a row that names listeners for one line or upstream have these numbers; empty for others."""
+    """Say where the units of a row for listeners of one line or upstream have these numbers; empty for others."""
     named = (listener for listener in plan.listeners if listener.only and listener.name in (row.listeners or ()))
     return " or ".join(sorted({"on the wire" if listener.line else "at the server" for listener in named}))
 
 
 def unnamed_datagrams(plan: Plan) -> list[str]:
-    """The UDP listeners that no row names: clients only read there."""
+    """List the UDP listeners that no row names: clients only read there."""
     return [one.name for one in plan.listeners if one.scheme == "udp" and not _is_named(one.name, plan)]
 
 
@@ -60,7 +60,7 @@ def _clients(row: AccessRow) -> str:
 
 
 def unnamed_certified(plan: Plan) -> list[str]:
-    """The TLS listeners that no row names: rows without a role give nothing there."""
+    """List the TLS listeners that no row names: rows without a role give nothing there."""
     return [one.name for one in plan.listeners if one.scheme == "tls" and not _is_named(one.name, plan)]
 
 
@@ -73,7 +73,7 @@ def _through(row: AccessRow) -> str:
 
 
 def _rest(plan: Plan) -> Iterator[RightsRow]:
-    """The rights of clients that match no row."""
+    """Say the rights of clients that match no row."""
     if not any((row.networks, row.listeners, row.units, row.role) == (None,) * 4 for row in plan.access):
         yield RightsRow("all else", "", "", "nothing")
     for server in plan.servers:

@@ -63,12 +63,12 @@ class LinePlan:
 
     @property
     def latency(self) -> float:
-        """The latency of the port, as far as it is known before the port is open."""
+        """Give the latency of the port, as far as it is known before the port is open."""
         return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
 
     @property
     def meaning(self) -> "LinePlan":
-        """What a reload compares. A pass-through line is unchanged if other tables take some of its units."""
+        """Give what a reload compares. A pass-through line is unchanged if other tables take some of its units."""
         if not self.passes_through:
             return self
         devices = tuple(replace(each, unit=0, known_as=0, name="") for each in self.devices[:1])
@@ -76,17 +76,17 @@ class LinePlan:
 
     @property
     def shared(self) -> tuple[DeviceSettings, ...]:
-        """The devices that general listeners lead to."""
+        """List the devices that general listeners lead to."""
         return tuple(device for device in self.devices if device.known_as not in self.own_units)
 
     @property
     def addresses(self) -> frozenset[int]:
-        """The unit identifiers of a listener for this line."""
+        """Give the unit identifiers of a listener for this line."""
         return frozenset(device.unit for device in self.devices) - {BROADCAST_UNIT}
 
     @property
     def broadcasts(self) -> frozenset[int]:
-        """The functions that at least one of the devices carries out as a broadcast; none if the line accepts none."""
+        """Find the functions that at least one device carries out as a broadcast; none if the line accepts none."""
         if not self.line.broadcast:
             return frozenset()
         return frozenset().union(*(device.profile.broadcasts for device in self.devices))
@@ -113,7 +113,7 @@ class ServerPlan:
 
     @property
     def latency(self) -> float:
-        """The latency of the port, as far as it is known before the port is open."""
+        """Give the latency of the port, as far as it is known before the port is open."""
         return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
 
 

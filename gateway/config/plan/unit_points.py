@@ -19,9 +19,9 @@ from gateway.profiles.profile import Range, covers
 def points_of_units(
     config: Config, images: Iterable[ImageSettings], mirrors: Iterable[MirrorSettings]
 ) -> Iterator[tuple[int, tuple[Point, ...]]]:
-    """The points of each unit. An image has those of its profile that are in its areas.
+    """Find the points of each unit. An image has those of its profile that are in its areas.
 
-    So has a mirror of its device; what is only written goes through to that.
+    A mirror has those of its device, likewise; what is only written goes through to the device.
     """
 
     @cache  # most of the built-in profiles are not in use
@@ -39,7 +39,7 @@ def points_of_units(
 
 
 def own_points(plan: Plan) -> tuple[Point, ...]:
-    """What the gateway tells of itself."""
+    """Make the points of the gateway itself."""
     names = {
         self_map.LINES.title: [line.line.name for line in plan.lines],
         self_map.SERVERS.title: [server.line.name for server in plan.servers],

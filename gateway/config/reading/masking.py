@@ -24,10 +24,10 @@ _KEY_OR_COMMENT: Final = re.compile(rf"({_KEY})|(?<=\n)[ \t]*+#[^\n]*\n|(?<![ \t
 
 
 def masked(text: str) -> str:
-    """The text of a config file without comments, and with a mask in place of passwords, tokens and private keys.
+    """Remove comments from a config file, and put a mask in place of passwords, tokens and private keys.
 
     Raises:
-        ValueError: it is no TOML: nobody knows where its secrets are.
+        ValueError: it is no TOML, so where its secrets are is not known.
         RecursionError: it is nested too deeply.
     """
     tomllib.loads(text)
@@ -40,14 +40,14 @@ def masked(text: str) -> str:
 
 @lru_cache(maxsize=1024)
 def is_secret(key: str) -> bool:
-    """Whether the value of a key, dotted perhaps, may be a secret, by its name or what that may be a slip of."""
+    """Tell whether the value of a key, dotted perhaps, may be a secret, by its name or what that may be a slip of."""
     return any(
         _SECRET.search(part) is not None or get_close_matches(part.lower(), _MEANT, 1, 0.8) for part in key.split(".")
     )
 
 
 def _masked(path: Path, written: str) -> str:
-    """A value as it may be shown; as it is written, if there is nothing to hide."""
+    """Mask a value if there is something to hide; otherwise leave it as it is written."""
     if path[-1] not in _PLACES and any(is_secret(key) for key in path if isinstance(key, str)):
         return value_text(MASK)
     if written[0] not in "\"'":

@@ -30,15 +30,15 @@ class Positions:
         self._line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
 
     def key(self, path: Path) -> tuple[int, int]:
-        """Where the key at `path` stands, or the nearest table around it that does."""
+        """Find where the key at `path` stands, or the nearest table around it that does."""
         return self._place(self._keys, path)
 
     def value(self, path: Path) -> tuple[int, int]:
-        """Where the value at `path` begins, or the nearest table around it. That of a table is its header."""
+        """Find where the value at `path` begins, or the nearest table around it. A table begins at its header."""
         return self._place(self._values, path)
 
     def written(self, path: Path) -> str:
-        """The number, date or word at `path` as it is written, for values that should have been text."""
+        """Give the number, date or word at `path` as it is written, for values that should have been text."""
         match = _SCALAR.match(self._text, self._values[path])
         return match[0].strip() if match else ""
 
@@ -50,7 +50,7 @@ class Positions:
 
 
 def find_scalars(text: str) -> Sequence[tuple[Path, int, int]]:
-    """Every value of `text` that is neither a list nor a table, in their order: its path, its begin and its end."""
+    """Find every value that is neither a list nor a table, in their order: its path, its begin and its end."""
     scanner = _Scanner(text)
     scanner.document()
     return scanner.scalars
@@ -90,7 +90,7 @@ class _Scanner:
         return path
 
     def current(self, path: Path, keys: list[str]) -> Path:
-        """`path` continued by `keys`; of a list of tables its last one is meant."""
+        """Continue `path` by `keys`; of a list of tables its last one is meant."""
         for key in keys:
             path += (key,)
             if path in self.lengths:
@@ -160,7 +160,7 @@ class _Scanner:
         return self.at
 
     def note(self, path: Path, start: int) -> None:
-        """A key, and a table, stands where it is named first."""
+        """Note where a key or a table is named first."""
         self.keys.setdefault(path, start)
         self.values.setdefault(path, start)
 

@@ -12,7 +12,7 @@ class Source(str):
 
     @classmethod
     def of(cls, file: str, line: int, lines: Mapping[str, int]) -> str:
-        """The place of a table; plain text if all its keys stand in its own line."""
+        """Make the place of a table; plain text if all its keys stand in its own line."""
         text = f"{file}:{line}"
         elsewhere = {key: number for key, number in lines.items() if number != line}
         if not elsewhere:
@@ -23,13 +23,13 @@ class Source(str):
 
 
 def place_of(source: str, key: str) -> str:
-    """Where a key of the table at `source` stands; the place of the table if it is not there, or not known."""
+    """Find where a key of the table at `source` stands; the place of the table if it is not there, or not known."""
     line = source.lines.get(key) if isinstance(source, Source) else None
     return source if line is None else f"{source.rpartition(':')[0]}:{line}"
 
 
 def to_write(source: str, keys: Mapping[str, str]) -> str:
-    """The line of the config that is to be changed, and what is to be written there, for each of these keys."""
+    """Say for each of these keys which line of the config is to be changed, and what is to be written there."""
     of_place: dict[str, list[str]] = {}
     for key, value in keys.items():
         of_place.setdefault(place_of(source, key), []).append(f"{key} = {value}")

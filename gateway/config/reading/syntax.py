@@ -66,7 +66,7 @@ def syntax_problem(found: ValueError, text: str, lists: Container[str]) -> Probl
 
 
 def _about_header(what: str, lines: list[str], line: int, lists: Container[str]) -> Problem | None:
-    """The problem with the brackets of a header: of this line, or of an earlier one for the same table."""
+    """Explain what is wrong with the brackets of a header: of this line, or of an earlier one for the same table."""
     header = _HEADER.fullmatch(lines[line - 1])
     if header is None:
         return None
@@ -85,7 +85,7 @@ def _about_header(what: str, lines: list[str], line: int, lists: Container[str])
 
 
 def _about_list(before: str) -> Problem | None:
-    """The problem if a list has not ended in what stands `before` a new statement, or the end."""
+    """Find a list that has not ended in what stands `before` a new statement, or the end."""
     begin = _unclosed_list(before)
     if begin is None:
         return None
@@ -94,7 +94,7 @@ def _about_list(before: str) -> Problem | None:
 
 
 def _unclosed_list(text: str) -> int | None:
-    """Where the list begins that has not ended at the end of `text`, if there is one."""
+    """Find where the list begins that has not ended at the end of `text`, if there is one."""
     opened: list[int] = []
     at = 0
     while (match := _TOKEN.search(text, at)) is not None:
@@ -131,7 +131,7 @@ def _explain(what: str, line: str, column: int) -> Problem:
 
 
 def _how_to_go_on(what: str, rest: str) -> str:
-    """What is wrong with a list or a table in { }, of which the `rest` of the line cannot be read."""
+    """Say what is wrong with a list or a table in { }, of which the `rest` of the line cannot be read."""
     is_at_end = not rest or rest.startswith("#")
     if is_at_end and what.startswith(("Invalid initial character for a key part", "Unclosed inline table")):
         return "a table in { } must be on one line; a long one of devices may be [[line.devices]], a key on each line"
@@ -150,7 +150,7 @@ def _missing_quotes(line: str) -> str:
 
 
 def _as_toml(key: str, written: str) -> str:
-    """How to write a value that is no TOML. A text editor may have put other quotes around it."""
+    """Say how to write a value that is no TOML. A text editor may have put other quotes around it."""
     value = written.strip(_TYPOGRAPHIC_QUOTES)
     if key in _keys(_is_number):
         return f"{key} is a number: digits only, not {written}"
@@ -161,7 +161,7 @@ def _as_toml(key: str, written: str) -> str:
 
 
 def _keys(is_so: Callable[[FieldInfo], bool]) -> set[str]:
-    """The keys that are so in every table that has them."""
+    """Find the keys that are so in every table that has them."""
     fields = [field for model in Table.__subclasses__() for field in model.model_fields.items()]
     keys = [(field.alias or name, is_so(field)) for name, field in fields]
     return {key for key, it_is in keys if it_is} - {key for key, it_is in keys if not it_is}
@@ -172,13 +172,13 @@ def _is_truth(field: FieldInfo) -> bool:
 
 
 def write_truth(key: str, written: str) -> str:
-    """How to write what is true or false elsewhere."""
+    """Say how to write what is true or false elsewhere."""
     value = _TRUTHS.get(written.lower())
     return f"write {key} = {value}" if value else f"write {key} = true, or false"
 
 
 def _is_number(field: FieldInfo) -> bool:
-    """Whether it is written as a number: a duration is read from text."""
+    """Tell whether a value is written as a number: a duration is read from text."""
     is_read_from_text = any(isinstance(each, PlainValidator) for each in field.metadata)
     return field.annotation in (int, float) and not is_read_from_text
 

@@ -138,7 +138,7 @@ class TableReader:
 
 
 def _without(wrong: ValidationError, raw: object) -> dict[str, Any] | None:
-    """The table without its wrong values, if no other table refers to these."""
+    """Remove wrong values from a table, if no other table refers to these; None otherwise."""
     found = wrong.errors(include_url=False)
     if not isinstance(raw, dict) or any(one["loc"][-1:] and one["loc"][-1] not in _NOT_REFERRED_TO for one in found):
         return None

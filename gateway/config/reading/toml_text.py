@@ -17,24 +17,24 @@ class TableText:
     comments: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """The table as it stands in a file."""
+        """Write the table as it stands in a file."""
         width = max(map(len, self.keys), default=0)
         keys = [f"{key.ljust(width)} = {value_text(value)}" for key, value in self.keys.items()]
         return "\n".join([*map(comment, self.comments), *([self.heading] if self.heading else []), *keys])
 
 
 def file_text(tables: Iterable[TableText]) -> str:
-    """A file with these tables."""
+    """Write a file with these tables."""
     return "\n\n".join(map(str, tables)) + "\n"
 
 
 def comment(text: str) -> str:
-    """A comment of one line, whatever is in it."""
+    """Write a comment of one line, whatever is in it."""
     return "# " + "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def value_text(value: Value) -> str:
-    """A value as TOML writes it."""
+    """Write a value as TOML has it."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {value_text(each)}" for key, each in value.items()) + " }"
     if isinstance(value, list):

@@ -60,7 +60,7 @@ _LIMITS: Mapping[str, str] = {
 def value_problems(
     found: ValidationError, model: type[Table], path: Path, written: Callable[[Path], str]
 ) -> Iterator[Problem]:
-    """What is wrong in the table at `path`, which should be a `model`.
+    """Say what is wrong in the table at `path`, which should be a `model`.
 
     `written` gives the text of a value as it stands in the file.
     """
@@ -69,7 +69,7 @@ def value_problems(
 
 
 def unknown_key(path: Path, known: list[str]) -> Problem:
-    """The key at the end of `path` is none of the `known` ones."""
+    """Say that the key at the end of `path` is none of the `known` ones, and which may be meant."""
     written = str(path[-1])
     meant = next((key for key in _ELSEWHERE.get(written.lower(), ()) if key in known), None)
     if written.lower() in _PLACES and {"holding", "labels"} <= set(known):
@@ -84,7 +84,7 @@ def unknown_key(path: Path, known: list[str]) -> Problem:
 
 
 def not_text(path: Path, value: object, written: Callable[[Path], str]) -> Problem:
-    """The value at `path` must be text: if it is a number, a date or a word, it lacks its quotes."""
+    """Say that the value at `path` must be text: if it is a number, a date or a word, it lacks its quotes."""
     is_scalar = not isinstance(value, (list, dict))
     if path[-1] == "of" and isinstance(value, int):
         return error(path, "must be text", "write the name of the device in quotes, not its number")
@@ -119,7 +119,7 @@ def _value_problem(found: ErrorDetails, model: type[Table], base: Path, written:
 
 
 def _right_type(kind: str, path: Path, value: object) -> str:
-    """How to write a value of the wrong type, if that can be told."""
+    """Say how to write a value of the wrong type; empty if that cannot be told."""
     key = path[-1]
     number = {"int_type": _WHOLE_NUMBER, "float_type": _NUMBER}.get(kind)
     if number is not None and isinstance(value, str) and number.fullmatch(value):
@@ -143,7 +143,7 @@ def _right_rate(value: Any) -> str:
 
 
 def _model_at(model: type[Table], loc: Path) -> type[Table]:
-    """The table that stands at `loc` inside a table of this model."""
+    """Find the table that stands at `loc` inside a table of this model."""
     for part in loc:
         if isinstance(part, str):
             fields = {field.alias or name: field for name, field in model.model_fields.items()}

@@ -69,5 +69,5 @@ class Image(Table):
 
     @property
     def label(self) -> str:
-        """Its name, or its default name."""
+        """Give its name, or its default name."""
         return self.name or f"image-{self.unit}"

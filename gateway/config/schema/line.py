@@ -56,7 +56,7 @@ class Device(Table):
 
     @property
     def client_units(self) -> tuple[int, ...]:
-        """The units that clients use for `units`, in the same order."""
+        """Give the units that clients use for `units`, in the same order."""
         return self.units if self.known_as is None else self.known_as
 
 
@@ -185,5 +185,5 @@ class Line(Table):
 
     @property
     def label(self) -> str:
-        """Its name, or its default name."""
+        """Give its name, or its default name."""
         return self.name or str(self.port).rstrip("/").rsplit("/", 1)[-1]

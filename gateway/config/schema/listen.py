@@ -88,5 +88,5 @@ class Listen(Table):
 
     @property
     def label(self) -> str:
-        """Its name, or its default name."""
+        """Give its name, or its default name."""
         return self.name or str(self.bind)

@@ -57,5 +57,5 @@ class Upstream(Table):
 
     @property
     def label(self) -> str:
-        """Its name, or its default name."""
+        """Give its name, or its default name."""
         return self.name or str(self.to)

@@ -38,16 +38,16 @@ class Address:
 
     @property
     def is_wildcard(self) -> bool:
-        """Whether it is a wildcard: every IPv4 or every IPv6 address of this machine."""
+        """Tell whether it stands for every IPv4 or every IPv6 address of this machine."""
         ip = _ip(self.host)
         return ip is not None and ip.is_unspecified
 
     def has_port_of(self, other: "Address") -> bool:
-        """Whether both have the same port. Port 0 is a different one each time; UDP and TCP ports are distinct."""
+        """Tell whether both have the same port. Port 0 is a different one each time; UDP and TCP ports are distinct."""
         return self.port != 0 and (self.scheme == "udp", self.port) == (other.scheme == "udp", other.port)
 
     def collides_with(self, other: "Address") -> bool:
-        """Whether both cannot be bound: they are the same, or one is a wildcard that includes the other.
+        """Tell whether both cannot be bound: they are the same, or one is a wildcard that includes the other.
 
         IPv4 and IPv6 have separate ports: 0.0.0.0 and [::] can both be bound. `localhost` is bound in both.
         """
@@ -59,13 +59,13 @@ class Address:
         return any(_overlap(one, another) for one in mine for another in others)
 
     def is_reached_by(self, other: "Address") -> bool:
-        """Whether a client that connects to `other` reaches a listener at this address, as far as can be seen."""
+        """Tell whether a client that connects to `other` reaches a listener at this address, as far as can be seen."""
         if not self.collides_with(other) and not self.takes_ipv4_of(other):
             return False
         return not self.is_wildcard or other.is_wildcard or other.is_loopback
 
     def takes_ipv4_of(self, other: "Address") -> bool:
-        """Whether it is [::], which takes IPv4 clients too, and `other` an IPv4 address with the same port."""
+        """Tell whether it is [::], which takes IPv4 clients too, and `other` an IPv4 address with the same port."""
         mine, others = _ip(self.host), _ip(other.host)
         if mine is None or others is None or not self.has_port_of(other):
             return False
@@ -73,13 +73,13 @@ class Address:
 
     @property
     def ip_version(self) -> int | None:
-        """4 or 6; None for a name, which may stand for addresses of both kinds."""
+        """Tell 4 or 6; None for a name, which may stand for addresses of both kinds."""
         ip = None if self.host == "localhost" else _ip(self.host)
         return None if ip is None else ip.version
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only programs on this machine can reach it."""
+        """Tell whether only programs on this machine can reach it."""
         ip = _ip(self.host)
         return ip is not None and ip.is_loopback
 
@@ -129,13 +129,13 @@ def _check_host(host: str, *, in_brackets: bool) -> None:
 
 
 def _plain_ipv4(host: str) -> str:
-    """`host`; an IPv4 address that is written as an IPv6 one, as IPv4: that is what can be bound."""
+    """Turn an IPv4 address that is written as an IPv6 one into IPv4, which can be bound; leave others as they are."""
     ip = _ip(host)
     return str(ip.ipv4_mapped) if isinstance(ip, IPv6Address) and ip.ipv4_mapped is not None else host
 
 
 def _ip(host: str) -> IPv4Address | IPv6Address | None:
-    """`host` as an IP address; None for a name."""
+    """Read `host` as an IP address; None for a name."""
     try:
         return ip_address("127.0.0.1" if host == "localhost" else host)
     except ValueError:
@@ -143,7 +143,7 @@ def _ip(host: str) -> IPv4Address | IPv6Address | None:
 
 
 def _bound_ips(host: str) -> tuple[IPv4Address | IPv6Address, ...]:
-    """What is bound for `host`; nothing is known of a name."""
+    """List what is bound for `host`; nothing is known of a name."""
     ip = _ip(host)
     return _LOCALHOST if host == "localhost" else () if ip is None else (ip,)
 

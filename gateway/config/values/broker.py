@@ -26,7 +26,7 @@ class Broker:
 
     @property
     def is_encrypted(self) -> bool:
-        """Whether the connection is one of TLS."""
+        """Tell whether the connection is one of TLS."""
         return self.address.scheme in ("mqtts", "wss")
 
     def __str__(self) -> str:
@@ -43,10 +43,10 @@ class Sparkplug:
 
 
 def parse_broker(value: object) -> Broker:
-    """The address of a broker.
+    """Parse the address of a broker.
 
     Raises:
-        WrongValue: it is none.
+        WrongValue: it is not valid.
     """
     if not isinstance(value, str):
         raise NotText
@@ -66,7 +66,7 @@ def parse_broker(value: object) -> Broker:
 
 
 def parse_password(value: object) -> SecretFile:
-    """The file with a password, or the name of a credential that systemd hands to the service.
+    """Parse the file with a password, or the name of a credential that systemd hands to the service.
 
     Raises:
         WrongValue: it is neither.
@@ -81,10 +81,10 @@ def parse_password(value: object) -> SecretFile:
 
 
 def parse_home_assistant(value: object) -> str | None:
-    """The prefix of discovery topics; None without discovery.
+    """Parse the prefix of discovery topics; None without discovery.
 
     Raises:
-        WrongValue: it is none.
+        WrongValue: it is not valid.
     """
     if isinstance(value, bool):
         return HOME_ASSISTANT if value else None
@@ -94,10 +94,10 @@ def parse_home_assistant(value: object) -> str | None:
 
 
 def parse_sparkplug(value: object) -> Sparkplug | None:
-    """The names in Sparkplug B; None for plain JSON.
+    """Parse the names in Sparkplug B; None for plain JSON.
 
     Raises:
-        WrongValue: they are none.
+        WrongValue: they are not valid.
     """
     if value is False:
         return None
@@ -122,5 +122,5 @@ def check_topic_part(name: object, what: str) -> None:
 
 
 def is_topic_part(name: str) -> bool:
-    """Whether a name can be one part of a topic."""
+    """Tell whether a name can be one part of a topic."""
     return bool(name) and name.isprintable() and not set(name) & _IN_TOPICS

@@ -14,10 +14,10 @@ DEFAULT_FORMATS: Final[Mapping[Literal["rtu", "ascii"], CharacterFormat]] = {
 
 
 def parse_format(value: object) -> CharacterFormat:
-    """A character format such as "8E1".
+    """Parse a character format such as "8E1".
 
     Raises:
-        WrongValue: it is none.
+        WrongValue: it is not valid.
     """
     if not isinstance(value, str):
         raise NotText
@@ -28,5 +28,5 @@ def parse_format(value: object) -> CharacterFormat:
 
 
 def fits_mode(value: CharacterFormat, mode: Literal["rtu", "ascii"]) -> bool:
-    """Whether the format can carry what is spoken: RTU needs 8 data bits (S 2.5.1)."""
+    """Tell whether the format can carry this mode: RTU needs 8 data bits (S 2.5.1)."""
     return mode == "ascii" or value.data_bits == 8

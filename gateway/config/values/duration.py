@@ -19,7 +19,7 @@ _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*([A-Za-z]*)")
 
 
 def parse_duration(value: object, least: float = SHORTEST) -> float:
-    """Seconds, more than 0 and `least` or more.
+    """Parse seconds, more than 0 and `least` or more.
 
     Raises:
         WrongValue: `value` is not text with a unit, or too short.
@@ -31,7 +31,7 @@ def parse_duration(value: object, least: float = SHORTEST) -> float:
 
 
 def parse_duration_or_zero(value: object, least: float = 0.0) -> float:
-    """Seconds, `least` or more, or zero. Zero needs no unit: "0".
+    """Parse seconds, `least` or more, or zero. Zero needs no unit: "0".
 
     Raises:
         WrongValue: `value` is not text with a unit, or too short.
@@ -50,7 +50,7 @@ def parse_duration_or_zero(value: object, least: float = 0.0) -> float:
 
 
 def parse_duration_or_auto(value: object) -> float | None:
-    """Seconds, or None for "auto".
+    """Parse seconds, or None for "auto".
 
     Raises:
         WrongValue: `value` is neither.
@@ -59,7 +59,7 @@ def parse_duration_or_auto(value: object) -> float | None:
 
 
 def parse_duration_or_zero_or_auto(value: object) -> float | None:
-    """Seconds, "0" included, or None for "auto".
+    """Parse seconds, "0" included, or None for "auto".
 
     Raises:
         WrongValue: `value` is neither.
@@ -68,7 +68,7 @@ def parse_duration_or_zero_or_auto(value: object) -> float | None:
 
 
 def parse_duration_or_off_or_auto(value: object) -> float | None:
-    """Seconds, 0 for "off", or None for "auto".
+    """Parse seconds, 0 for "off", or None for "auto".
 
     Raises:
         WrongValue: `value` is none of them.
@@ -81,7 +81,7 @@ def parse_duration_or_off_or_auto(value: object) -> float | None:
 
 
 def show_duration(seconds: float | None) -> str:
-    """A duration as text: the unit with the fewest digits, three significant ones; "auto" for None."""
+    """Show a duration: the unit with the fewest digits, three significant ones; "auto" for None."""
     if seconds is None:
         return "auto"
     if seconds == 0:
@@ -94,7 +94,7 @@ def show_duration(seconds: float | None) -> str:
 
 
 def _no_word(value: object, words: str) -> object:
-    """The value, if it is none that should be one of the `words`.
+    """Return the value, unless it is text that should be one of the `words`.
 
     Raises:
         WrongValue: it is text, and no duration.
@@ -126,7 +126,7 @@ def _three_figures(number: float) -> str:
 
 
 def show_age(milliseconds: float) -> str:
-    """Elapsed time as one number and unit: `3 s`, `2 h`."""
+    """Show elapsed time as one number and unit: `3 s`, `2 h`."""
     seconds = milliseconds / 1000
     for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
         if seconds >= 2 * length:

@@ -17,7 +17,7 @@ _CREDENTIAL = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,64}")
 
 
 def check_path(value: str) -> str:
-    """A path that the system takes, and a log can show.
+    """Return a path that the system takes, and a log can show.
 
     Raises:
         WrongValue: it has characters that cannot be seen, such as the NUL at which the system would end it.
@@ -28,17 +28,17 @@ def check_path(value: str) -> str:
 
 
 def in_folder(path: str, info: ValidationInfo) -> str:
-    """The path, from the folder of the config."""
+    """Take a path from the folder of the config."""
     return str((info.context or Path()) / path)
 
 
 def secret_in_folder(file: SecretFile, info: ValidationInfo) -> SecretFile:
-    """The same for a file that may be a credential instead."""
+    """Take a file from the folder of the config; leave a credential as it is."""
     return file if file.is_credential else replace(file, name=in_folder(file.name, info))
 
 
 def parse_token_file(value: object) -> str:
-    """The file that holds a token.
+    """Parse the name of the file that holds a token.
 
     Raises:
         WrongValue: `value` names no file.
@@ -50,7 +50,7 @@ def parse_token_file(value: object) -> str:
 
 
 def parse_file(value: object) -> SecretFile:
-    """A path, or the name of a credential that systemd hands to the service.
+    """Parse a path, or the name of a credential that systemd hands to the service.
 
     Raises:
         WrongValue: `value` is neither.

@@ -12,10 +12,10 @@ _EXAMPLE: Final = '["nats://127.0.0.1:4222"]'
 
 
 def parse_servers(value: object) -> tuple[Address, ...]:
-    """The addresses of NATS servers.
+    """Parse the addresses of NATS servers.
 
     Raises:
-        WrongValue: one of them is none, or there are none.
+        WrongValue: one of them is not valid, or there are none.
     """
     if not isinstance(value, list) or not value:
         raise WrongValue("must be a list of servers", f"write it as {_EXAMPLE}")

@@ -8,7 +8,7 @@ _FUNCTION = re.compile(r"[0-9]{1,9}")
 
 
 def parse_item(value: object) -> int:
-    """What a register or a coil holds at first: 0 to 65535, or true and false.
+    """Parse what a register or a coil holds at first: 0 to 65535, or true and false.
 
     Raises:
         WrongValue: it does not fit into a register.
@@ -19,7 +19,7 @@ def parse_item(value: object) -> int:
 
 
 def parse_limits(value: object) -> dict[int, int]:
-    """Most items by function, as in `{ 3 = 99 }`.
+    """Parse the most items by function, as in `{ 3 = 99 }`.
 
     Raises:
         WrongValue: a key is no function, one is there twice, or a value is no quantity.

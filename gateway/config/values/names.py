@@ -10,7 +10,7 @@ LONGEST_NAME: Final = 64
 
 
 def parse_name(value: object) -> str:
-    """A name for people and logs.
+    """Parse a name for people and logs.
 
     Raises:
         WrongValue: it would not look like one there.
@@ -23,7 +23,7 @@ def parse_name(value: object) -> str:
 
 
 def parse_role(value: object) -> str:
-    """A role in a certificate, or "" for none.
+    """Parse a role in a certificate, or "" for none.
 
     Raises:
         WrongValue: no certificate has such a role.

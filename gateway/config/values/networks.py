@@ -10,10 +10,10 @@ _IPV4_MAPPED: Final = IPv6Network("::ffff:0:0/96")
 
 
 def parse_networks(value: object) -> tuple[IPv4Network | IPv6Network, ...]:
-    """Networks such as "10.2.0.0/24", or single addresses.
+    """Parse networks such as "10.2.0.0/24", or single addresses.
 
     Raises:
-        WrongValue: one of them is none.
+        WrongValue: one of them is not valid.
     """
     if not isinstance(value, list):
         raise WrongValue("must be a list", 'write it as ["10.2.0.0/24"]')
@@ -21,10 +21,10 @@ def parse_networks(value: object) -> tuple[IPv4Network | IPv6Network, ...]:
 
 
 def parse_networks_or_sites(value: object) -> tuple[IPv4Network | IPv6Network | Site, ...]:
-    """Networks, single addresses, or the names of sites.
+    """Parse networks, single addresses, or the names of sites.
 
     Raises:
-        WrongValue: one of them is none.
+        WrongValue: one of them is not valid.
     """
     if not isinstance(value, list):
         raise WrongValue("must be a list", 'write it as ["10.2.0.0/24"]')
@@ -32,7 +32,7 @@ def parse_networks_or_sites(value: object) -> tuple[IPv4Network | IPv6Network | 
 
 
 def _looks_like_site(text: str) -> bool:
-    """Whether it can be the name of a site. One of digits only is an address with its dots forgotten."""
+    """Tell whether it can be the name of a site. One of digits only is an address with its dots forgotten."""
     return is_site(text) and not text.isdecimal()
 
 
@@ -51,7 +51,7 @@ def _network(text: object) -> IPv4Network | IPv6Network:
 
 
 def _plain_ipv4(network: IPv4Network | IPv6Network) -> IPv4Network | IPv6Network:
-    """IPv4 clients that come to an IPv6 listener are IPv4 clients."""
+    """Turn IPv4 networks that are written as IPv6 ones into IPv4: such clients of an IPv6 listener are IPv4 clients."""
     if network.version == 6 and network.prefixlen >= _IPV4_MAPPED.prefixlen and network.subnet_of(_IPV4_MAPPED):
         return ip_network((int(network.network_address) & 0xFFFFFFFF, network.prefixlen - _IPV4_MAPPED.prefixlen))
     return network

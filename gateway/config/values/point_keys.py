@@ -15,7 +15,7 @@ _POINT_NAME = re.compile(r"[^\W\d_][\w.*-]*")
 
 
 def parse_point_name(value: object) -> str:
-    """The name of a point, which is typed behind a command and becomes a part of topics.
+    """Parse the name of a point, which is typed behind a command and becomes a part of topics.
 
     Raises:
         WrongValue: it is none, or the name of an area.
@@ -31,7 +31,7 @@ def parse_point_name(value: object) -> str:
 
 
 def parse_point_addresses(value: object) -> Range:
-    """Where a point is: an address, or first and last of several points.
+    """Parse where a point is: an address, or first and last of several points.
 
     Raises:
         WrongValue: it is neither.
@@ -45,7 +45,7 @@ def parse_point_addresses(value: object) -> Range:
 
 
 def parse_labels(value: object) -> dict[int, str]:
-    """What numbers mean, as in `{ 0 = "off", 1 = "running" }`.
+    """Parse what numbers mean, as in `{ 0 = "off", 1 = "running" }`.
 
     Raises:
         WrongValue: a key is no whole number or is there twice, or a label is no text or is there twice.
@@ -67,10 +67,10 @@ def parse_labels(value: object) -> dict[int, str]:
 
 
 def parse_writing(value: object) -> Writing:
-    """Whether a point can be written.
+    """Parse whether a point can be written.
 
     Raises:
-        WrongValue: nothing that is known.
+        WrongValue: it is none of those that are known.
     """
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -13,7 +13,7 @@ DEVICE_SERVER_MODES: Final[Mapping[str, Literal["rtu", "ascii"]]] = {"rtu+tcp": 
 
 
 def parse_port(value: object) -> str | Address:
-    """A line's port: the path of a serial device, or the address of a device server.
+    """Parse a line's port: the path of a serial device, or the address of a device server.
 
     Raises:
         WrongValue: it is neither.
@@ -28,7 +28,7 @@ def parse_port(value: object) -> str | Address:
 
 
 def _meant(value: str) -> str:
-    """What may be meant by a port that is no path."""
+    """Suggest what may be meant by a port that is no path."""
     if re.fullmatch(r"COM\d+", value, re.IGNORECASE):
         return "modbus-gateway ports lists those of this machine"
     is_address = re.fullmatch(r"[^/]+:\d+", value) is not None

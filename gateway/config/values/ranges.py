@@ -14,7 +14,7 @@ _RANGE = re.compile(r"([0-9]{1,20})(?:\s*-\s*([0-9]{1,20}))?")
 
 
 def parse_ranges(value: object) -> tuple[Range, ...]:
-    """The ranges that `value` names: ascending, and those that touch joined.
+    """Parse the ranges that `value` names: ascending, and those that touch joined.
 
     Raises:
         WrongValue: `value` is none of the three, or leaves the addresses 0-65535.
@@ -25,12 +25,12 @@ def parse_ranges(value: object) -> tuple[Range, ...]:
 
 
 def show_ranges(ranges: tuple[Range, ...]) -> str:
-    """Ranges as text: `0-9, 20-29`, or `none`."""
+    """Show ranges as text: `0-9, 20-29`, or `none`."""
     return ", ".join(f"{first}-{last}" for first, last in ranges) or "none"
 
 
 def join_ranges(ranges: Iterable[Range]) -> tuple[Range, ...]:
-    """The same addresses, ascending, ranges that touch joined."""
+    """Sort ranges, and join those that touch."""
     joined: list[Range] = []
     for first, last in sorted(ranges):
         if joined and first <= joined[-1][1] + 1:

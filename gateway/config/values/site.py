@@ -24,12 +24,12 @@ class Site:
 
 
 def is_site(name: str) -> bool:
-    """Whether a gateway of the fleet can have this site."""
+    """Tell whether a gateway of the fleet can have this site."""
     return _SITE.fullmatch(name) is not None
 
 
 def parse_other_server(value: object) -> Address | Site:
-    """Another Modbus TCP server, or a gateway of the fleet.
+    """Parse the address of another Modbus TCP server, or of a gateway of the fleet.
 
     Raises:
         WrongValue: it is neither.
@@ -43,7 +43,7 @@ def parse_other_server(value: object) -> Address | Site:
 
 
 def parse_lease_name(value: object) -> str:
-    """The name of a lease, which is a key of a bucket.
+    """Parse the name of a lease, which is a key of a bucket.
 
     Raises:
         WrongValue: it cannot be one.

@@ -16,7 +16,7 @@ _SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,3})?)\s*([A-Za-z]*)")
 
 
 def parse_size_or_zero(value: object) -> int:
-    """Bytes, or zero. Zero needs no unit: "0".
+    """Parse bytes, or zero. Zero needs no unit: "0".
 
     Raises:
         WrongValue: `value` is no text with a unit, too little or too much.
@@ -39,6 +39,6 @@ def parse_size_or_zero(value: object) -> int:
 
 
 def show_size(size: int) -> str:
-    """A size as a person would write it."""
+    """Show a size as a person would write it."""
     unit = next((unit for unit in reversed(_UNITS) if size >= _UNITS[unit]), "")
     return f"{size / _UNITS[unit]:g} {unit}" if unit else str(size)

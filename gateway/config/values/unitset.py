@@ -15,7 +15,7 @@ _RANGE = re.compile(r"([0-9]{1,20})(?:\s*-\s*([0-9]{1,20}))?")
 
 
 def parse_units(value: object, first: int = FIRST_UNIT) -> tuple[int, ...]:
-    """The units of a set in the order in which they are written.
+    """Parse the units of a set, in the order in which they are written.
 
     Raises:
         WrongValue: `value` is not a valid unit set, names a unit twice, or one outside `first` to 255.
@@ -34,10 +34,10 @@ def parse_units(value: object, first: int = FIRST_UNIT) -> tuple[int, ...]:
 
 
 def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
-    """What becomes of requests to unit 0.
+    """Parse what becomes of requests to unit 0.
 
     Raises:
-        WrongValue: nothing that is known.
+        WrongValue: it is none of those that are known.
     """
     if value == "refuse":
         return "refuse"
@@ -49,7 +49,7 @@ def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
 
 
 def check_own_unit(value: int) -> int:
-    """A unit that the gateway answers for itself.
+    """Return a unit that the gateway can answer for itself.
 
     Raises:
         WrongValue: none can have this number.
@@ -60,7 +60,7 @@ def check_own_unit(value: int) -> int:
 
 
 def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
-    """A unit set, or "all". Which units are possible depends on more: a server may have any from 0 to 255.
+    """Parse a unit set, or "all". Any from 0 to 255 is accepted: which are possible depends on other keys.
 
     Raises:
         WrongValue: it is neither.
@@ -69,7 +69,7 @@ def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
 
 
 def show_units(units: Iterable[int]) -> str:
-    """A unit set as text, ascending, neighbours joined: `1-3, 7`."""
+    """Show a unit set as text, ascending, neighbours joined: `1-3, 7`."""
     runs: list[list[int]] = []
     for unit in sorted(units):
         if runs and unit == runs[-1][1] + 1:
@@ -85,7 +85,7 @@ def _parse_part(part: object, allowed: range) -> range:
         raise WrongValue(f'"{part}" counts backwards', f'write "{high}-{low}"')
     for unit in (low, high):
         if unit not in allowed:
-            # Where unit 0 is allowed it means something special, and nobody who is wrong is helped by it.
+            # Where unit 0 is allowed it means something special: the message does not suggest it.
             raise WrongValue(f"unit {unit} is outside {FIRST_UNIT}-{HIGHEST_UNIT}")
     return range(low, high + 1)
 
