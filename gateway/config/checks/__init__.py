@@ -1,1 +1,1 @@
-"""Cross-checks: what no single key can tell."""
+"""Cross-checks: what no single key can tell. `config/check.py` calls all of them, and says in which order."""

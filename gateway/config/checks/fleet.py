@@ -30,15 +30,15 @@ def check_fleet(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
                 yield error((*line.path, "lease"), "needs [fleet], where NATS keeps the lease", _ADD)
     for upstream in config.upstream:
         if isinstance(upstream.to, Site):
-            yield from _check_upstream(upstream, upstream.to, config)
+            yield from _check_upstream(upstream, upstream.to, config, failed)
     for row in config.access if not failed & {"listen", "line"} else ():
         yield from _check_access(row)
 
 
-def _check_upstream(upstream: Upstream, other: Site, config: Config) -> Iterator[Problem]:
+def _check_upstream(upstream: Upstream, other: Site, config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     """Find why another site cannot be reached. Which sites there are is known to NATS only."""
     path = (*upstream.path, "to")
-    if config.fleet is None:
+    if config.fleet is None and "fleet" not in failed:
         yield error(path, f"{other} needs [fleet]", _ADD)
     if other.name == config.site:
         yield error(path, f"leads back to this gateway: {config.site} is its own site", "name another site")

@@ -137,3 +137,8 @@ def test_a_row_behind_one_for_all_sites_never_matches():
         'listen = ["fleet"]\nfrom = ["plant-1"]'
     )
     assert of_fleet(SERVERS, SITE + LINE + other) == []
+
+
+def test_a_table_that_is_there_and_wrong_is_not_asked_for():
+    upstream = '[[upstream]]\nto = "fleet://plant-1"\nunits = [{ as = 9, unit = 1 }]\n'
+    assert of_fleet(SERVERS + "lease = 5\n" + upstream) == ["error: fleet.lease: a duration needs a unit"]
