@@ -1,1 +1,9 @@
-"""Cross-checks: what no single key can tell. `config/check.py` calls all of them, and says in which order."""
+"""Cross-checks: what no single key can tell. `config/check.py` calls them.
+
+- listeners, own_listeners, access, tls    where clients connect, and their rights
+- lines, retries, line_load    the keys of a line, repeats, and the time that polls need
+- units, duplicates    one destination for each unit; names, ports and leases that are used once
+- profiles, points, reference_numbers    kinds of devices, points, addresses that may be numbers of a manual
+- images, upstreams    images and mirrors; other servers
+- web, mqtt, fleet, lease    the add-ons
+"""

@@ -1,1 +1,5 @@
-"""What is made of the schema: the reference of the config, and a JSON schema."""
+"""What is made of the schema.
+
+- reference    docs/configuration.md
+- json_schema    the schema for editors
+"""

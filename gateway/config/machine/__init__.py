@@ -1,1 +1,6 @@
-"""What is seen of this machine: the text of a file, ports, addresses and rights."""
+"""What is seen of this machine.
+
+- file_text    the text of a config file
+- paths        files that are only where earlier versions looked for them
+- file_trouble, port_trouble, address_trouble    why the service cannot read the file, open a port, or listen
+"""

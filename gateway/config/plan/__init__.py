@@ -1,1 +1,10 @@
-"""The settings of every part of a gateway, and what follows from them."""
+"""The settings of every part of a gateway, and what follows from them.
+
+- settings     the settings of all parts: what is in memory once the config is read
+- listeners, lines, images, profiles, access    these settings, made of the tables of the config
+- points, unit_points    points of a table, and of each unit
+- web, mqtt, fleet    the settings of the add-ons, made of their tables
+- names, reach, areas    names of devices, which listener leads where, addresses by area: for the checks, too
+- forecast, line_load    the time limits that follow, and the share of a line that polls take
+- rights_in_words    access rights for people
+"""

@@ -1,1 +1,9 @@
-"""From the text of a config file to its tables, with the place of each mistake."""
+"""From the text of a config file to its tables, with the place of each mistake.
+
+- tables       makes a table of each section; a broken one hides no other's mistakes
+- builtin_profiles    the profiles that come with the gateway
+- positions, source    where keys and values stand, and where a table does once it is read
+- syntax, wording    what is wrong with text that is no TOML, and with values, in words
+- masking      a file without its secrets
+- toml_text    TOML, written
+"""
