@@ -185,6 +185,6 @@ def test_nonsense_gets_an_answer(tmp_path: Path, config: str, line: bytes, answe
 
 def test_commands_that_ask_the_daemon_load_nothing_that_takes_long() -> None:
     verbs = ("status", "reload", "read", "write", "trace", "bench", "doctor", "scan")
-    script = f"import sys; {'; '.join(f'import gateway.cli.{verb}' for verb in verbs)}; print(*sys.modules)"
+    script = f"import sys; {'; '.join(f'import gateway.cli.verbs.{verb}' for verb in verbs)}; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
     assert not {"asyncio", "gateway.config.load", "pydantic", "pymodbus", "structlog"} & set(loaded)
