@@ -111,118 +111,132 @@ class ToScan:
     all_speeds: bool = False
 
 
+STATUS: Final = Operation(
+    "status",
+    Nothing,
+    Status,
+    "reading",
+    "How the gateway is doing",
+    by="gateway.operator.status:tell_status",
+    key="status",
+    path="/status",
+)
+WHICH: Final = Operation(
+    "which",
+    Nothing,
+    Which,
+    "reading",
+    "The config with which the gateway runs",
+    by="gateway.operator.running:tell_which",
+)
+FLEET: Final = Operation(
+    "fleet",
+    Nothing,
+    Sites,
+    "reading",
+    "The sites of the fleet",
+    by="gateway.operator.running:tell_sites",
+)
+RELOAD: Final = Operation(
+    "reload",
+    Nothing,
+    Reloaded,
+    "operator",
+    "Read the config again",
+    by="gateway.operator.running:reload",
+)
+UNIT: Final = Operation(
+    "unit",
+    OneUnit,
+    UnitPicture,
+    "reading",
+    "A unit with its points, as clients have to know it",
+    by="gateway.operator.units:tell_unit",
+    key="unit",
+)
+REQUEST: Final = Operation(
+    "request",
+    OneRequest,
+    RequestAnswer,
+    "operator",
+    "Send a request to a unit, as any client does",
+    by="gateway.operator.requests:ask",
+)
+FORGET: Final = Operation(
+    "forget",
+    OneDevice,
+    Forgotten,
+    "operator",
+    "Ask a device that moved where the config says again",
+    by="gateway.operator.forgetting:forget_device",
+    key="forgotten",
+)
+DOCTOR: Final = Operation(
+    "doctor",
+    ToExamine,
+    Examination,
+    "operator",
+    "Find what is wrong with lines, units and clients",
+    by="gateway.tools.doctor:examine",
+)
+TRACE: Final = Operation(
+    "trace",
+    Traced,
+    TracePage,
+    "reading",
+    "What has passed on the lines",
+    by="gateway.operator.trace:tell_page",
+)
+WHY: Final = Operation(
+    "why",
+    ToExplain,
+    Stories,
+    "reading",
+    "Why requests failed",
+    by="gateway.operator.trace:tell_stories",
+)
+BENCH: Final = Operation(
+    "bench",
+    ToMeasure,
+    BenchStep,
+    "operator",
+    "Measure what a line carries",
+    by="gateway.tools.bench:measure",
+    is_repeated=True,
+)
+TIMES: Final = Operation(
+    "times",
+    OneUnit,
+    Measured,
+    "reading",
+    "How long a device needs to respond",
+    by="gateway.operator.calibration:tell_times",
+    key="times",
+)
+SCAN: Final = Operation(
+    "scan",
+    ToScan,
+    ScanStep,
+    "operator",
+    "Find the units that answer on a line",
+    by="gateway.tools.scans:scan",
+    is_repeated=True,
+)
+
 OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
-    Operation(
-        "status",
-        Nothing,
-        Status,
-        "reading",
-        "How the gateway is doing",
-        by="gateway.operator.status:tell_status",
-        key="status",
-        path="/status",
-    ),
-    Operation(
-        "which",
-        Nothing,
-        Which,
-        "reading",
-        "The config with which the gateway runs",
-        by="gateway.operator.running:tell_which",
-    ),
-    Operation(
-        "fleet",
-        Nothing,
-        Sites,
-        "reading",
-        "The sites of the fleet",
-        by="gateway.operator.running:tell_sites",
-    ),
-    Operation(
-        "reload",
-        Nothing,
-        Reloaded,
-        "operator",
-        "Read the config again",
-        by="gateway.operator.running:reload",
-    ),
-    Operation(
-        "unit",
-        OneUnit,
-        UnitPicture,
-        "reading",
-        "A unit with its points, as clients have to know it",
-        by="gateway.operator.units:tell_unit",
-        key="unit",
-    ),
-    Operation(
-        "request",
-        OneRequest,
-        RequestAnswer,
-        "operator",
-        "Send a request to a unit, as any client does",
-        by="gateway.operator.requests:ask",
-    ),
-    Operation(
-        "forget",
-        OneDevice,
-        Forgotten,
-        "operator",
-        "Ask a device that moved where the config says again",
-        by="gateway.operator.forgetting:forget_device",
-        key="forgotten",
-    ),
-    Operation(
-        "doctor",
-        ToExamine,
-        Examination,
-        "operator",
-        "Find what is wrong with lines, units and clients",
-        by="gateway.tools.doctor:examine",
-    ),
-    Operation(
-        "trace",
-        Traced,
-        TracePage,
-        "reading",
-        "What has passed on the lines",
-        by="gateway.operator.trace:tell_page",
-    ),
-    Operation(
-        "why",
-        ToExplain,
-        Stories,
-        "reading",
-        "Why requests failed",
-        by="gateway.operator.trace:tell_stories",
-    ),
-    Operation(
-        "bench",
-        ToMeasure,
-        BenchStep,
-        "operator",
-        "Measure what a line carries",
-        by="gateway.tools.bench:measure",
-        is_repeated=True,
-    ),
-    Operation(
-        "times",
-        OneUnit,
-        Measured,
-        "reading",
-        "How long a device needs to respond",
-        by="gateway.operator.calibration:tell_times",
-        key="times",
-    ),
-    Operation(
-        "scan",
-        ToScan,
-        ScanStep,
-        "operator",
-        "Find the units that answer on a line",
-        by="gateway.tools.scans:scan",
-        is_repeated=True,
-    ),
+    STATUS,
+    WHICH,
+    FLEET,
+    RELOAD,
+    UNIT,
+    REQUEST,
+    FORGET,
+    DOCTOR,
+    TRACE,
+    WHY,
+    BENCH,
+    TIMES,
+    SCAN,
 )
 
 #: The same, by name.
