@@ -3,7 +3,7 @@
 import asyncio
 import socket
 import ssl
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,6 @@ from threading import current_thread
 
 import pytest
 
-from gateway.listeners import handshakes
 from gateway.listeners.handshakes import MOST
 from gateway.listeners.tls_stream import TlsStream
 from gateway.web.front import connections
@@ -36,7 +35,7 @@ async def bench(tmp_path: Path) -> AsyncIterator[WebBench]:
 
 
 @pytest.fixture
-def opened() -> Iterator[ExitStack]:
+async def opened() -> AsyncIterator[ExitStack]:
     """What is closed at the end."""
     with ExitStack() as stack:
         yield stack
@@ -71,15 +70,26 @@ async def open_connection(
     return await asyncio.open_connection(sock=sock, ssl=tls, server_hostname=name, limit=1024)
 
 
+async def test_a_crowd_is_accepted_one_in_a_turn_of_the_loop(bench: WebBench, opened: ExitStack) -> None:
+    acceptor = await listen(LOCALHOST, 0, partial(bench.connect, None))
+    opened.callback(acceptor.stop)
+    for _ in range(20):
+        opened.enter_context(socket.create_connection(acceptor.sockets[0].getsockname()))
+    async with asyncio.timeout(PATIENCE):
+        while (before := number(bench)) < 20:
+            await asyncio.sleep(0)
+            assert number(bench) - before <= 1
+
+
 @pytest.mark.parametrize("is_secure", [False, True])
 async def test_a_response_that_nobody_reads_ends_its_connection(
     bench: WebBench, monkeypatch: pytest.MonkeyPatch, opened: ExitStack, is_secure: bool
 ) -> None:
     monkeypatch.setattr(connections, "UNREAD_FOR", 1)
-    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls() if is_secure else None))
-    opened.callback(server.close)
+    acceptor = await listen(LOCALHOST, 0, partial(bench.connect, server_tls() if is_secure else None))
+    opened.callback(acceptor.stop)
     async with asyncio.timeout(PATIENCE):
-        _, writer = await open_connection(server.sockets[0].getsockname()[1], is_secure=is_secure)
+        _, writer = await open_connection(acceptor.sockets[0].getsockname()[1], is_secure=is_secure)
         opened.callback(writer.close)
         while number(bench) != 1:  # noqa: ASYNC110 - the server tells nobody
             await asyncio.sleep(0)
@@ -91,11 +101,10 @@ async def test_a_response_that_nobody_reads_ends_its_connection(
 async def test_one_address_does_not_keep_others_out_with_handshakes(
     bench: WebBench, monkeypatch: pytest.MonkeyPatch, opened: ExitStack
 ) -> None:
-    monkeypatch.setattr(handshakes, "DEADLINE", PATIENCE)
     monkeypatch.setattr(connections, "FIRST_REQUEST_WITHIN", PATIENCE)
-    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
-    opened.callback(server.close)
-    address = server.sockets[0].getsockname()
+    acceptor = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
+    opened.callback(acceptor.stop)
+    address = acceptor.sockets[0].getsockname()
     async with asyncio.timeout(PATIENCE):
         for _ in range(MOST_CONNECTIONS + 10):
             _, silent = await open_connection(address[1], OTHER)
@@ -118,10 +127,10 @@ async def test_handshakes_are_done_beside_the_loop(
         return step(stream)
 
     monkeypatch.setattr(TlsStream, "step", watched)
-    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
-    opened.callback(server.close)
+    acceptor = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
+    opened.callback(acceptor.stop)
     async with asyncio.timeout(PATIENCE):
-        reader, writer = await open_connection(server.sockets[0].getsockname()[1], is_secure=True)
+        reader, writer = await open_connection(acceptor.sockets[0].getsockname()[1], is_secure=True)
         opened.callback(writer.close)
         writer.write(ASK % b"/healthz")
         assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
@@ -131,21 +140,21 @@ async def test_handshakes_are_done_beside_the_loop(
 async def test_a_handshake_that_is_not_done_in_time_is_ended(
     bench: WebBench, monkeypatch: pytest.MonkeyPatch, opened: ExitStack
 ) -> None:
-    monkeypatch.setattr(handshakes, "DEADLINE", 0.1)
-    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
-    opened.callback(server.close)
+    monkeypatch.setattr(connections, "FIRST_REQUEST_WITHIN", 0.1)
+    acceptor = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
+    opened.callback(acceptor.stop)
     async with asyncio.timeout(PATIENCE):
-        reader, writer = await open_connection(server.sockets[0].getsockname()[1])
+        reader, writer = await open_connection(acceptor.sockets[0].getsockname()[1])
         opened.callback(writer.close)
         assert await reader.read() == b""
         await until_none(bench)
 
 
 async def test_a_handshake_that_fails_leaves_nothing_behind(bench: WebBench, opened: ExitStack) -> None:
-    server = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
-    opened.callback(server.close)
+    acceptor = await listen(LOCALHOST, 0, partial(bench.connect, server_tls()))
+    opened.callback(acceptor.stop)
     async with asyncio.timeout(PATIENCE):
-        reader, writer = await open_connection(server.sockets[0].getsockname()[1])
+        reader, writer = await open_connection(acceptor.sockets[0].getsockname()[1])
         opened.callback(writer.close)
         writer.write(ASK % b"/healthz")
         assert not (await reader.read()).startswith(b"HTTP")

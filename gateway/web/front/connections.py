@@ -9,18 +9,21 @@ import socket
 import ssl
 from collections import defaultdict
 from collections.abc import Callable, Container, Iterable
+from contextlib import ExitStack
 from errno import EADDRINUSE
 from typing import Final, cast
 from weakref import WeakSet
 
 from aiohttp import web
 
+from gateway.listeners.accepting import Acceptor
 from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import overlap
-from gateway.ports.network import notice_vanished_peers
+from gateway.ports.network import look_up, notice_vanished_peers
 from gateway.web.front.pieces import InPieces
 from gateway.web.front.problems import Handler
 from gateway.web.front.secured import SecuredConnections
+from gateway.web.front.turns import Turns
 
 #: Connections at a time. For a new one, an address that has more than this many loses its oldest; otherwise the new one
 #: is closed at once. Browsers open six.
@@ -35,6 +38,11 @@ _SILENT_FOR: Final = 60
 _ASKED_EVERY: Final = 10
 _ASKED_TIMES: Final = 3
 
+#: How long the next client waits at least after one was accepted, in seconds: a flood of them must not delay lines.
+_PAUSE_BETWEEN_CLIENTS: Final = 0.001
+#: How long the look-up of the address may take, in seconds.
+_LOOKUP_WITHIN: Final = 10.0
+
 #: The context for a connection that begins now.
 Context = Callable[[], ssl.SSLContext]
 #: Makes the protocol of a new connection; with a context for TLS it is served after the handshake.
@@ -43,24 +51,36 @@ Connect = Callable[[Context | None], asyncio.Protocol]
 
 async def listen(
     host: str, port: int, connected: Callable[[], asyncio.Protocol], taken: Iterable[socket.socket] = ()
-) -> asyncio.Server:
-    """A server whose clients the system disconnects when they read nothing, or are gone.
+) -> Acceptor:
+    """Accept clients, and have the system disconnect those that read nothing or are gone. `stop` it in the end.
 
     What has `taken` an address keeps it, although it does not listen yet.
 
     Raises:
         OSError: the address cannot be used.
     """
-    server = await asyncio.get_running_loop().create_server(connected, host, port, start_serving=False)
-    if any(overlap(one, other) for one in taken for other in server.sockets):
-        server.close()
-        raise OSError(EADDRINUSE, "a [[listen]] has this address")
-    for sock in server.sockets:  # connections inherit it
-        notice_vanished_peers(
-            sock, idle=_SILENT_FOR, interval=_ASKED_EVERY, probes=_ASKED_TIMES, user_timeout=UNREAD_FOR * 1000
-        )
-    await server.start_serving()
-    return server
+
+    async def connect(sock: socket.socket, *_: object) -> None:
+        await asyncio.get_running_loop().connect_accepted_socket(connected, sock)
+
+    addresses = dict.fromkeys(await look_up(host, port, socket.SOCK_STREAM, _LOOKUP_WITHIN))
+    with ExitStack() as on_error:
+        sockets = [
+            on_error.enter_context(socket.create_server(address, family=family, backlog=MOST_CONNECTIONS))
+            for family, _, _, _, address in addresses
+        ]
+        if any(overlap(one, other) for one in taken for other in sockets):
+            raise OSError(EADDRINUSE, "a [[listen]] has this address")
+        for sock in sockets:  # connections inherit it
+            sock.setblocking(False)
+            notice_vanished_peers(
+                sock, idle=_SILENT_FOR, interval=_ASKED_EVERY, probes=_ASKED_TIMES, user_timeout=UNREAD_FOR * 1000
+            )
+        on_error.pop_all()
+    acceptor = Acceptor(connect, lambda *_: None, _PAUSE_BETWEEN_CLIENTS)
+    acceptor.hold(sockets)
+    acceptor.start("web page")
+    return acceptor
 
 
 class Connections:
@@ -74,6 +94,7 @@ class Connections:
         #: Those that have asked something, as their handlers know them.
         self._asked: WeakSet[asyncio.BaseTransport] = WeakSet()
         self._share_keys = ShareKeys()
+        self._turns = Turns()
         self._look_again: asyncio.TimerHandle | None = None
 
     def connected(self, tls: Context | None = None) -> asyncio.Protocol:
@@ -82,9 +103,11 @@ class Connections:
 
     @web.middleware
     async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Notes who has asked something."""
+        """Note who has asked something, and begin one request in a turn of the loop: lines have theirs in between."""
         if request.transport is not None:
             self._asked.add(request.transport)
+        async with self._turns.turn(request):
+            await asyncio.sleep(0)
         return await handler(request)
 
     def begin(self, new: "_Connection") -> None:
@@ -105,7 +128,7 @@ class Connections:
         else:
             stream = self._secured.stream(new.tls())
             new.hand_over(stream, stream)
-            self._secured.begin(stream, new.host, origin)
+            self._secured.begin(stream, new.host, origin, now)
 
     def close(self) -> None:
         """Look no more; the server ends the connections that are served."""

@@ -1,6 +1,7 @@
-"""What serves a connection gets what arrives in small pieces, one in a turn of the event loop.
+"""Adapts aiohttp's handler of a connection to transports that deliver into a buffer, a TLS stream among them.
 
-asyncio itself would hand on 256 KiB at once: as chunks of one byte, that is 30 ms of parsing, before any login.
+A socket delivers a bounded piece in each turn of the event loop. asyncio itself would hand on 256 KiB, and aiohttp
+keeps what it does not parse at once.
 """
 
 import asyncio
@@ -11,7 +12,7 @@ from aiohttp import web
 from gateway.listeners.connection import Stream
 
 #: The most bytes that are handed on at once.
-PIECE: Final = 4 * 1024
+PIECE: Final = 16 * 1024
 #: They are received into this, and taken out at once: one for all connections.
 _BUFFER: Final = memoryview(bytearray(PIECE))
 

@@ -63,12 +63,12 @@ async def web_open(settings: WebSettings, answers: Answers, taken: Iterable[sock
         UsersError: a line of that file is none of a user.
     """
     async with serving(settings, answers) as connect:
-        server = await listen(settings.host, settings.port, partial(connect, settings.tls), taken)
-        host, port = server.sockets[0].getsockname()[:2]
+        acceptor = await listen(settings.host, settings.port, partial(connect, settings.tls), taken)
+        host, port = acceptor.sockets[0].getsockname()[:2]
         try:
             yield f"http{'s' if settings.is_encrypted else ''}://{f'[{host}]' if ':' in host else host}:{port}"
         finally:
-            server.close()
+            acceptor.stop()
 
 
 @asynccontextmanager

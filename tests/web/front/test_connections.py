@@ -76,3 +76,14 @@ async def test_connections_that_have_gone_leave_no_timer_behind(tmp_path):
         for _ in range(200):
             await bench.browser().get(HEALTH)
         assert len(asyncio.get_running_loop()._scheduled) - timers < 50
+
+
+async def test_requests_that_come_together_begin_one_in_a_turn_of_the_loop(tmp_path):
+    async with web_bench(CONFIG, tmp_path) as bench:
+        wires = held(bench, "10.0.0.7", 20)
+        in_turns, done = [], 0
+        while done < len(wires):
+            await asyncio.sleep(0)
+            before, done = done, sum(bool(wire.received) for wire in wires)
+            in_turns.append(done - before)
+        assert max(in_turns) == 1
