@@ -9,7 +9,6 @@ import socket
 import ssl
 from collections import defaultdict
 from collections.abc import Callable, Container, Iterable
-from contextlib import ExitStack
 from errno import EADDRINUSE
 from typing import Final, cast
 from weakref import WeakSet
@@ -19,7 +18,7 @@ from aiohttp import web
 from gateway.listeners.accepting import Acceptor
 from gateway.listeners.share_keys import ShareKeys
 from gateway.listeners.sockets import overlap
-from gateway.ports.network import look_up, notice_vanished_peers
+from gateway.ports.network import notice_vanished_peers
 from gateway.web.front.pieces import InPieces
 from gateway.web.front.problems import Handler
 from gateway.web.front.secured import SecuredConnections
@@ -38,10 +37,8 @@ _SILENT_FOR: Final = 60
 _ASKED_EVERY: Final = 10
 _ASKED_TIMES: Final = 3
 
-#: How long the next client waits at least after one was accepted, in seconds: a flood of them must not delay lines.
-_PAUSE_BETWEEN_CLIENTS: Final = 0.001
-#: How long the look-up of the address may take, in seconds.
-_LOOKUP_WITHIN: Final = 10.0
+#: How long the next client waits at least after one was accepted, in seconds: a flood must not delay lines.
+_PAUSE_BETWEEN_CLIENTS: Final = 0.002
 
 #: The context for a connection that begins now.
 Context = Callable[[], ssl.SSLContext]
@@ -63,24 +60,28 @@ async def listen(
     async def connect(sock: socket.socket, *_: object) -> None:
         await asyncio.get_running_loop().connect_accepted_socket(connected, sock)
 
-    addresses = dict.fromkeys(await look_up(host, port, socket.SOCK_STREAM, _LOOKUP_WITHIN))
-    with ExitStack() as on_error:
-        sockets = [
-            on_error.enter_context(socket.create_server(address, family=family, backlog=MOST_CONNECTIONS))
-            for family, _, _, _, address in addresses
-        ]
-        if any(overlap(one, other) for one in taken for other in sockets):
-            raise OSError(EADDRINUSE, "a [[listen]] has this address")
-        for sock in sockets:  # connections inherit it
-            sock.setblocking(False)
+    server = await asyncio.get_running_loop().create_server(connected, host, port, start_serving=False)
+    acceptor = Acceptor(connect, lambda *_: None, _PAUSE_BETWEEN_CLIENTS)
+    acceptor.hold([each.dup() for each in server.sockets])
+    server.close()  # it would accept a hundred in one turn of the loop
+    try:
+        _refuse_taken(acceptor.sockets, taken)
+        for sock in acceptor.sockets:  # connections inherit it
             notice_vanished_peers(
                 sock, idle=_SILENT_FOR, interval=_ASKED_EVERY, probes=_ASKED_TIMES, user_timeout=UNREAD_FOR * 1000
             )
-        on_error.pop_all()
-    acceptor = Acceptor(connect, lambda *_: None, _PAUSE_BETWEEN_CLIENTS)
-    acceptor.hold(sockets)
+            sock.setblocking(False)
+            sock.listen(MOST_CONNECTIONS)
+    except OSError:
+        acceptor.stop()
+        raise
     acceptor.start("web page")
     return acceptor
+
+
+def _refuse_taken(bound: Iterable[socket.socket], taken: Iterable[socket.socket]) -> None:
+    if any(overlap(one, other) for one in taken for other in bound):
+        raise OSError(EADDRINUSE, "a [[listen]] has this address")
 
 
 class Connections:
