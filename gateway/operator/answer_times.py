@@ -10,7 +10,7 @@ from gateway.lines.counts import Counts
 from gateway.operator.calibration import measured
 from gateway.operator.reached import device_of
 from gateway.operator.status import milliseconds, optional_ms
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.timing.histogram import SECONDS
 from gateway.timing.measured import Times
 from gateway.timing.proposal import MeasuredTimes, Proposal

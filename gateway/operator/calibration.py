@@ -11,7 +11,7 @@ from gateway.operator.operation import Asker
 from gateway.operator.operations import OneUnit
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.parts import GatewayLine
 from gateway.timing.budget import Budget
 

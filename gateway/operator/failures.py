@@ -9,7 +9,7 @@ from typing import Final
 from gateway.operator.stories import Story, sentences
 from gateway.operator.trace import causes
 from gateway.operator.trace_reader import what_is_seen
-from gateway.runtime.build import Gateway
+from gateway.runtime.running import Running
 from gateway.trace.pdus import request_in_words
 
 #: At most this many failures are shown.
@@ -30,14 +30,14 @@ class Failure:
     not_sent: tuple[tuple[str, int], ...] = ()
 
 
-def failures(gateway: Gateway, unit: int, host: str) -> tuple[Failure, ...]:
+def failures(running: Running, unit: int, host: str) -> tuple[Failure, ...]:
     """List the last failures of a unit that a reader at this address may see, the newest first, with what followed.
 
     Raises:
         WrongQuestion: nothing is kept.
     """
     clock = asyncio.get_running_loop().time(), time.time()
-    told = causes(gateway, unit, MOST_FAILURES, clock, what_is_seen(gateway, host))
+    told = causes(running, unit, MOST_FAILURES, clock, what_is_seen(running, host))
     return tuple(_failure(story, not_sent) for story, not_sent in told)
 
 

@@ -8,7 +8,7 @@ from gateway.operator.operation import Asker
 from gateway.operator.operations import OneDevice
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.parts import GatewayLine
 
 _ADVICE = "what was remembered is forgotten, so the config counts again"

@@ -2,26 +2,26 @@
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
+from gateway.runtime.running import Running
 from gateway.trace.records import Incident, Sent
-from gateway.trace.ring import STEP
+from gateway.trace.ring import STEP, Ring
 
 
-def frames_of(gateway: Gateway, client: str, pdu: bytes, received_at: float) -> dict[str, str]:
+def frames_of(running: Running, client: str, pdu: bytes, received_at: float) -> dict[str, str]:
     """What was `sent` for a client's request that has just ended, and `received`; nothing if there is none."""
-    found = _exchange(gateway, client, pdu, received_at)
+    found = _exchange(running.ring, client, pdu, received_at)
     if found is None:
         return {}
     received = found.heard if isinstance(found, Incident) else b""
     if found.response is not None:
         by = found.answered_by if isinstance(found, Incident) else None
-        received = _frame(gateway, found.line, found.address if by is None else by, found.response)
-    sent = _frame(gateway, found.line, found.address, found.request)
+        received = _frame(running.gateway, found.line, found.address if by is None else by, found.response)
+    sent = _frame(running.gateway, found.line, found.address, found.request)
     return {"sent": sent.hex(" ").upper(), "received": received.hex(" ").upper()}
 
 
-def _exchange(gateway: Gateway, client: str, pdu: bytes, received_at: float) -> Sent | None:
-    ring = gateway.ring
+def _exchange(ring: Ring, client: str, pdu: bytes, received_at: float) -> Sent | None:
     for record in reversed(ring.after(max(0, ring.added - STEP))):
         if isinstance(record, Sent) and record.request == pdu:
             sharers = record.others if isinstance(record, Incident) else ()

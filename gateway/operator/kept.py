@@ -12,7 +12,7 @@ from gateway.operator.reached import device_of, image_of
 from gateway.operator.status import milliseconds, optional_ms
 from gateway.profiles.profile import Range, covers
 from gateway.registers.items import has_bits, unpack_bits
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,9 +49,9 @@ async def read(running: Running) -> list[Family]:
         *_clients(running),
         _image_ages(running, now()),
         _upstreams(gateway.upstreams),
-        _certificates(gateway.contexts),
-        *_broker(gateway.publishing.status()),
-        *_fleet(gateway.fleet.status()),
+        _certificates(running.contexts),
+        *_broker(running.publishing.status()),
+        *_fleet(running.fleet.status()),
         *_process(running),
     ]
 

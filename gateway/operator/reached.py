@@ -3,12 +3,13 @@
 from gateway.devices.device import Device
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
+from gateway.runtime.running import Running
 
 
-def may(gateway: Gateway, unit: int, function: int, host: str) -> bool:
+def may(running: Running, unit: int, function: int, host: str) -> bool:
     """Tell whether [[access]] gives a client at this address the right to a function of a unit over HTTP."""
-    right = gateway.web.rights[host][unit]
+    right = running.routers.web.rights[host][unit]
     return function in right or bytes((function,)) in right
 
 

@@ -17,7 +17,7 @@ from gateway.operator.units import find_unit
 from gateway.ports.port import SiteSettings
 from gateway.request import Caller, Request
 from gateway.routing.router import Router
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 
 #: The operators at the control socket.
 AT_CONTROL: Final = Caller.without_address(CONTROL)
@@ -59,10 +59,11 @@ async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAns
     Raises:
         WrongQuestion: there is no such unit, or `pdu` is not a PDU.
     """
-    await operator.running.settled()
-    gateway = operator.running.gateway
+    running = operator.running
+    await running.settled()
+    gateway = running.gateway
     unit, pdu = find_unit(gateway.plan, asked.unit), _pdu(asked.pdu)
-    done = await send(gateway.control, unit, pdu, AwaitedOrigin(asker.is_there))
+    done = await send(running.routers.control, unit, pdu, AwaitedOrigin(asker.is_there))
     result, reason = "", ""
     if done.error is not None:
         result = done.error.result
@@ -73,7 +74,7 @@ async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAns
         elapsed_ms=done.elapsed_ms,
         result=result,
         reason=reason,
-        **frames_of(gateway, CONTROL, pdu, done.started),
+        **frames_of(running, CONTROL, pdu, done.started),
     )
 
 

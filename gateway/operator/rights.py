@@ -7,7 +7,8 @@ from ipaddress import ip_address
 from gateway.config.plan.rights_in_words import RightsRow, right_in_words, row_in_words, rows_in_words
 from gateway.errors import WrongQuestion
 from gateway.routing.router import Router
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
+from gateway.runtime.running import Running
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ def rights_in_words(gateway: Gateway) -> Sequence[RightsRow]:
     return rows_in_words(gateway.plan)
 
 
-def verdict(gateway: Gateway, host: str, listener: str, unit: int, function: int, role: str) -> Verdict:
+def verdict(running: Running, host: str, listener: str, unit: int, function: int, role: str) -> Verdict:
     """What the rights say to a request with this function to this unit, of a client at the address `host`.
 
     `role` counts if the listener is a TLS listener.
@@ -38,20 +39,21 @@ def verdict(gateway: Gateway, host: str, listener: str, unit: int, function: int
     Raises:
         WrongQuestion: this is no address, or there is no such listener.
     """
-    router = routers(gateway).get(listener)
+    router = routers(running).get(listener)
     if router is None:
-        raise WrongQuestion(f'there is no listener "{listener}"; there are {", ".join(routers(gateway))}')
+        raise WrongQuestion(f'there is no listener "{listener}"; there are {", ".join(routers(running))}')
     try:
         ip_address(host)
     except ValueError:
         raise WrongQuestion(f'"{host}" is not an IP address') from None
     rights = router.rights.of_role(role) if router.entry.kind == "certified" else router.rights
-    rows = tuple(row_in_words(row, gateway.plan) for row in rights.rows_for(host, unit))
+    rows = tuple(row_in_words(row, running.gateway.plan) for row in rights.rows_for(host, unit))
     may = right_in_words(rights[host][unit])
-    is_admitted = router is gateway.web or rights.admits(host)
+    is_admitted = router is running.routers.web or rights.admits(host)
     return Verdict(is_admitted, rights.allows(host, unit, function), unit in router.routes, may, rows)
 
 
-def routers(gateway: Gateway) -> Mapping[str, Router]:
+def routers(running: Running) -> Mapping[str, Router]:
     """Where clients with an address come in, by the names that rows have for it."""
-    return {listener.settings.name: listener.router for listener in gateway.listeners} | {"web": gateway.web}
+    routers = {listener.settings.name: listener.router for listener in running.gateway.listeners}
+    return routers | {"web": running.routers.web}

@@ -36,7 +36,7 @@ from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
 from gateway.ports.reconnector import Reconnector
 from gateway.readconfig.expiry import certificates
-from gateway.runtime.build import Gateway, Listener
+from gateway.runtime.gateway import Gateway, Listener
 from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.runtime.recent import LineUser, Recent
 from gateway.timing.histogram import SECONDS, SHARES, merged
@@ -49,10 +49,11 @@ if TYPE_CHECKING:
 MOST_USERS: Final = 20
 
 
-def status(gateway: Gateway, now: float, recent: Recent | None = None) -> Status:
-    """Make the status of `gateway` at `now`, with rates from `recent` if given."""
+def status(running: "Running", now: float, recent: Recent | None = None) -> Status:
+    """Make the status at `now`, with rates from `recent` if given."""
+    gateway = running.gateway
     units = [_unit(owner, device, now) for owner, device in _devices(gateway)]
-    return _status(gateway, now, [_line(each, recent, now) for each in gateway.lines], units)
+    return _status(running, now, [_line(each, recent, now) for each in gateway.lines], units)
 
 
 async def tell_status(operator: Operator, _asked: Nothing, _asker: Asker) -> Status:
@@ -66,13 +67,13 @@ async def status_in_slices(running: "Running") -> Status:
     now = asyncio.get_running_loop().time
     units = await in_slices(_unit(owner, device, now()) for owner, device in _devices(gateway))
     lines = await in_slices(_line(each, recent, now()) for each in gateway.lines)
-    whole = _status(gateway, now(), lines, units)
+    whole = _status(running, now(), lines, units)
     troubles = () if running.troubles is None else running.troubles.status()
     return replace(whole, page=running.page, state_files=troubles)
 
 
-def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:
-    broker, fleet = gateway.publishing.status(), gateway.fleet.status()
+def _status(running: "Running", now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:
+    gateway, broker, fleet = running.gateway, running.publishing.status(), running.fleet.status()
     return Status(
         at=now,
         site=gateway.plan.site,
@@ -85,7 +86,7 @@ def _status(gateway: Gateway, now: float, lines: Iterable[LineStatus], units: It
         units=tuple(units),
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
-        certificates=tuple(certificates(gateway.contexts, time.time())),
+        certificates=tuple(certificates(running.contexts, time.time())),
         brokers=() if broker is None else (broker,),
         fleets=() if fleet is None else (fleet,),
         leases=tuple(_leases(gateway.lines)),

@@ -21,8 +21,9 @@ from gateway.operator.operator import Operator
 from gateway.operator.unit_names import UnitNames
 from gateway.operator.units import find_unit
 from gateway.ports.port import SiteSettings
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.runtime.running import Running
 from gateway.trace.records import (
     RESULTS,
     Answered,
@@ -33,7 +34,7 @@ from gateway.trace.records import (
     Refused,
     Sent,
 )
-from gateway.trace.ring import STEP
+from gateway.trace.ring import STEP, Ring
 
 #: How many records a reader gets first, if it names no time.
 TAIL: Final = 20
@@ -60,18 +61,18 @@ def clocks() -> Clock:
 
 async def tell_page(operator: Operator, asked: Traced, _asker: Asker) -> TracePage:
     """Tell facts from the ring, as `page` does, and the lines to whoever asks for them."""
-    gateway = operator.running.gateway
-    found = page(gateway, asked, clocks())
-    return replace(found, lines=lines(gateway)) if asked.lines else found
+    running = operator.running
+    found = page(running, asked, clocks())
+    return replace(found, lines=lines(running.gateway)) if asked.lines else found
 
 
 async def tell_stories(operator: Operator, asked: ToExplain, _asker: Asker) -> Stories:
     """Tell why requests failed, as `stories` does."""
-    return stories(operator.running.gateway, asked, clocks())
+    return stories(operator.running, asked, clocks())
 
 
 def page(
-    gateway: Gateway,
+    running: Running,
     asked: Traced,
     clock: Clock,
     tell: Tell | None = None,
@@ -84,13 +85,13 @@ def page(
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
-    ring = gateway.ring
-    is_wanted = wanted(gateway, asked)
-    number = _number(gateway, asked, clock)
+    ring = running.ring
+    is_wanted = wanted(running, asked)
+    number = _number(ring, asked, clock)
     records = ring.after(number)
     following = max(number, ring.first) + len(records)
     begins_at = ring.begins_at
-    names = UnitNames(gateway.plan)
+    names = UnitNames(running.gateway.plan)
     chosen = choose([record for record in records if is_wanted(record)])
     return TracePage(
         facts=[(tell or fact)(record, clock, names) for record in chosen],
@@ -101,15 +102,15 @@ def page(
     )
 
 
-def wanted(gateway: Gateway, asked: Traced) -> Callable[[Record], bool]:
+def wanted(running: Running, asked: Traced) -> Callable[[Record], bool]:
     """Make what tells whether a record is among those that are `asked` for.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
-    if not gateway.ring.is_on:
+    if not running.ring.is_on:
         raise WrongQuestion(_OFF)
-    is_there = _filter(gateway, asked.line, asked.unit)
+    is_there = _filter(running.gateway, asked.line, asked.unit)
     function, client, result = asked.function, asked.client, asked.result
     if result is not None and result not in RESULTS:
         raise WrongQuestion(f'there is no result "{result}"; there are {", ".join(RESULTS)}')
@@ -126,47 +127,48 @@ def wanted(gateway: Gateway, asked: Traced) -> Callable[[Record], bool]:
 
 
 def stories(
-    gateway: Gateway, asked: ToExplain, clock: Clock, is_seen: Callable[[Record], bool] = lambda _: True
+    running: Running, asked: ToExplain, clock: Clock, is_seen: Callable[[Record], bool] = lambda _: True
 ) -> Stories:
     """Tell the last requests that failed, newest first. Records that are not `is_seen` by the reader are left out.
 
     Raises:
         WrongQuestion: nothing is kept, or there is nobody like that.
     """
-    if not gateway.ring.is_on:
+    if not running.ring.is_on:
         raise WrongQuestion(_OFF)
-    names = UnitNames(gateway.plan)
-    unit, is_his = _of_whom(gateway, asked.who, names)
-    is_wanted = _filter(gateway, asked.line, None)
+    names = UnitNames(running.gateway.plan)
+    unit, is_his = _of_whom(running, asked.who, names)
+    is_wanted = _filter(running.gateway, asked.line, None)
     found = []
-    for record in gateway.ring.failures():
+    for record in running.ring.failures():
         if is_his(record) and is_wanted(record) and is_seen(record):
-            found.append(_story(gateway, record, clock, names))
+            found.append(_story(running, record, clock, names))
             if len(found) == asked.count:
                 break
-    clients = sorted({each for record in gateway.ring.failures() for each in _clients(record)})
+    clients = sorted({each for record in running.ring.failures() for each in _clients(record)})
     return Stories(found, unit, clients[:20])
 
 
-def _of_whom(gateway: Gateway, who: str, names: UnitNames) -> tuple[int | None, Callable[[Record], bool]]:
+def _of_whom(running: Running, who: str, names: UnitNames) -> tuple[int | None, Callable[[Record], bool]]:
     """Find which unit is meant, if it is one, and what tells whether a record is of it, of the line, or the client.
 
     Raises:
         WrongQuestion: there is nobody like that.
     """
+    gateway = running.gateway
     try:
         unit = find_unit(gateway.plan, int(who) if who.isdecimal() and len(who) <= _DIGITS else who)
     except WrongQuestion:
         if any(each.name == who for each in lines(gateway)):
             return None, _is_of_line(gateway, who)
-        if _is_client(gateway, who):
+        if _is_client(running.ring, who):
             return None, _asked_by_any(who)
         raise
     return unit, names.is_of(unit)
 
 
 def causes(
-    gateway: Gateway, unit: int, most: int, clock: Clock, is_seen: Callable[[Record], bool]
+    running: Running, unit: int, most: int, clock: Clock, is_seen: Callable[[Record], bool]
 ) -> list[tuple[Fact, Mapping[str, int]]]:
     """The last failures of a unit with a cause of their own, newest first, as stories.
 
@@ -176,13 +178,13 @@ def causes(
     Raises:
         WrongQuestion: nothing is kept.
     """
-    if not gateway.ring.is_on:
+    if not running.ring.is_on:
         raise WrongQuestion(_OFF)
-    names = UnitNames(gateway.plan)
+    names = UnitNames(running.gateway.plan)
     is_his = names.is_of(unit)
     found: list[tuple[Fact, Counter[str]]] = []
     followed, first_of_them, last = Counter[str](), None, ""
-    for record in gateway.ring.failures():
+    for record in running.ring.failures():
         if not is_his(record) or not is_seen(record):
             continue
         result = record.error.result if isinstance(record, Refused) else ""
@@ -194,11 +196,11 @@ def causes(
         elif len(found) == most:
             break
         else:
-            found.append((_story(gateway, record, clock, names), followed))
+            found.append((_story(running, record, clock, names), followed))
             followed, first_of_them, last = Counter[str](), None, result
     else:
         if first_of_them is not None and len(found) < most:  # the cause is no longer kept
-            story = _story(gateway, first_of_them, clock, names)
+            story = _story(running, first_of_them, clock, names)
             followed[story["result"]] -= 1
             found.append((story, followed))
     return [(story, {result: count for result, count in counts.items() if count}) for story, counts in found]
@@ -231,8 +233,7 @@ def _serial(gateway: Gateway) -> tuple[GatewayLine | GatewayServer, ...]:
     return (*gateway.lines, *gateway.servers)
 
 
-def _number(gateway: Gateway, asked: Traced, clock: Clock) -> int:
-    ring = gateway.ring
+def _number(ring: Ring, asked: Traced, clock: Clock) -> int:
     if asked.after is not None:
         return min(asked.after, ring.added)
     if asked.since is not None:
@@ -262,12 +263,12 @@ def _filter(gateway: Gateway, line: object, unit: object) -> Callable[[Record], 
     return is_wanted
 
 
-def _is_client(gateway: Gateway, who: str) -> bool:
+def _is_client(ring: Ring, who: str) -> bool:
     """Whether it is an address, with or without a port, or what a client is called whose requests have failed."""
     for address in (who, who.rpartition(":")[0].strip("[]")):
         with suppress(ValueError):
             return bool(ip_address(address))
-    return any(map(_asked_by_any(who), gateway.ring.failures()))
+    return any(map(_asked_by_any(who), ring.failures()))
 
 
 def _is_of_line(gateway: Gateway, name: str) -> Callable[[Record], bool]:
@@ -292,12 +293,12 @@ def _clients(record: Record) -> list[str]:
     return [record.client, *others] if isinstance(record, Sent | Refused) else others
 
 
-def _story(gateway: Gateway, record: Record, clock: Clock, names: UnitNames) -> Fact:
+def _story(running: Running, record: Record, clock: Clock, names: UnitNames) -> Fact:
     """A failure with what else there is to know of it: what it waited behind, and why its line is down."""
-    told = fact(record, clock, names)
+    gateway, told = running.gateway, fact(record, clock, names)
     if isinstance(record, Sent | Refused):
         end = record.sent_at if isinstance(record, Sent) else record.at
-        others = _on_line_between(gateway, record.line, record.received_at, end, record)
+        others = _on_line_between(running.ring, record.line, record.received_at, end, record)
         behind = [(each.unit, names.of(each)) for each in others]
         told["behind"] = [{"unit": unit, "name": name} for unit, name in dict.fromkeys(behind)]
         told["behind_count"] = len(behind)
@@ -308,11 +309,10 @@ def _story(gateway: Gateway, record: Record, clock: Clock, names: UnitNames) -> 
     return told
 
 
-def _on_line_between(gateway: Gateway, line: str, begin: float, end: float, than: Sent | Refused) -> Iterator[Sent]:
+def _on_line_between(ring: Ring, line: str, begin: float, end: float, than: Sent | Refused) -> Iterator[Sent]:
     """What was asked on this line meanwhile, but for what was sent of this request itself."""
     if end <= begin:
         return
-    ring = gateway.ring
     number = max(ring.number_at(begin), ring.first)
     for record in ring.after(number, _LOOK_BACK):
         if isinstance(record, Sent) and record.line == line and record.sent_at < end and not _is_same(record, than):

@@ -19,7 +19,7 @@ from gateway.operator.sampling import Sample
 from gateway.operator.trace import Clock, clocks, fact, lines, page, wanted
 from gateway.operator.unit_names import UnitNames
 from gateway.routing.access import READING, Right
-from gateway.runtime.build import Gateway
+from gateway.runtime.running import Running
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import FAILURES, Heard, PortChanged, Record, Sent
 from gateway.trace.ring import STEP, Ring
@@ -68,11 +68,9 @@ class TraceReader:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
 
-    def __init__(
-        self, gateway: Callable[[], Gateway], asked: Traced, host: str, texts: Texts, per_second: int | None = None
-    ) -> None:
+    def __init__(self, running: Running, asked: Traced, host: str, texts: Texts, per_second: int | None = None) -> None:
         self.is_lost = False
-        self._gateway = gateway
+        self._running = running
         self._asked = asked
         self._sample = None if per_second is None else Sample(per_second, asyncio.get_running_loop().time())
         self._host = host
@@ -97,15 +95,15 @@ class TraceReader:
         return found
 
     def _fetch(self, asked: Traced) -> list[str]:
-        gateway, clock = self._gateway(), clocks()
-        may_see = what_is_seen(gateway, self._host)
+        clock = clocks()
+        may_see = what_is_seen(self._running, self._host)
 
         def tell(record: Record, clock: Clock, names: UnitNames) -> str:
             if may_see(record):
                 return self._texts.of(record, clock, names)
             return json.dumps(without_values(fact(record, clock, names)), ensure_ascii=False)
 
-        found = page(gateway, asked, clock, tell, self._choose)
+        found = page(self._running, asked, clock, tell, self._choose)
         self._after, self._is_up_to_date = found.next, found.is_all
         told = list(found.facts)
         if found.missed and asked.after is not None:
@@ -122,16 +120,16 @@ class TraceReader:
         return {} if self._sample is None else {"left_out": self._sample.taken()}
 
 
-async def latest(gateway: Gateway, asked: Traced, host: str, most: int) -> Sequence[Fact]:
+async def latest(running: Running, asked: Traced, host: str, most: int) -> Sequence[Fact]:
     """The last facts, the newest first, as a reader at the address `host` may see them: `most` at most.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
-    clock, is_wanted, may_see = clocks(), wanted(gateway, asked), what_is_seen(gateway, host)
-    names = UnitNames(gateway.plan)
+    clock, is_wanted, may_see = clocks(), wanted(running, asked), what_is_seen(running, host)
+    names = UnitNames(running.gateway.plan)
     found: list[Fact] = []
-    for records in _newest_first(gateway.ring, only_failures=asked.result in FAILURES):
+    for records in _newest_first(running.ring, only_failures=asked.result in FAILURES):
         for record in records:
             if is_wanted(record) and len(found) < most:
                 told = fact(record, clock, names)
@@ -156,32 +154,30 @@ def _newest_first(ring: Ring, *, only_failures: bool) -> Iterator[Sequence[Recor
         number = begin
 
 
-async def capture(gateway_now: Callable[[], Gateway], asked: Traced, host: str) -> AsyncIterator[bytes]:
+async def capture(running: Running, asked: Traced, host: str) -> AsyncIterator[bytes]:
     """Make a capture file of what is `asked` for, part by part: each with the rights of its moment.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
-    loop, gateway = asyncio.get_running_loop(), gateway_now()
-    told = lines(gateway)
+    loop, told = asyncio.get_running_loop(), lines(running.gateway)
     modes = {line.name: line.mode for line in told}
     descriptions = {line.name: description(line) for line in told}
     writer = Writer(f"modbus-gateway {__version__}")
 
     def fetch(asked: Traced) -> TracePage:
-        gateway = gateway_now()
-        may_see = what_is_seen(gateway, host)
+        may_see = what_is_seen(running, host)
 
         def tell(record: Record, clock: Clock, names: UnitNames) -> Fact | None:
             return fact(record, clock, names) if may_see(record) else None
 
-        return page(gateway, asked, clocks(), tell)
+        return page(running, asked, clocks(), tell)
 
     def written(facts: Sequence[Fact | None]) -> bytes:
         frames = (packet for each in facts if each is not None for packet in packets(each, modes))
         return b"".join(writer.interface(each.line, descriptions[each.line]) + writer.packet(each) for each in frames)
 
-    end = gateway.ring.added
+    end = running.ring.added
     found = fetch(asked)
     yield writer.head()
     while True:
@@ -191,20 +187,20 @@ async def capture(gateway_now: Callable[[], Gateway], asked: Traced, host: str) 
         found = fetch(replace(asked, after=found.next))
 
 
-def may_see_all(gateway: Gateway, host: str) -> bool:
+def may_see_all(running: Running, host: str) -> bool:
     """Whether a reader at this address may read every unit over HTTP."""
-    return all(right >= READING for right in set(gateway.web.rights[host]))  # most units have the same
+    return all(right >= READING for right in set(running.routers.web.rights[host]))  # most units have the same
 
 
-def what_is_seen(gateway: Gateway, host: str) -> MaySee:
+def what_is_seen(running: Running, host: str) -> MaySee:
     """Whether a reader at this address may see the values of a record: those that he may read over HTTP.
 
     Written values, frames of unknown origin and units that only a listener for their line or upstream leads to are for
     clients with the right to read everything.
     """
-    if may_see_all(gateway, host):
+    if may_see_all(running, host):
         return lambda _: True
-    rights = gateway.web.rights[host]
+    gateway, rights = running.gateway, running.routers.web.rights[host]
     names = UnitNames(gateway.plan)
     units = {name: unit for unit, name in names.shared.items()}
     places = {(line.name, device.unit): device.name for line in gateway.lines for device in line.devices.values()}

@@ -13,8 +13,9 @@ from gateway.operator.operation import Asker
 from gateway.operator.operations import OneUnit
 from gateway.operator.operator import Operator
 from gateway.profiles.profile import Profile
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.runtime.running import Running
 
 
 async def tell_unit(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitPicture:
@@ -82,9 +83,9 @@ def no_such_line(wanted: object, known: Iterable[str]) -> WrongQuestion:
     return WrongQuestion(f'there is no line "{wanted}"' + (f"; {remedy}" if remedy else ""))
 
 
-def may_read_all(gateway: Gateway) -> bool:
+def may_read_all(running: Running) -> bool:
     """Whether an operator may read every unit: who looks for a device asks numbers of which he knows nothing."""
-    rights = gateway.control.rights[""]
+    rights = running.routers.control.rights[""]
     return all(FunctionCode.READ_HOLDING_REGISTERS in rights[unit] for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1))
 
 

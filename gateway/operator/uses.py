@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from gateway.devices.device import Device, EveryDevice
 from gateway.lines.counts import RESULTS
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.parts import GatewayLine, GatewayUpstream
 from gateway.timing.history import LineUse, UnitUse
 

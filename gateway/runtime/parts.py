@@ -1,7 +1,7 @@
 """The parts of one table of the config: a reload keeps or rebuilds them together."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -135,6 +135,10 @@ class GatewayLine:
     def handed_on(self, now: float) -> list[Exchange]:
         """List what may still arrive on the port, for the next line there: see Ledger."""
         return self.driver.line.ledger.handed_on(now, self.patience)
+
+    def take_over(self, exchanges: Iterable[Exchange]) -> None:
+        """Expect what may still arrive on the port from a line before on it: see Ledger."""
+        self.driver.line.ledger.take_over(exchanges, self.patience)
 
     def begin(self) -> None:
         """Go on from where the line before on this port has left its devices, which it may have done just now."""

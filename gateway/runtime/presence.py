@@ -6,7 +6,6 @@ from socket import gethostname
 from typing import Any
 
 from gateway import __version__
-from gateway.runtime.build import Gateway
 from gateway.runtime.parts import GatewayLine, GatewayServer
 from gateway.runtime.running import Running
 
@@ -22,11 +21,11 @@ def tell(running: Running) -> Mapping[str, Any]:
         "up_s": round(asyncio.get_running_loop().time() - running.started, 1),
         "lines": sum(part.name not in down for part in lines),
         "lines_down": down,
-        "units": len(set(served_units(gateway))),
+        "units": len(set(served_units(running))),
     }
 
 
-def served_units(gateway: Gateway) -> Iterator[int]:
+def served_units(running: Running) -> Iterator[int]:
     """The units that other sites reach here at the moment: not those of a line on which another gateway may ask."""
-    elsewhere = {unit for line in gateway.lines if line.is_standby for unit in line.devices}
-    return (unit for unit in gateway.sites.routes if unit not in elsewhere)
+    elsewhere = {unit for line in running.gateway.lines if line.is_standby for unit in line.devices}
+    return (unit for unit in running.routers.sites.routes if unit not in elsewhere)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from gateway import events
 from gateway.config.plan.settings import MqttPlan
@@ -25,13 +25,11 @@ from gateway.plant.status import BrokerStatus
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password
 from gateway.request import Request, Target
+from gateway.routing.router import Router
 from gateway.runtime.announcing import Announcing
-from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.runtime.gateway import Gateway
 from gateway.tls.contexts import load
 from gateway.tls.store import TlsStore
-
-if TYPE_CHECKING:
-    from gateway.runtime.build import Gateway
 
 #: How long the last messages may take at a stop, in seconds.
 _STOPPING_TIME: Final = 1.2
@@ -39,19 +37,22 @@ _STOPPING_TIME: Final = 1.2
 
 def reading(
     plan: MqttPlan,
-    gateway: "Gateway",
+    gateway: Gateway,
+    router: Router,
     emit: events.Emit,
     carried_out: CarriedOut,
     unix: Callable[[], float] = time.time,
     announcements: Sequence[Message] = (),
 ) -> PublisherDriver:
-    """Begin to read what the plan publishes of a gateway. `announcements` belong to each birth."""
-    targets = {name: _as_target(each) for name, each in _destinations(plan, gateway).items()}
-    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    patience = {name: wait for owner in owners for name, wait in owner.longest_wait.items()}
+    """Begin to read what the plan publishes of a gateway, by the routes of `router`.
+
+    `announcements` belong to each birth.
+    """
+    targets = {name: _as_target(each) for name, each in _destinations(plan, router).items()}
+    patience = gateway.longest_waits
     waits = {each.name: patience.get(each.name, 0.0) for each in plan.devices}
     settings = PublisherSettings(plan.devices, waits, plan.source)
-    driver = PublisherDriver(settings, _form(plan, announcements), targets, gateway.mqtt, emit, unix, carried_out)
+    driver = PublisherDriver(settings, _form(plan, announcements), targets, router, emit, unix, carried_out)
     driver.start()
     return driver
 
@@ -62,7 +63,8 @@ class Publication:
     def __init__(
         self,
         plan: MqttPlan,
-        gateway: "Gateway",
+        gateway: Gateway,
+        router: Router,
         emit: events.Emit,
         contexts: TlsStore,
         announcing: Announcing,
@@ -70,9 +72,10 @@ class Publication:
         unix: Callable[[], float],
     ) -> None:
         self.plan = plan
+        self._router = router
         self._announcing = announcing
-        self._destinations = _destinations(plan, gateway)
-        self.driver = reading(plan, gateway, emit, carried_out, unix, announcing.messages)
+        self._destinations = _destinations(plan, router)
+        self.driver = reading(plan, gateway, router, emit, carried_out, unix, announcing.messages)
         #: What keeps the connection; None if it cannot, because its library is missing.
         self.broker: Any = None
         self.reason = ""
@@ -91,11 +94,11 @@ class Publication:
         )
         self._task = asyncio.create_task(self.broker.run(), name="broker")
 
-    def means(self, plan: MqttPlan | None, gateway: "Gateway") -> bool:
-        """Whether it does what this plan asks for, with the devices of this gateway."""
+    def means(self, plan: MqttPlan | None) -> bool:
+        """Whether it does what this plan asks for, with the devices that its units lead to now."""
         if plan != self.plan:
             return False
-        new = _destinations(self.plan, gateway)
+        new = _destinations(self.plan, self._router)
         return all(new[name] is each for name, each in self._destinations.items())
 
     def status(self) -> BrokerStatus:
@@ -195,9 +198,9 @@ class _AtOnce:
         return False
 
 
-def _destinations(plan: MqttPlan, gateway: "Gateway") -> Mapping[str, Target]:
+def _destinations(plan: MqttPlan, router: Router) -> Mapping[str, Target]:
     """What answers for each published device."""
-    return {device.name: gateway.mqtt.routes[device.unit] for device in plan.devices}
+    return {device.name: router.routes[device.unit] for device in plan.devices}
 
 
 def _as_target(destination: Any) -> PolledTarget:

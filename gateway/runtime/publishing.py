@@ -8,52 +8,60 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from gateway import events
+from gateway.config.plan.plan import MqttPlan
 from gateway.plant.status import BrokerStatus
+from gateway.routing.router import Router
 from gateway.runtime.announced import AnnouncedDevices
+from gateway.runtime.gateway import Gateway
 from gateway.tls.store import TlsStore
 
 if TYPE_CHECKING:
     from gateway.plant.commands import CarriedOut
-    from gateway.runtime.build import Gateway
     from gateway.runtime.publication import Publication
 
 
 class Publishing:
-    """Publishes what the plan of a gateway says, as long as it says so. `unix` is the time of the day."""
+    """Publishes what the plan of a gateway says, as long as it says so.
+
+    `router` has the routes of what is read, and of what the broker delivers. `announced` is what Home Assistant was
+    told. `unix` is the time of the day.
+    """
 
     def __init__(
         self,
+        router: Router,
         emit: events.Emit,
         contexts: TlsStore,
+        announced: AnnouncedDevices,
         unix: Callable[[], float] = time.time,
     ) -> None:
+        self._router = router
         self._emit = emit
-        #: What Home Assistant was told.
-        self.announced = AnnouncedDevices()
-        self._carried_out: CarriedOut | None = None
         self._contexts = contexts
+        self._announced = announced
         self._unix = unix
+        self._carried_out: CarriedOut | None = None
         #: What publishes; None without [mqtt].
         self.part: Publication | None = None
 
-    def rerouted(self, gateway: "Gateway") -> None:
-        """Units have just got the routes of this gateway. What was published of others takes no more commands."""
-        if self.part is not None and not self.part.means(gateway.plan.mqtt, gateway):
+    def rerouted(self, plan: MqttPlan | None) -> None:
+        """Units have just got the routes for this plan. What was published of others takes no more commands."""
+        if self.part is not None and not self.part.means(plan):
             self.part.driver.close()
 
-    async def adopt(self, gateway: "Gateway") -> None:
+    async def adopt(self, gateway: Gateway) -> None:
         """Publish what this gateway's plan says from now on. Without a change the connection is kept."""
         plan, part = gateway.plan.mqtt, self.part
-        if part is not None and part.means(plan, gateway):
+        if part is not None and part.means(plan):
             return
         await self.stop(is_over=plan is None)
         if plan is not None:
-            announcing = await import_module("gateway.runtime.announcing").Announcing.of(plan, self.announced)
+            announcing = await import_module("gateway.runtime.announcing").Announcing.of(plan, self._announced)
             publication = import_module("gateway.runtime.publication").Publication
             if self._carried_out is None:
                 self._carried_out = import_module("gateway.plant.commands").CarriedOut()
             self.part = publication(
-                plan, gateway, self._emit, self._contexts, announcing, self._carried_out, self._unix
+                plan, gateway, self._router, self._emit, self._contexts, announcing, self._carried_out, self._unix
             )
 
     def status(self) -> BrokerStatus | None:

@@ -5,7 +5,8 @@ that line, and for a listener for one upstream a unit of that server, whatever u
 """
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 from gateway.config.plan.settings import ServerPlan
 from gateway.devices.device import Device
@@ -17,18 +18,8 @@ from gateway.request import NamedTarget
 from gateway.routing.access import AS_NUMBERED, KnownAs
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
+from gateway.runtime.gateway import Gateway, Reach
 from gateway.trace.ring import Ring
-
-if TYPE_CHECKING:
-    from gateway.runtime.build import Gateway
-
-
-class Routing(NamedTuple):
-    """A router, its routes, and the units for access rows that name no listener."""
-
-    router: Router
-    routes: Mapping[int, NamedTarget]
-    known_as: KnownAs
 
 
 class _Reach(NamedTuple):
@@ -39,8 +30,8 @@ class _Reach(NamedTuple):
     known_as: KnownAs
 
 
-def routings(gateway: "Gateway") -> Iterator[Routing]:
-    """The routes of all routers of a gateway."""
+def with_routes(gateway: Gateway, ring: Ring) -> Gateway:
+    """Add to a gateway what clients reach. Broadcasts are recorded in `ring`."""
     plans, targets = gateway.plan.lines, _targets(gateway)
     on_lines = [Recipient(line.every_device, one.broadcasts) for line, one in zip(gateway.lines, plans, strict=True)]
     everyone = _everything(targets, [*on_lines, *map(_recipient, gateway.images)])
@@ -51,17 +42,28 @@ def routings(gateway: "Gateway") -> Iterator[Routing]:
         upstream.name: _one_upstream([*upstream.devices.values(), *upstream.unnamed_of(one).values()], targets)
         for one, upstream in zip(gateway.plan.upstreams, gateway.upstreams, strict=True)
     }
-    for router in (gateway.mqtt, gateway.sites, gateway.control, gateway.web):
-        yield Routing(router, everyone.routes, everyone.known_as)
+    return replace(
+        gateway,
+        everywhere=Reach(everyone.routes, everyone.known_as),
+        routings=(*_of_listeners(gateway, everyone, alone, ring), *_of_servers(gateway, everyone, ring)),
+    )
+
+
+def _of_listeners(
+    gateway: Gateway, everyone: _Reach, alone: Mapping[str, _Reach], ring: Ring
+) -> Iterator[tuple[Router, Reach]]:
     for listener in gateway.listeners:
         settings = listener.settings
         reach = alone[settings.only] if settings.only else everyone
-        yield Routing(listener.router, _routes_of_listener(settings, reach, gateway.ring), reach.known_as)
+        yield listener.router, Reach(_routes_of_listener(settings, reach, ring), reach.known_as)
+
+
+def _of_servers(gateway: Gateway, everyone: _Reach, ring: Ring) -> Iterator[tuple[Router, Reach]]:
     for server in gateway.servers:
-        yield Routing(server.router, _routes_of_server(server.plan, everyone, gateway.ring), everyone.known_as)
+        yield server.router, Reach(_routes_of_server(server.plan, everyone, ring), everyone.known_as)
 
 
-def _targets(gateway: "Gateway") -> dict[int, NamedTarget]:
+def _targets(gateway: Gateway) -> dict[int, NamedTarget]:
     """What answers for each unit of listeners that are not for one line or upstream."""
     targets: dict[int, NamedTarget] = {image.settings.unit: image for image in gateway.images}
     for units, plan in zip(gateway.devices, gateway.plan.lines, strict=True):

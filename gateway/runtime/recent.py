@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Final, Literal, NamedTuple
 
 from gateway.diagnosis.last import NOW, Last
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.parts import GatewayLine
 from gateway.timing.usage import Use, User
 

@@ -1,7 +1,7 @@
 """Reload: reads the config again, compares it with the one in use, and applies the differences."""
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol
@@ -13,13 +13,13 @@ from gateway.config.problem import Problem
 from gateway.errors import ConfigError, ListenError, StateError, TlsError
 from gateway.readconfig.process import READING_TIME, ReadConfig, read_config
 from gateway.runtime import garbage
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.outcome import Outcome
 from gateway.runtime.running import Running
 from gateway.runtime.summary import summary
 from gateway.tls.contexts import Loaded as LoadedTls
 from gateway.tls.settings import Secured
-from gateway.tls.store import TlsStore, find_warnings, load_all
+from gateway.tls.store import find_warnings, load_all
 
 #: How long reading what images keep, or certificates, may take, in seconds. The client waits for 50 s.
 LOADING_TIME: Final = 10.0
@@ -60,12 +60,9 @@ class Reloader:
         self,
         file: Path,
         running: Running,
-        rebuild: Callable[[Plan, Gateway], Gateway],
         manager: ServiceManager,
-        prepare: Callable[[Plan], None] = lambda _: None,
         *,
         text: str = "",
-        contexts: TlsStore | None = None,
         read: ReadConfig = read_config,
     ) -> None:
         self.file = file
@@ -73,9 +70,6 @@ class Reloader:
         self.text = text
         self.last: Reloaded | None = None
         self._running = running
-        self._rebuild = rebuild
-        self._prepare = prepare
-        self._contexts = contexts or TlsStore()
         self._manager = manager
         self.at_start = running.gateway.plan
         self._turn = asyncio.Lock()
@@ -136,8 +130,8 @@ class Reloader:
         try:
             async with asyncio.timeout(LOADING_TIME):
                 certificates, unusable = await loop.run_in_executor(ThreadPerCall("read certificates"), _load, new)
-                await loop.run_in_executor(ThreadPerCall("read state"), self._prepare, new)
-            defect = await self._switch(self._rebuild(new, self._running.gateway), certificates)
+                await loop.run_in_executor(ThreadPerCall("read state"), self._running.builder.prepare, new)
+            defect = await self._switch(self._running.builder.build(new, self._running.gateway), certificates)
         except TimeoutError:
             return self._rejected((f"what images keep, or certificates, cannot be read within {LOADING_TIME:g} s",))
         except (ListenError, StateError, TlsError) as error:
@@ -164,18 +158,19 @@ class Reloader:
         Raises:
             ListenError: as Running.switch.
         """
-        before = self._contexts.add(certificates)  # what is replaced goes on with its own until then
+        contexts = self._running.contexts
+        before = contexts.add(certificates)  # what is replaced goes on with its own until then
         try:
             await self._running.switch(new)
         except Exception as error:
             if self._running.gateway is not new:
-                self._contexts.adopt(before)
+                contexts.adopt(before)
                 raise
             self._running.emit(events.PartFailed.of("reload", error))
             return f"a defect in the gateway: {error!r}; restart it, and please report this"
         finally:
             if self._running.gateway is new:
-                self._contexts.adopt(certificates)
+                contexts.adopt(certificates)
                 self._running.renew_certificates()
         return ""
 

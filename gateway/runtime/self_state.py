@@ -7,7 +7,7 @@ from gateway.images.self_map import LAYOUT, LINES, SERVERS, UPSTREAMS, Shown, Va
 from gateway.images.services import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
 from gateway.lines.counts import Counts, UnitCounts, total, total_of_units
 from gateway.ports.reconnector import Reconnector
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.runtime.recent import Recent
 from gateway.timing.measured import NEVER

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from gateway.runtime.build import Gateway, Part
+from gateway.runtime.gateway import Gateway, Part
 
 #: Its approximate limit in characters: systemd ignores messages longer than 4096 bytes.
 _LONGEST: Final = 1000

@@ -26,7 +26,7 @@ from gateway.runtime import garbage
 from gateway.runtime.announced import FILE_NAME as ANNOUNCED_FILE
 from gateway.runtime.announced import AnnouncedDevices
 from gateway.runtime.announced import is_entry as is_announced
-from gateway.runtime.build import Gateway, build
+from gateway.runtime.kept_state import KeptState
 from gateway.runtime.overdue import FILE_NAME as LATE_FILE
 from gateway.runtime.overdue import LeftBehind, is_entry
 from gateway.runtime.reload import Reloader, warn, warn_of_certificates
@@ -36,7 +36,7 @@ from gateway.service.hang_up import HangUp
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, take_inherited_sockets
 from gateway.state.entry_file import EntryFile
-from gateway.state.memory import Memory, StateFile, state_folder
+from gateway.state.memory import StateFile, state_folder
 from gateway.state.troubles import StateTroubles
 from gateway.tls.store import TlsStore, load_all
 
@@ -89,19 +89,8 @@ def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
     ):
         for remembered in in_force(plan, memory):
             emit(remembered)
-        state = _State(memory, store, left_behind, announced, troubles, folder)
-        run_exactly(_run(plan, source, control, state, fan_out))
-
-
-class _State(NamedTuple):
-    """The state that outlives the process."""
-
-    memory: Memory
-    store: Store
-    left_behind: LeftBehind
-    announced: AnnouncedDevices
-    troubles: StateTroubles
-    folder: Path
+        kept = KeptState(memory=memory, left_behind=left_behind, announced=announced, store=store, troubles=troubles)
+        run_exactly(_run(plan, source, control, kept, folder, fan_out, emit))
 
 
 def _load_certificates(plan: Plan, emit: events.Emit) -> TlsStore:
@@ -111,33 +100,25 @@ def _load_certificates(plan: Plan, emit: events.Emit) -> TlsStore:
     return contexts
 
 
-async def _run(plan: Plan, source: _Source, control: Path, state: _State, fan_out: FanOut) -> None:
-    emit = state.troubles.emit
+async def _run(
+    plan: Plan, source: _Source, control: Path, kept: KeptState, folder: Path, fan_out: FanOut, emit: events.Emit
+) -> None:
     loop = asyncio.get_running_loop()
-
     contexts = _load_certificates(plan, emit)
     open_port = partial(make_opener, store=contexts)
 
-    def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
-        return build(plan, loop, open_port, state.memory, emit, state.store, gateway, contexts)
-
-    def prepare(plan: Plan) -> None:
-        if any(image.persist != "never" for image in plan.images):
-            state.store.open()
-
     systemd, stop, hang_up = Notifier(), Stop(), HangUp()
     sockets = OpenSockets(take_inherited_sockets())
-    running = Running(rebuild(plan, None), emit, sockets, state.left_behind, state.announced, state.troubles)
-    running.control = str(control)
-    reloader = Reloader(source.file, running, rebuild, systemd, prepare, text=source.text, contexts=contexts)
+    running = Running(plan, open_port, emit, kept, contexts=contexts, sockets=sockets)
+    reloader = Reloader(source.file, running, systemd, text=source.text)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop, hang_up)
-    pages = _web_pages(plan.web, running, reloader, fan_out, contexts, state.folder)
+    pages = _web_pages(plan.web, running, reloader, fan_out, contexts, folder)
     with usual_path_leads(control_path(source.file), control):
         async with control_open(control, Operator(running, reloader), emit):
             garbage.settle()
-            await serve(running, stop, systemd, reloader, pages)
+            await serve(running, stop, systemd, reloader, pages, control=str(control))
 
 
 def _web_pages(plan: WebPlan | None, *parts: Any) -> AbstractAsyncContextManager[None]:

@@ -7,7 +7,6 @@ from functools import partial
 
 from gateway import events
 from gateway.readconfig import expiry
-from gateway.runtime.build import Gateway
 from gateway.runtime.presence import served_units, tell
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
@@ -42,10 +41,13 @@ async def serve(
     systemd: Notifier | None = None,
     reloader: Reloader | None = None,
     pages: AbstractAsyncContextManager[None] | None = None,
+    *,
+    control: str = "",
 ) -> None:
     """Run a gateway until `stop`. It is ready when clients can connect and every line was tried once.
 
-    `pages` are entered after the addresses of all listeners are bound. No reload of `reloader` outlasts the order to
+    `pages` are entered after the addresses of all listeners are bound. `control` is the path of the control socket, for
+    the log. No reload of `reloader` outlasts the order to
     stop.
 
     Raises:
@@ -57,48 +59,45 @@ async def serve(
             is_bound = await _complete_before(stop, running.bind())
             if is_bound and pages is not None:
                 await beside.enter_async_context(pages)
-            await running.gateway.fleet.adopt(running.gateway.plan.fleet)
+            await running.fleet.adopt(running.gateway.plan.fleet)
             async with running.lines_open():
                 if is_bound and await _complete_before(stop, running.tried()):
                     running.start_listening()
-                    await _serve_until(stop, running, systemd)
+                    await _serve_until(stop, running, systemd, control)
                 if reloader is not None:
                     await reloader.close()
                 running.emit(events.Stopping(stop.reason))
                 systemd.stopping()
-                async with running.gateway.publishing.stopping(), running.gateway.fleet.stopping():
+                async with running.publishing.stopping(), running.fleet.stopping():
                     await running.drain(lambda: stop.at_once)
                 running.stop_listening()
         finally:
             running.stop_listening()
-            await running.gateway.fleet.stop()
+            await running.fleet.stop()
         running.emit(events.Stopped())
 
 
 @asynccontextmanager
-async def keep_lines_open(gateway: Gateway, emit: events.Emit) -> AsyncIterator[Running]:
+async def keep_lines_open(running: Running) -> AsyncIterator[None]:
     """Open the port of every line and keep it open; each was tried once on entry. All are closed at the end."""
-    running = Running(gateway, emit)
     async with running.lines_open():
         await running.tried()
-        yield running
+        yield
 
 
-async def _serve_until(stop: Stop, running: Running, systemd: Notifier) -> None:
+async def _serve_until(stop: Stop, running: Running, systemd: Notifier, control: str) -> None:
     parts = running.gateway.parts
     up = sum(part.reconnector.error is None for part in parts)
     listeners = tuple(each.address for each in running.gateway.listeners)
-    running.emit(events.Ready(listeners, up, len(parts) - up, running.page, running.control))
+    running.emit(events.Ready(listeners, up, len(parts) - up, running.page, control))
     systemd.ready(summary(running.gateway))
     running.ready.set()
-    await running.gateway.publishing.adopt(running.gateway)
-    await running.gateway.fleet.serve(lambda: served_units(running.gateway), partial(tell, running))
+    await running.publishing.adopt(running.gateway)
+    await running.fleet.serve(lambda: served_units(running), partial(tell, running))
     watching = asyncio.create_task(watch(running, systemd), name="watchdog")
     sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
     looking = asyncio.create_task(TightLimits().keep_looking(lambda: running.gateway, running.emit), name="limits")
-    expiring = asyncio.create_task(
-        expiry.keep_looking(lambda: running.gateway.contexts, running.emit), name="certificates"
-    )
+    expiring = asyncio.create_task(expiry.keep_looking(lambda: running.contexts, running.emit), name="certificates")
     tasks = [watching, sampling, looking, expiring]
     if running.troubles is not None:
         tasks.append(asyncio.create_task(running.troubles.keep_looking(), name="state folder"))

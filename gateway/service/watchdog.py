@@ -3,7 +3,7 @@
 import asyncio
 from typing import Final
 
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
 from gateway.runtime.summary import summary
 from gateway.service.systemd import Notifier

@@ -27,7 +27,8 @@ from gateway.operator.units import find_line, find_unit
 from gateway.profiles.batches import batches
 from gateway.registers.items import read_request
 from gateway.request import Request
-from gateway.runtime.build import Gateway
+from gateway.routing.router import Router
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
 
 #: One is on the line, and the next one waits.
@@ -109,13 +110,13 @@ async def bench(
     reads = deque(_Read(one.device.name, one.device.known_as, read_request(one.span)) for one in planned)
 
     def is_wanted() -> bool:
-        return is_there() and running.keeps(line)
+        return is_there() and running.ports.keeps(line)
 
     async with asyncio.TaskGroup() as group:
         for number in range(READS_AHEAD):
-            reading = _read_on(gateway, reads, began + asked.seconds, is_wanted, result)
+            reading = _read_on(running.routers.control, reads, began + asked.seconds, is_wanted, result)
             group.create_task(reading, name=f"bench:{line.name}:{number}")
-    if not running.keeps(line):
+    if not running.ports.keeps(line):
         raise WrongQuestion(f"a reload has changed {line.name}: measure it again")
     elapsed = now() - began
     own = result.answered + result.exceptions
@@ -132,7 +133,7 @@ class _Planned(NamedTuple):
 
 
 async def _read_on(
-    gateway: Gateway, reads: deque[_Read], until: float, is_wanted: Callable[[], bool], result: BenchResult
+    control: Router, reads: deque[_Read], until: float, is_wanted: Callable[[], bool], result: BenchResult
 ) -> None:
     """Read until it is time to stop or no unit answers, and count what becomes of it."""
     now = asyncio.get_running_loop().time
@@ -143,7 +144,7 @@ async def _read_on(
             await asyncio.sleep(0 if any(each.may_be_sent for each in reads) else _PAUSE)
             continue
         read.under_way += 1
-        gateway.control.submit(Request(read.unit, read.pdu, origin, now()), now())
+        control.submit(Request(read.unit, read.pdu, origin, now()), now())
         error, response = await origin.outcome
         read.under_way -= 1
         if error is None:

@@ -28,7 +28,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.units import may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
-from gateway.runtime.build import Gateway
+from gateway.runtime.fleet import Fleet
 from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
 from gateway.runtime.running import Running
 from gateway.timing.measured import NEVER
@@ -107,8 +107,8 @@ async def examined(
     groups += [(server.name, _about_server(server)) for server in servers]
     groups += [(upstream.name, about[upstream.name]) for upstream in upstreams]
     if wanted is None:
-        outwards = (*_about_publishing(gateway), *_about_fleet(gateway), *_about_state(running), *_about_page(running))
-        groups.append(("", [*about_certificates(gateway.contexts, time.time()), *outwards]))
+        outwards = (*_about_publishing(running), *_about_fleet(running), *_about_state(running), *_about_page(running))
+        groups.append(("", [*about_certificates(running.contexts, time.time()), *outwards]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.only in ("", wanted)]
     now = asyncio.get_running_loop().time()
     clients = [client for listener in listeners for client in client_evidence(listener, gateway, now)]
@@ -117,8 +117,8 @@ async def examined(
     return groups, [each for part in parts for each in _port_of(part)]
 
 
-def _about_publishing(gateway: Gateway) -> Iterator[Finding]:
-    told = gateway.publishing.status()
+def _about_publishing(running: Running) -> Iterator[Finding]:
+    told = running.publishing.status()
     if told is not None:
         yield from about_broker(
             BrokerEvidence(
@@ -134,8 +134,8 @@ def _about_publishing(gateway: Gateway) -> Iterator[Finding]:
         )
 
 
-def _about_fleet(gateway: Gateway) -> Iterator[Finding]:
-    told = gateway.fleet.status()
+def _about_fleet(running: Running) -> Iterator[Finding]:
+    told = running.fleet.status()
     if told is not None:
         last = Last((told.last_dropped_ms or 0.0) / 1000)
         yield from about_fleet(FleetEvidence(told.server, told.source, told.reason, told.unseen, told.dropped, last))
@@ -175,7 +175,7 @@ async def _about_upstream(
     running: Running, upstream: GatewayUpstream, is_there: IsThere, *, asks: bool
 ) -> list[Finding]:
     if upstream.reconnector.error is not None:
-        return _why_down(upstream, running.gateway)
+        return _why_down(upstream, running.fleet)
     asked, is_cut_short = await _ask_units(running, upstream, is_there) if asks else (0, False)
     findings = list(about_line(upstream_evidence(upstream, await units_evidence(upstream))))
     if asked:
@@ -196,7 +196,7 @@ async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple
     """Read the units of which too little is known; the number of requests, and whether LONGEST_ASKING was too short."""
 
     def is_wanted() -> bool:
-        return is_there() and running.keeps(part)
+        return is_there() and running.ports.keeps(part)
 
     asked = 0
     try:
@@ -206,7 +206,7 @@ async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple
                 settings, before = device.settings, asked
                 pdu = harmless_read(settings.profile)
                 while pdu is not None and is_wanted() and _needs_more(part, device, asked - before):
-                    error, _ = await outcome_of(running.gateway.control, settings.known_as, pdu, is_there)
+                    error, _ = await outcome_of(running.routers.control, settings.known_as, pdu, is_there)
                     if error is not None and not _was_sent(error.result):
                         break  # it rests, or the operator may not read
                     asked += 1
@@ -251,7 +251,7 @@ async def _look_for_silent_units(running: Running, line: GatewayLine, is_there: 
 def _may_be_searched(running: Running, line: GatewayLine) -> bool:
     """Whether other addresses may be asked. A late response from one would be that of a device asked at address 0."""
     answers_from_any = any(device.unit == BROADCAST_UNIT for device in line.devices.values())
-    return may_read_all(running.gateway) and not (line.plan.passes_through or answers_from_any)
+    return may_read_all(running) and not (line.plan.passes_through or answers_from_any)
 
 
 def _told(found: Search) -> list[str]:
@@ -292,12 +292,12 @@ def _about_server(server: GatewayServer) -> list[Finding]:
     return [Finding("ok", server.name, f"responses to its client: {counts.responses}")]
 
 
-def _why_down(upstream: GatewayUpstream, gateway: Gateway) -> list[Finding]:
+def _why_down(upstream: GatewayUpstream, fleet: Fleet) -> list[Finding]:
     port, error = upstream.plan.port, upstream.reconnector.error
     place = place_of(upstream.plan.upstream.source, "to")
     remedy = f'{place}: check to = "{upstream.reconnector.port_path}", and the server there'
     if isinstance(port, SiteSettings):
-        nats = gateway.fleet.status()
+        nats = fleet.status()
         if nats is not None and nats.reason:
             return []  # the row about NATS says it
         remedy = f"check the gateway of {port.site}, and its connection to NATS: modbus-gateway status --fleet"

@@ -7,7 +7,7 @@ from gateway.diagnosis.last import NOW, Last
 from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
 from gateway.ports.port import SerialSettings
-from gateway.runtime.build import Gateway, Listener
+from gateway.runtime.gateway import Gateway, Listener
 from gateway.runtime.parts import GatewayLine, GatewayUpstream
 from gateway.runtime.recent import Recent
 from gateway.timing.histogram import SHARES, merged

@@ -31,7 +31,7 @@ async def scan(operator: Operator, asked: ToScan, _asker: Asker) -> AsyncGenerat
     line = find_line(running.gateway, asked.line)
     units, known = _units(line, asked.units)
     all_speeds = asked.all_speeds
-    if not may_read_all(running.gateway):
+    if not may_read_all(running):
         raise WrongQuestion("[[access]] does not give the control socket the right to read every unit")
     if line.is_scanned:
         raise WrongQuestion(f"a scan of {line.name} goes on already")
@@ -64,7 +64,7 @@ async def _steps(running: Running, line: GatewayLine, units: list[int], limit: f
             async for step in steps:
                 yield step
         return
-    async with running.port_lent(line, "a scan at all speeds") as borrowers:
+    async with running.ports.lent(line, "a scan at all speeds") as borrowers:
 
         def at_rate(baud: int) -> GatewayLine:
             borrower = line.at_speed(baud)

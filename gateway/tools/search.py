@@ -60,16 +60,16 @@ async def search(
     """Search the `silent` devices. `is_dead`: no unit of the line responds, so other rates may be tried."""
 
     def is_wanted() -> bool:
-        return asked_by() and running.keeps(line)
+        return asked_by() and running.ports.keeps(line)
 
     addresses = candidates(line, silent)
     found = await _answering(line, addresses, is_wanted)
     result = Search(tuple(addresses), tuple(found))
     if found or not is_dead or not isinstance(line.plan.port, SerialSettings) or line.standby is not None:
         return result
-    if running.is_lent(line):
+    if running.ports.is_lent(line):
         return result
-    async with running.port_lent(line, "doctor, which tries other rates and formats") as borrowers:
+    async with running.ports.lent(line, "doctor, which tries other rates and formats") as borrowers:
         result = await _search_speeds(line, silent[:MOST_UNITS], result, is_wanted, borrowers)
     with suppress(TimeoutError):
         async with asyncio.timeout(OPENING_DEADLINE):

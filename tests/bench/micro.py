@@ -25,8 +25,8 @@ from gateway.modbus.scan import Expected, Scanner
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.request import Caller, Request
-from gateway.runtime.build import Gateway, build
-from gateway.state.memory import Memory
+from gateway.runtime.gateway import Gateway
+from gateway.runtime.running import Running
 from gateway.timing.budget import AnswerTime, Budget
 from gateway.timing.characters import CharacterFormat, LineTiming
 from gateway.timing.table import TimingTable
@@ -168,9 +168,7 @@ class FullLine:
 def running(config: str, emit: Emit) -> Gateway:
     """A gateway with this config."""
     plan = resolve(parse(config, port_trouble=lambda _: None, real_path=lambda port: port).config)
-    gateway = build(plan, asyncio.get_running_loop(), lambda _: None, Memory(), emit)
-    gateway.route()
-    return gateway
+    return Running(plan, lambda _: None, emit).gateway
 
 
 def finding(scanner: Scanner, count: int) -> Callable[[], object]:

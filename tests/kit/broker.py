@@ -23,8 +23,10 @@ class FakeBroker:
     @classmethod
     def of(cls, bench: GatewayBench, announcements: Sequence[Message] = ()) -> "FakeBroker":
         """The broker of a gateway; its devices are read from now on. Times of messages are those of the loop."""
-        gateway, unix = bench.gateway, asyncio.get_running_loop().time
-        return cls(reading(gateway.plan.mqtt, gateway, bench.events.append, CarriedOut(), unix, announcements))
+        gateway, plan, unix = bench.gateway, bench.gateway.plan.mqtt, asyncio.get_running_loop().time
+        return cls(
+            reading(plan, gateway, bench.running.routers.mqtt, bench.events.append, CarriedOut(), unix, announcements)
+        )
 
     def connect(self) -> list[str]:
         """Connect and take the birth; the topics of commands that are subscribed to."""

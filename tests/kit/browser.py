@@ -14,7 +14,6 @@ from urllib.parse import urlencode
 
 from gateway.observe.fan_out import FanOut
 from gateway.readconfig.reader import read_here
-from gateway.runtime.build import build
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
 from gateway.service.systemd import Notifier
@@ -198,14 +197,10 @@ async def web_bench(config: str, folder: Path, **settings: Any):
     file.write_text(config)
     async with gateway_bench(config) as home:
         fan_out = FanOut(home.events.append)
-        running = Running(home.gateway, fan_out.emit)
+        running, loop = home.running, asyncio.get_running_loop()
+        running.emit = fan_out.emit
         running.ready.set()
-        loop = asyncio.get_running_loop()
-
-        def rebuild(plan, gateway):
-            return build(plan, loop, home._open, home.memory, home.events.append, running=gateway)
-
-        reloader = Reloader(file, running, rebuild, Notifier({}), text=config, read=read_here)
+        reloader = Reloader(file, running, Notifier({}), text=config, read=read_here)
         asked = WebSettings("127.0.0.1", 8502, users=users, write=True)
         history = History()
         answers = _Answers(running, reloader, fan_out, history, lambda: CLOCK + loop.time())

@@ -2,6 +2,7 @@
 
 import asyncio
 from contextlib import asynccontextmanager, closing
+from dataclasses import replace
 from pathlib import Path
 
 from gateway.clock.lazy_timer import LazyTimer
@@ -14,8 +15,9 @@ from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.request import Caller
-from gateway.runtime.build import Gateway, build
-from gateway.runtime.recent import Recent
+from gateway.runtime.gateway import Gateway
+from gateway.runtime.kept_state import KeptState
+from gateway.runtime.overdue import LeftBehind
 from gateway.runtime.running import Running
 from gateway.service.supervisor import keep_lines_open
 from gateway.simulator.device import Device, Mode
@@ -104,12 +106,16 @@ class GatewayBench:
     """A running gateway, and the far end of each of its lines and connections.
 
     Keys of `lines` and `opened` (the settings each was opened with) are port paths without /dev/. What is written to
-    a line in `holding_back` has not arrived yet. `running` has the lines open.
+    a line in `holding_back` has not arrived yet. `running` has no line open: `gateway_bench` opens them.
     """
 
-    running: Running
-
-    def __init__(self, config: str, memory: Memory | None = None, state: Path | None = None) -> None:
+    def __init__(
+        self,
+        config: str,
+        memory: Memory | None = None,
+        state: Path | None = None,
+        left_behind: LeftBehind | None = None,
+    ) -> None:
         loaded = parse(config, port_trouble=lambda port: None, real_path=lambda port: port)
         assert loaded.config is not None, "\n".join(map(str, loaded.problems))
         self.events: list[Event] = []
@@ -117,11 +123,28 @@ class GatewayBench:
         self.opened: dict[str, SerialSettings] = {}
         self.holding_back: set[str] = set()
         self.memory = memory or Memory()
-        loop = asyncio.get_running_loop()
         self._store = None if state is None else Store(state, self.events.append)
-        self.gateway = build(resolve(loaded.config), loop, self._open, self.memory, self.events.append, self._store)
-        self.running: Running | None = None
-        self.recent = Recent(self.gateway, loop.time())
+        kept = KeptState(memory=self.memory, store=self._store, left_behind=left_behind or LeftBehind())
+        self.running = Running(resolve(loaded.config), self._open, self.events.append, kept)
+        self.gateway = self.running.gateway
+        self.recent = self.running.recent
+
+    async def reload(self, config: str) -> None:
+        """Switch to another config."""
+        await self.running.switch(self.rebuilt(config))
+        self.gateway = self.running.gateway
+
+    def rebuilt(self, config: str) -> Gateway:
+        """The gateway of another config, with what is the same in both."""
+        loaded = parse(config, port_trouble=lambda port: None, real_path=lambda port: port)
+        assert loaded.config is not None, "\n".join(map(str, loaded.problems))
+        return self.running.builder.build(resolve(loaded.config), self.gateway)
+
+    def drop_lines(self) -> None:
+        """Let a gateway apply that has no lines, as at once after a reload that removes them."""
+        gateway = self.gateway
+        plan = replace(gateway.plan, lines=(), mirrors=())
+        self.running.apply(replace(gateway, plan=plan, lines=(), devices=(), mirrors=()))
 
     def close(self) -> None:
         """Close what persistent images are kept in."""
@@ -176,6 +199,6 @@ class GatewayBench:
 async def gateway_bench(config: str, memory: Memory | None = None, state: Path | None = None):
     """A running gateway with this config, every line up and idle. Persistent images need a `state` folder."""
     with closing(GatewayBench(config, memory, state)) as bench:
-        async with keep_lines_open(bench.gateway, bench.events.append) as bench.running:
+        async with keep_lines_open(bench.running):
             await asyncio.sleep(1.0)
             yield bench

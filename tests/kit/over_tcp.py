@@ -8,7 +8,7 @@ from gateway.listeners.sessions.over_tcp import OverTcpSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.request import Caller
-from gateway.runtime.build import Listener
+from gateway.runtime.gateway import Listener
 
 ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
 

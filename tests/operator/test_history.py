@@ -12,7 +12,6 @@ from gateway.operator import history as history_module
 from gateway.operator import uses as uses_module
 from gateway.operator.history import FILE_NAME, LOOK_EVERY, WRITE_EVERY, history_kept
 from gateway.operator.uses import Look
-from gateway.runtime.running import Running
 from gateway.state.database import is_damage
 from gateway.timing.history import STEP, History
 from kit.device import SimulatedDevice, SimulatedLine
@@ -62,7 +61,7 @@ async def bench_with_history(folder: Path | None, config: str = CONFIG):
     async with gateway_bench(config) as home:
         home.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
         bench = Bench(home, History())
-        running = Running(home.gateway, home.events.append)
+        running = home.running
         async with history_kept(running, folder, bench.time) as bench.history:
             bench.running = running
             yield bench

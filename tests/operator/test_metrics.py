@@ -1,7 +1,6 @@
 """What a scrape tells of a gateway."""
 
 import asyncio
-from types import SimpleNamespace
 
 import pytest
 
@@ -37,8 +36,7 @@ READ = "03 00 00 00 01"
 
 
 async def scrape(bench: GatewayBench) -> dict[str, Family]:
-    running = SimpleNamespace(gateway=bench.gateway, recent=bench.recent, reload_succeeded=True)
-    return {family.name: family for family in await read(running)}
+    return {family.name: family for family in await read(bench.running)}
 
 
 async def values(bench: GatewayBench, name: str) -> dict[tuple[str, ...], float | Spread]:

@@ -3,7 +3,6 @@
 import asyncio
 import json
 from dataclasses import asdict, astuple, replace
-from types import SimpleNamespace
 
 import pytest
 
@@ -57,7 +56,7 @@ READ = "03 00 00 00 01"
 
 
 def snapshot(bench: GatewayBench) -> Status:
-    return status(bench.gateway, asyncio.get_running_loop().time(), bench.recent)
+    return status(bench.running, asyncio.get_running_loop().time(), bench.recent)
 
 
 def line(bench: GatewayBench, name: str = "hall-a") -> LineStatus:
@@ -315,7 +314,7 @@ async def test_lines_work_while_the_status_of_many_units_is_made(monkeypatch):
     monkeypatch.setattr("gateway.clock.slices._SLICE", 0.0)
     units = ", ".join(f"{{ unit = {unit} }}" for unit in range(1, 101))
     async with gateway_bench(f'[[line]]\nname = "hall"\nport = "/dev/hall"\ndevices = [{units}]') as bench:
-        running = SimpleNamespace(gateway=bench.gateway, recent=bench.recent, page="", troubles=None)
+        running = bench.running
         making, turns = asyncio.create_task(status_in_slices(running)), 0
         while not making.done():
             await asyncio.sleep(0)

@@ -52,7 +52,7 @@ READ = "03 00 00 00 01"
 
 def ask(home: GatewayBench, **question: Any) -> TracePage:
     now = asyncio.get_running_loop().time()
-    return page(home.gateway, Traced(**question), (now, 1_800_000_000 + now))
+    return page(home.running, Traced(**question), (now, 1_800_000_000 + now))
 
 
 def kinds(answer: TracePage) -> list[tuple[str, str]]:
@@ -87,7 +87,7 @@ async def test_one_that_is_slow_is_told_how_much_it_has_missed() -> None:
             await client.asks(200, READ)
         await asyncio.sleep(1.0)
         answer = ask(home, after=0)
-        assert answer.missed == home.gateway.ring.first > 0
+        assert answer.missed == home.running.ring.first > 0
         assert not answer.is_all or len(answer.facts) == answer.next - answer.missed
         assert 0 < answer.reaches_back_s < 60
 
@@ -183,15 +183,15 @@ async def test_a_unit_of_one_line_is_not_its_namesake_of_all_others() -> None:
         assert told == [(41, "silo"), (41, "yard/41"), (41, "yard/41"), (41, "")]
         for unit in (41, "silo"):
             assert [each["name"] for each in ask(home, since=60, unit=unit).facts] == ["silo"]
-        assert [each["name"] for each in stories(home.gateway, ToExplain("silo"), (0.0, 0.0)).stories] == ["silo"]
-        assert len(causes(home.gateway, 41, 9, (0.0, 0.0), lambda _: True)) == 1
+        assert [each["name"] for each in stories(home.running, ToExplain("silo"), (0.0, 0.0)).stories] == ["silo"]
+        assert len(causes(home.running, 41, 9, (0.0, 0.0), lambda _: True)) == 1
 
 
 async def test_who_may_read_a_unit_does_not_see_its_namesake_on_another_line() -> None:
     async with gateway_bench(NAMESAKES) as home:
         await ask_namesakes(home)
-        may_see = what_is_seen(home.gateway, "10.2.0.7")
-        seen = [record.name for record in home.gateway.ring.failures() if may_see(record)]
+        may_see = what_is_seen(home.running, "10.2.0.7")
+        seen = [record.name for record in home.running.ring.failures() if may_see(record)]
         assert seen == ["silo"]
 
 
@@ -230,9 +230,9 @@ stale = "5 s"
 async def test_a_reload_keeps_the_ring() -> None:
     async with gateway_bench(CONFIG) as home:
         await some(home)
-        before = home.gateway.ring.added
-        home.gateway.route()
-        assert home.gateway.ring.added == before
+        before = home.running.ring.added
+        home.running.apply(home.gateway)
+        assert home.running.ring.added == before
         assert len(ask(home, since=60).facts) == before
 
 
@@ -241,7 +241,7 @@ async def test_the_client_on_a_server_line_is_called_as_the_line_is() -> None:
         home.attach("hall", SimulatedLine("rtu"))  # nobody answers
         home.lines["panel"].deliver(bytes.fromhex("29 03 00 00 00 01 82 22"))
         await asyncio.sleep(3.0)
-        found = stories(home.gateway, ToExplain("panel"), (0.0, 0.0)).stories
+        found = stories(home.running, ToExplain("panel"), (0.0, 0.0)).stories
         assert [(each["line"], each["client"]) for each in found] == [("hall", "panel")]
 
 
@@ -252,7 +252,7 @@ async def test_the_client_on_a_server_line_is_called_as_the_line_is() -> None:
 async def test_a_wrong_question_is_refused(question: dict[str, Any]) -> None:
     async with gateway_bench(CONFIG) as home:
         with pytest.raises(WrongQuestion):
-            stories(home.gateway, read_parameters(ToExplain, question), (0.0, 0.0))
+            stories(home.running, read_parameters(ToExplain, question), (0.0, 0.0))
 
 
 async def test_the_frames_of_a_request_are_those_of_its_line() -> None:
@@ -261,10 +261,10 @@ async def test_the_frames_of_a_request_are_those_of_its_line() -> None:
         client, now = home.client(), asyncio.get_running_loop().time()
         await client.asks(52, READ)
         pdu = bytes.fromhex(READ)
-        found = frames_of(home.gateway, client.session.caller.client, pdu, now)
+        found = frames_of(home.running, client.session.caller.client, pdu, now)
         assert bytes.fromhex(found["sent"]) == b":020300000001FA\r\n"
         assert bytes.fromhex(found["received"]) == b":0203020000F9\r\n"
-        assert frames_of(home.gateway, "somebody", pdu, now) == {}
+        assert frames_of(home.running, "somebody", pdu, now) == {}
 
 
 @pytest.mark.parametrize(
@@ -301,7 +301,7 @@ async def test_frames_of_another_client_are_not_damaged_ones(
         home.attach(line, SimulatedLine(mode, device))
         device.script.append([Answer(0.01, b"".join(others))])
         assert await home.client().asks(unit, "04 00 00 00 01") == "84 0B"
-        (story,) = stories(home.gateway, ToExplain(str(unit)), (0.0, 0.0)).stories
+        (story,) = stories(home.running, ToExplain(str(unit)), (0.0, 0.0)).stories
         assert "(none of these 2 frames is the response to this request)." in sentences(story)
         modes = {each.name: each.mode for each in lines(home.gateway)}
         in_file = [each for fact in ask(home, since=60).facts for each in packets(fact, modes)]

@@ -122,7 +122,9 @@ async def publishing(config=CONFIG):
         device = SimulatedDevice(1, delay=0.002)
         bench.attach("hall", SimulatedLine("rtu", device))
         loop, gateway = asyncio.get_running_loop(), bench.gateway
-        driver = reading(gateway.plan.mqtt, gateway, bench.events.append, CarriedOut(), loop.time)
+        driver = reading(
+            gateway.plan.mqtt, gateway, bench.running.routers.mqtt, bench.events.append, CarriedOut(), loop.time
+        )
         broker = Broker("broker", lambda: None, driver, bench.events.append, loop.time)
         task = asyncio.create_task(broker.run())
         yield bench, device, broker

@@ -7,9 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.config.load import parse
 from gateway.config.plan.line_load import load_of, total_share
-from gateway.config.resolve import resolve
 from gateway.events import AccessDenied, BrokerLost, CommandRefused, PartFailed, PollRefused, WriteAudit
 from gateway.plant.births import REBIRTH_PAUSE
 from gateway.plant.commands import MOST_COMMANDS
@@ -17,7 +15,6 @@ from gateway.plant.messages import Delivery, Message
 from gateway.plant.polls import TOGETHER_AGAIN
 from gateway.plant.publisher import MOST_RESULTS
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, encode
-from gateway.runtime.build import build
 from gateway.simulator.generic import Generic
 from kit.broker import FakeBroker
 from kit.device import SimulatedDevice, SimulatedLine
@@ -616,7 +613,7 @@ async def test_without_the_library_it_says_what_to_install_and_all_else_goes_on(
         monkeypatch.delitem(sys.modules, module, raising=False)
     async with gateway_bench(CONFIG + MQTT) as bench:
         silo, _ = furnish(bench)
-        publishing = bench.gateway.publishing
+        publishing = bench.running.publishing
         await publishing.adopt(bench.gateway)
         [lost] = [event for event in bench.events if isinstance(event, BrokerLost)]
         assert "is not installed: the wheel was installed without [mqtt]; pipx install" in lost.reason
@@ -655,24 +652,20 @@ async def test_no_command_of_earlier_points_goes_by_the_routes_of_a_reload(monke
     async with gateway_bench(config) as bench:
         devices = SimulatedDevice(1), SimulatedDevice(3)
         bench.attach("hall", SimulatedLine("rtu", *devices))
-        old = bench.gateway
-        await old.publishing.adopt(old)
-        driver = old.publishing.part.driver
-        loaded = parse(other, port_trouble=lambda port: None, real_path=lambda port: port)
-        plan, loop = resolve(loaded.config), asyncio.get_running_loop()
-        new = build(plan, loop, bench._open, bench.memory, bench.events.append, running=old)
+        publishing = bench.running.publishing
+        await publishing.adopt(bench.gateway)
+        driver = publishing.part.driver
 
         async def slowly(_: object) -> None:
             await asyncio.sleep(1.0)
             driver.received(Delivery(f"{SILO}/state/set", b"1", driver.now()))
 
-        monkeypatch.setattr(new.fleet, "adopt", slowly)
-        await bench.running.switch(new)
-        bench.gateway = new
+        monkeypatch.setattr(bench.running.fleet, "adopt", slowly)
+        await bench.reload(other)
         await asyncio.sleep(1.0)
         written = [frame.pdu.hex() for device in devices for frame in device.heard if frame.pdu[0] == 6]
         assert written == ([] if is_changed else ["0600020001"])
-        await new.publishing.stop()
+        await publishing.stop()
 
 
 async def test_a_command_that_comes_again_after_a_reload_is_carried_out_once(monkeypatch):
@@ -680,19 +673,15 @@ async def test_a_command_that_comes_again_after_a_reload_is_carried_out_once(mon
     config = CONFIG + MQTT + "write = true\n"
     async with gateway_bench(config) as bench:
         silo, _ = furnish(bench)
-        old = bench.gateway
-        await old.publishing.adopt(old)
-        driver = old.publishing.part.driver
+        publishing = bench.running.publishing
+        await publishing.adopt(bench.gateway)
+        driver = publishing.part.driver
         driver.received(Delivery(f"{STATE}/set", b"1", driver.now(), correlation=b"7"))
         await asyncio.sleep(0.5)
-        loaded = parse(config.replace('rest    = "2 s"', 'rest    = "3 s"'), port_trouble=lambda _: None, real_path=str)
-        loop = asyncio.get_running_loop()
-        new = build(resolve(loaded.config), loop, bench._open, bench.memory, bench.events.append, running=old)
-        await bench.running.switch(new)
-        bench.gateway = new
+        await bench.reload(config.replace('rest    = "2 s"', 'rest    = "3 s"'))
         await asyncio.sleep(1.0)
-        driver = new.publishing.part.driver
+        driver = publishing.part.driver
         driver.received(Delivery(f"{STATE}/set", b"1", driver.now(), correlation=b"7"))
         await asyncio.sleep(1.0)
-        await new.publishing.stop()
+        await publishing.stop()
         assert [frame.pdu.hex() for frame in silo.heard if frame.pdu[0] == 6] == ["0600020001"]

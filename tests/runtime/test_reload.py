@@ -11,17 +11,15 @@ from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.errors import ListenError
 from gateway.events import ConfigApplied, ConfigRejected, ConfigWarning, LineLost, LineUp, PartFailed
-from gateway.images.drivers.store import Store
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
 from gateway.modbus.mbap import TcpFrame
 from gateway.modbus.rtu import encode
 from gateway.readconfig.process import READING_TIME, ConfigRead
 from gateway.routing.access import READING
-from gateway.runtime.build import build
+from gateway.runtime import build
 from gateway.runtime.outcome import Outcome
 from gateway.runtime.reload import Reloader
-from gateway.runtime.running import Running
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
 from images.disk import MemoryFiles
@@ -99,15 +97,14 @@ class Service:
     """A gateway that serves the config in `file`."""
 
     def __init__(self, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        self._make_listener = build.__globals__["_listener"]
+        self._make_listener = build._listener
         monkeypatch.setattr("gateway.runtime.build._listener", self._doors)
         self.file = file
-        self.bench = GatewayBench(file.read_text())
+        self.bench = GatewayBench(file.read_text(), state=file.parent)
         self.events = self.bench.events
-        self.running = Running(self.bench.gateway, self.events.append)
-        self.reloader = Reloader(file, self.running, self._rebuild, Notifier({}), self._prepare, read=self._read)
+        self.running = self.bench.running
+        self.reloader = Reloader(file, self.running, Notifier({}), read=self._read)
         self.stop = Stop()
-        self.store = None
         for number, port in ((1, "hall-a"), (2, "hall-b")):
             self.attach(port, number)
 
@@ -128,14 +125,6 @@ class Service:
 
     def _doors(self, settings, loop, emit, ring, contexts):
         return Doors(self._make_listener(settings, loop, emit, ring, contexts))
-
-    def _rebuild(self, plan, gateway):
-        loop = asyncio.get_running_loop()
-        return build(plan, loop, self.bench._open, self.bench.memory, self.events.append, self.store, gateway)
-
-    def _prepare(self, plan):
-        if self.store is not None:
-            self.store.open()
 
     @staticmethod
     def _read(file):
@@ -348,11 +337,10 @@ def files(monkeypatch):
 
 
 @pytest.fixture
-def keeping(serving, files, tmp_path):
+def keeping(serving, files):
     @asynccontextmanager
     async def serve_and_keep(image: str) -> AsyncIterator[Service]:
         async with serving(LISTEN + HALL_A) as service:
-            service.store = Store(tmp_path, service.events.append)
             await service.reload(LISTEN + image)
             yield service
 
@@ -660,7 +648,7 @@ async def test_an_order_to_stop_ends_a_reload_and_what_is_under_way_is_answered(
 
 async def test_a_defect_in_a_reload_is_told_and_the_old_config_serves_on(serving, monkeypatch):
     async with serving(LISTEN + HALL_A) as service:
-        monkeypatch.setattr(service.reloader, "_rebuild", lambda plan, gateway: 1 / 0)
+        monkeypatch.setattr(build.Builder, "build", lambda *_: 1 / 0)
         outcome = await service.reload(LISTEN + HALL_A + HALL_B)
         assert outcome.problems == ("a defect in the gateway: ZeroDivisionError('division by zero')",)
         assert [type(event) for event in service.events].count(PartFailed) == 1

@@ -9,7 +9,6 @@ import pytest
 
 from gateway.errors import ListenError
 from gateway.events import Event, LineLost, LineUp, PartFailed, Ready
-from gateway.runtime.running import Running
 from gateway.service.supervisor import Stop, serve
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench
@@ -90,7 +89,8 @@ class Service:
         plan = replace(plan, listeners=plan.listeners * len(self.doors))
         self.gateway = replace(self.bench.gateway, listeners=self.doors, plan=plan)
         self.stop = Stop()
-        running = Running(self.gateway, self.events.append)
+        running = self.bench.running
+        running.apply(self.gateway)
         page = self._page() if pages else None
         self.serving = asyncio.create_task(serve(running, self.stop, pages=page), name="serve")
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 from gateway.events import Event
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT, Area
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from kit.gateway_bench import Client
 from soak.dated import CELLS, DatedDevice, Write, Writes
 from soak.judge import (

@@ -200,7 +200,7 @@ async def play_world(name: str, transactions: int, share: float, seed: int) -> N
 
     def note_status() -> None:
         if playing.running is not None:
-            note(f"{status(playing.running.gateway, loop.time())}")
+            note(f"{status(playing.running, loop.time())}")
         loop.call_later(STATUS_EVERY, note_status)
 
     loop.call_later(STATUS_EVERY, note_status)

@@ -279,7 +279,7 @@ class Scene:
         assert self._requests_of(name) == before + 1
 
     def _requests_of(self, name: str) -> int:
-        (image,) = (one for one in status(self.bench.gateway, 0.0).images if one.name == name)
+        (image,) = (one for one in status(self.bench.running, 0.0).images if one.name == name)
         return image.requests
 
 
@@ -328,7 +328,7 @@ async def check_listener(scene: Scene, listener: dict[str, Any]) -> None:
 async def run(text: str, printed: Printed, folder: Path) -> None:
     with closing(GatewayBench(text, state=folder)) as bench:
         scene = Scene(bench, printed)
-        async with keep_lines_open(bench.gateway, bench.events.append):
+        async with keep_lines_open(bench.running):
             await asyncio.sleep(1.0)
             await check_everything(scene)
 

@@ -70,7 +70,7 @@ def told(bench: GatewayBench) -> list[Event]:
 
 def state(bench: GatewayBench) -> tuple[str, str]:
     """What status says of the line or the upstream."""
-    now = status(bench.gateway, asyncio.get_running_loop().time())
+    now = status(bench.running, asyncio.get_running_loop().time())
     (part,) = [*now.lines, *now.upstreams]
     return part.state, part.reason
 

@@ -6,11 +6,8 @@ from ipaddress import ip_address, ip_network
 
 import pytest
 
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
 from gateway.events import RequestRefused
 from gateway.modbus import rtu
-from gateway.runtime.build import build
 from kit.gateway_bench import GatewayBench, gateway_bench
 
 LISTEN = """
@@ -150,9 +147,8 @@ async def test_devices_keep_their_profile_limits_and_name() -> None:
         client = bench.client(listener=HALL)
         assert await client.asks(2, "04 0001 0001") == "84 01"
         assert await client.asks(2, "03 0001 0064") == "83 03"
-        assert {device.name for device in bench.gateway.routings[HALL].routes.values() if hasattr(device, "name")} >= {
-            "silo"
-        }
+        routes = bench.gateway.listeners[HALL].router.routes
+        assert {device.name for device in routes.values() if hasattr(device, "name")} >= {"silo"}
 
 
 async def test_a_line_without_devices_beside_others_is_reached_by_its_own_listener_only() -> None:
@@ -273,11 +269,8 @@ async def test_other_units_for_clients_count_from_the_next_request_on() -> None:
         Wires(bench)
         assert await may_write(bench, "10.3.0.1", HALL, 1)
         old = bench.gateway
-        plan = resolve(parse(CONFIG.replace("as = 41", "as = 46") + rows, "", lambda _: None, str).config)
-        bench.gateway = build(
-            plan, asyncio.get_running_loop(), bench._open, bench.memory, bench.events.append, running=old
-        )
-        bench.gateway.route()
+        bench.gateway = bench.rebuilt(CONFIG.replace("as = 41", "as = 46") + rows)
+        bench.running.apply(bench.gateway)
         assert bench.gateway.listeners == old.listeners
         assert not await may_write(bench, "10.3.0.1", HALL, 1)
 

@@ -2,7 +2,7 @@
 
 import asyncio
 import re
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import pytest
 
@@ -153,7 +153,7 @@ async def test_who_takes_the_line_up_is_shown():
         meters(running, 19200)
         await measured(running, seconds=10, unit=2)
         await running.client(host="10.0.0.9").asks(3, "03 00 00 00 01")
-        line = status(running.gateway, asyncio.get_running_loop().time(), running.recent).lines[0]
+        line = status(running.running, asyncio.get_running_loop().time(), running.recent).lines[0]
     first, second = line.users
     assert (first.client, first.on_the_wire, first.device, first.function) == ("control", 2, "meter-2", 3)
     assert (second.client, second.on_the_wire, second.function) == ("10.0.0.9", 3, 3)
@@ -226,7 +226,7 @@ async def test_a_measurement_ends_when_a_reload_changes_its_line():
         meters(running, 19200)
         measuring = asyncio.create_task(measured(running, seconds=60))
         await asyncio.sleep(1.0)
-        running.running.gateway = replace(running.gateway, lines=())
+        running.drop_lines()
         with pytest.raises(WrongQuestion, match="a reload has changed hall: measure it again"):
             async with asyncio.timeout(1.0):
                 await measuring

@@ -46,7 +46,7 @@ def reasons(bench: GatewayBench) -> list[str]:
 def why(bench: GatewayBench) -> str:
     """The story of the last failure."""
     now = asyncio.get_running_loop().time()
-    found = stories(bench.gateway, ToExplain("10.0.0.9", 1), (now, now)).stories
+    found = stories(bench.running, ToExplain("10.0.0.9", 1), (now, now)).stories
     return sentences(found[0])
 
 

@@ -5,16 +5,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from gateway.config.load import parse
 from gateway.config.plan.settings import FleetPlan
-from gateway.config.resolve import resolve
 from gateway.errors import FleetError, WrongQuestion
 from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
 from gateway.operator.forgetting import forget
 from gateway.operator.metrics import read
 from gateway.operator.status import status
-from gateway.runtime.build import Gateway, build
 from gateway.runtime.fleet import Fleet
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
 from gateway.state.memory import Memory
 from kit.gateway_bench import GatewayBench, gateway_bench
@@ -96,11 +94,7 @@ def config(site: str, more: str = "") -> str:
 
 def rebuilt(bench: GatewayBench, text: str) -> Gateway:
     """The gateway of another config, with what is the same in both."""
-    loaded = parse(text, port_trouble=lambda port: None, real_path=lambda port: port)
-    loop = asyncio.get_running_loop()
-    return build(
-        resolve(loaded.config), loop, bench._open, bench.memory, bench.events.append, running=bench.running.gateway
-    )
+    return bench.rebuilt(text)
 
 
 async def exchange(bench: GatewayBench, request: str, response: str) -> str:
@@ -130,7 +124,7 @@ async def test_status_and_metrics_say_who_holds_it(store: KeyValues) -> None:
     async with gateway_bench(config("a")) as one, gateway_bench(config("b")) as other:
         await asyncio.sleep(LONG)
         holder, standby = (one, other) if is_open(one) else (other, one)
-        first, second = status(holder.gateway, 0.0), status(standby.gateway, 0.0)
+        first, second = status(holder.running, 0.0), status(standby.running, 0.0)
         assert (first.lines[0].state, second.lines[0].state) == ("up", "standby")
         assert second.lines[0].reason.startswith("standby for the lease hall-a: ")
         (held,), (waits) = first.leases, second.leases[0]
@@ -146,7 +140,7 @@ async def test_after_a_stop_the_other_one_goes_on_with_moved_devices_and_without
         assert await exchange(one, *MOVE_TO_5) == "10 01 00 00 01"
         async with gateway_bench(config("b")) as other:
             await asyncio.sleep(1.0)
-            await one.running._end([one.gateway.lines[0]])
+            await one.running.ports.end([one.gateway.lines[0]])
             assert not is_open(one)
             await asyncio.sleep(0.6)
             assert [event.silent_s for event in told(other, LeaseTaken)] == [0.0]
@@ -162,7 +156,7 @@ async def test_who_knows_nothing_of_a_device_that_has_moved_does_not_let_others_
         await asyncio.sleep(LONG)
         async with gateway_bench(config("a"), memory) as one:
             await asyncio.sleep(1.0)
-            await other.running._end([other.gateway.lines[0]])
+            await other.running.ports.end([other.gateway.lines[0]])
             await asyncio.sleep(0.6)
             one.client().ask(41, READ_7)
             await asyncio.sleep(0.1)
@@ -178,7 +172,7 @@ async def test_a_device_that_has_moved_back_is_asked_there_by_the_other_one(stor
         await exchange(one, *MOVE_TO_1)
         async with gateway_bench(config("b"), memory) as other:
             await asyncio.sleep(1.0)
-            await one.running._end([one.gateway.lines[0]])
+            await one.running.ports.end([one.gateway.lines[0]])
             await asyncio.sleep(0.6)
             other.client().ask(41, READ_7)
             await asyncio.sleep(0.1)
@@ -195,7 +189,7 @@ async def test_a_device_that_may_have_moved_is_asked_at_both_addresses_by_the_ot
         assert await one.client().asks(41, MOVE_TO_5[0][3:-6]) == "90 0B"
         async with gateway_bench(configs[1]) as other:
             await asyncio.sleep(1.0)
-            await one.running._end([one.gateway.lines[0]])
+            await one.running.ports.end([one.gateway.lines[0]])
             await asyncio.sleep(10.0)
             assert other.gateway.lines[0].devices[41].address.units == (unit, 5)
 
@@ -211,7 +205,7 @@ async def test_only_who_holds_the_lease_forgets(store: KeyValues) -> None:
                 forget(other.gateway, "silo-1", other.events.append)
             forget(one.gateway, "silo-1", one.events.append)
             await asyncio.sleep(1.0)
-            await one.running._end([one.gateway.lines[0]])
+            await one.running.ports.end([one.gateway.lines[0]])
             await asyncio.sleep(10.0)
             assert other.gateway.lines[0].devices[41].address.units == (1,)
 
@@ -222,7 +216,7 @@ async def test_a_rate_that_was_changed_moves_too(store: KeyValues) -> None:
         assert await exchange(one, *TO_19200) == "10 02 00 00 02"
         async with gateway_bench(config("b")) as other:
             await asyncio.sleep(1.0)
-            await one.running._end([one.gateway.lines[0]])
+            await one.running.ports.end([one.gateway.lines[0]])
             await asyncio.sleep(0.6)
             assert is_open(other)
             assert other.opened["hall-a"].baud == 19200
@@ -236,7 +230,7 @@ async def test_a_late_answer_to_the_other_one_is_not_believed(store: KeyValues) 
             await asyncio.sleep(1.0)
             client = one.client()
             assert await client.asks(41, READ_7) == "83 0B"
-            await one.running._end([one.gateway.lines[0]])
+            await one.running.ports.end([one.gateway.lines[0]])
             await asyncio.sleep(0.6)
             assert is_open(other)
             assert other.gateway.lines[0].driver.line.ledger.count_late(asyncio.get_running_loop().time()) == 1
@@ -252,7 +246,7 @@ async def test_who_was_killed_is_followed_after_its_lease_and_a_silence(store: K
         async with gateway_bench(config("b")) as other:
             await asyncio.sleep(1.0)
             entries = dict(store.entries)
-            await one.running._end([one.gateway.lines[0]])
+            await one.running.ports.end([one.gateway.lines[0]])
             value, revision = entries["hall-a"]
             store.entries["hall-a"] = (value, revision)  # it did not come to give it back
             while not told(other, LeaseTaken):  # noqa: ASYNC110 - virtual time
@@ -334,7 +328,7 @@ async def test_the_port_is_not_lent(store: KeyValues) -> None:
     async with gateway_bench(config("a")) as one:
         running: Running = one.running
         with pytest.raises(WrongQuestion, match="others may ask there"):
-            async with running.port_lent(one.gateway.lines[0], "a test"):
+            async with running.ports.lent(one.gateway.lines[0], "a test"):
                 pass
 
 

@@ -47,13 +47,13 @@ def clock() -> tuple[float, float]:
 
 def why(home: GatewayBench, who: str = CLIENT, count: int = 5) -> list[str]:
     """The stories, newest first, with TIME for each time of the day."""
-    found = stories(home.gateway, ToExplain(who, count), clock()).stories
+    found = stories(home.running, ToExplain(who, count), clock()).stories
     return [TIME.sub("TIME", sentences(story)) for story in found]
 
 
 def shown(home: GatewayBench, **question: object) -> Iterator[str]:
     """The rows of a trace without the time."""
-    for fact in page(home.gateway, Traced(since=3600, **question), clock()).facts:
+    for fact in page(home.running, Traced(since=3600, **question), clock()).facts:
         for row in rows(fact):
             yield f"{row.line} {row.way} {row.unit} {row.text}"
 
@@ -280,7 +280,7 @@ async def test_who_is_found_by_number_name_client_and_address_and_nobody_else() 
         }.items():
             with pytest.raises(WrongQuestion, match=re.escape(error)):
                 why(home, who)
-        answer = stories(home.gateway, ToExplain("43"), clock())
+        answer = stories(home.running, ToExplain("43"), clock())
         assert answer.clients_that_failed == [CLIENT, "[fe80::1]:502"]
 
 
@@ -291,7 +291,7 @@ async def test_a_line_has_the_stories_of_all_its_units_and_of_nobody_else() -> N
         for unit in (41, 43, 9):
             await client.asks(unit, READ)
         assert len(why(home)) == 3
-        answer = stories(home.gateway, ToExplain("hall"), clock())
+        answer = stories(home.running, ToExplain("hall"), clock())
         assert [story["unit"] for story in answer.stories] == [43, 41]
 
 
@@ -309,7 +309,7 @@ async def test_failures_are_kept_longer_than_what_was_answered() -> None:
 async def test_a_story_has_a_heading_that_says_who_asked_what() -> None:
     async with gateway_bench(CONFIG) as home:
         await home.client(CLIENT).asks(41, READ)
-        (story,) = stories(home.gateway, ToExplain("41"), clock()).stories
+        (story,) = stories(home.running, ToExplain("41"), clock()).stories
         heading, *text = told(story).splitlines()
         assert TIME.sub("TIME", heading) == f"TIME  {CLIENT} asked unit 41 (silo): read holding 0 (40001)"
         assert all(line.startswith("  ") and len(line) <= 80 for line in text)

@@ -1,12 +1,9 @@
 """Listeners for one upstream: the numbers of that server, whatever other clients call them, and nothing else."""
 
 import asyncio
-from types import SimpleNamespace
 
 import pytest
 
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
 from gateway.events import WriteAudit
 from gateway.modbus import rtu
 from gateway.modbus.mbap import MbapFramer, encode
@@ -14,7 +11,6 @@ from gateway.operator.metrics import read
 from gateway.operator.operations import Traced
 from gateway.operator.status import status
 from gateway.operator.trace import page
-from gateway.runtime.build import build
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.over_tcp import OverTcpClient
 
@@ -125,11 +121,11 @@ async def test_only_units_that_were_asked_have_rows() -> None:
     async with gateway_bench(CONFIG + ALL) as bench:
         Servers(bench)
         named = ["roof/71", "roof/72", "roof/73"]
-        assert [unit.name for unit in status(bench.gateway, 0.0).units if unit.line != "hall"] == named
+        assert [unit.name for unit in status(bench.running, 0.0).units if unit.line != "hall"] == named
         for listener, units in ((ROOF, (1, 71, 250)), (CELLAR, (0, 255))):
             for unit in units:
                 await bench.client(listener=listener).asks(unit, READ)
-        shown = [each for each in status(bench.gateway, 0.0).units if each.line != "hall"]
+        shown = [each for each in status(bench.running, 0.0).units if each.line != "hall"]
         assert {(each.unit, each.on_the_wire, each.name) for each in shown if each.counts.ok} == {
             (71, 1, "roof/71"),
             (71, 71, "roof/unit-71"),
@@ -139,14 +135,13 @@ async def test_only_units_that_were_asked_have_rows() -> None:
         }
         assert len(shown) == len(named) + 4
         assert all(each.longest_wait_ms == 3000 for each in shown)
-        running = SimpleNamespace(gateway=bench.gateway, recent=bench.recent, reload_succeeded=True)
-        families = {family.name: family for family in await read(running)}
+        families = {family.name: family for family in await read(bench.running)}
         assert {labels[:2] for labels, count in families["requests"].values if count} == {
             *(("roof", unit) for unit in ("71", "roof/unit-71", "250")),
             *(("cellar", unit) for unit in ("0", "255")),
         }
         clock = asyncio.get_running_loop().time(), 0.0
-        facts = page(bench.gateway, Traced(since=60), clock).facts
+        facts = page(bench.running, Traced(since=60), clock).facts
         assert [(each["unit"], each["name"]) for each in facts if each["kind"] == "exchange"] == [
             (1, "roof/71"),
             (71, "roof/unit-71"),
@@ -210,14 +205,12 @@ async def test_a_listener_that_a_reload_brings_leaves_the_connection_as_it_is() 
             if text is more:
                 assert await bench.client(listener=ROOF).asks(250, READ) == "03 02 00 FA"
                 assert await bench.client(listener=ROOF).asks(1, READ) == "03 02 00 01"
-        counted = {unit.name: unit.counts.ok for unit in status(bench.gateway, 0.0).units if unit.line == "roof"}
+        counted = {unit.name: unit.counts.ok for unit in status(bench.running, 0.0).units if unit.line == "roof"}
         assert counted == {"roof/71": 3, "roof/72": 0, "roof/73": 0}
 
 
 def reloaded(bench: GatewayBench, text: str):
     """The gateway after a reload of this text."""
-    plan = resolve(parse(text, port_trouble=lambda _: None, real_path=str).config)
-    loop = asyncio.get_running_loop()
-    gateway = build(plan, loop, bench._open, bench.memory, bench.events.append, running=bench.gateway)
-    gateway.route()
+    gateway = bench.rebuilt(text)
+    bench.running.apply(gateway)
     return gateway

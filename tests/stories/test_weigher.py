@@ -4,10 +4,7 @@ import asyncio
 
 import pytest
 
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
 from gateway.events import AddressMoved, AddressRemembered, BaudChanged, RequestRefused
-from gateway.runtime.build import build
 from gateway.state.memory import Memory
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
@@ -42,11 +39,7 @@ WEIGHT_OF_1 = "01 03 04 45 9C 3D 51 3F D5"
 
 async def reload(bench: GatewayBench, config: str) -> None:
     """Replace what differs in this config."""
-    loaded = parse(config, port_trouble=lambda _: None, real_path=str)
-    loop = asyncio.get_running_loop()
-    new = build(resolve(loaded.config), loop, bench._open, bench.memory, bench.events.append, running=bench.gateway)
-    await bench.running.switch(new)
-    bench.gateway = new
+    await bench.reload(config)
 
 
 async def exchange(bench: GatewayBench, unit: int, request: str, response: str) -> str:

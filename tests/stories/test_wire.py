@@ -86,7 +86,7 @@ def panel_echo(bench: GatewayBench, data: bytes) -> None:
 async def test_status_says_what_it_has_turned_out_to_be(wire: str, is_direct: bool) -> None:
     config = (CONFIG + SERVER).replace('"serial"', f'"{wire}"')
     async with gateway_bench(config) as bench:
-        shown = status(bench.gateway, asyncio.get_running_loop().time())
+        shown = status(bench.running, asyncio.get_running_loop().time())
         assert {line.wire for line in (*shown.lines, *shown.servers)} == {"direct" if is_direct else "serial"}
 
 

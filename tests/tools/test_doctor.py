@@ -360,8 +360,8 @@ async def test_what_broker_and_sites_were_refused_long_ago_is_a_note(monkeypatch
     values = BrokerStatus("mqtt://b", "", "up", "", None, "5", 1, 2, 2, 3, 9, 4, 0, 0, 0, 0, last_refused_ms=ago_ms)
     sites = FleetStatus("nats://n", "", "a", "up", "", "", None, 1, 0, 0, 0, 0, 0, 4, 0, 0, last_dropped_ms=ago_ms)
     async with gateway_bench(CONFIG) as bench:
-        monkeypatch.setattr(bench.gateway.publishing, "status", lambda: values)
-        monkeypatch.setattr(bench.gateway.fleet, "status", lambda: sites)
+        monkeypatch.setattr(bench.running.publishing, "status", lambda: values)
+        monkeypatch.setattr(bench.running.fleet, "status", lambda: sites)
         levels = {about: level for level, about, _ in await found(bench, ask=False)}
         assert (levels["broker mqtt://b"], levels["fleet nats://n"]) == (level, level)
 
@@ -423,7 +423,7 @@ async def test_an_operator_who_may_not_read_asks_nothing():
 async def test_a_port_is_lent_and_comes_back():
     async with gateway_bench(CONFIG) as bench:
         line, (part,) = bench.lines["hall"], bench.gateway.lines
-        async with bench.running.port_lent(part, "a test"):
+        async with bench.running.ports.lent(part, "a test"):
             assert not line.is_open
             assert str(part.reconnector.error) == "its port is lent to a test"
             assert await bench.client().asks(41, "03 00 00 00 01") == "83 0A"
@@ -434,9 +434,9 @@ async def test_a_port_is_lent_and_comes_back():
 async def test_a_port_does_not_come_back_to_a_line_that_a_reload_has_removed():
     async with gateway_bench(CONFIG) as bench:
         (part,) = bench.gateway.lines
-        async with bench.running.port_lent(part, "a test"):
-            bench.running.gateway = replace(bench.gateway, lines=())
-            assert not bench.running.keeps(part)
+        async with bench.running.ports.lent(part, "a test"):
+            bench.drop_lines()
+            assert not bench.running.ports.keeps(part)
         await asyncio.sleep(1.0)
         assert not bench.lines["hall"].is_open
 
@@ -444,7 +444,7 @@ async def test_a_port_does_not_come_back_to_a_line_that_a_reload_has_removed():
 async def test_a_port_does_not_come_back_to_a_gateway_that_stops():
     async with gateway_bench(CONFIG) as bench:
         (part,) = bench.gateway.lines
-        lent = bench.running.port_lent(part, "a test")
+        lent = bench.running.ports.lent(part, "a test")
         await lent.__aenter__()
     await lent.__aexit__(None, None, None)
     await asyncio.sleep(1.0)
@@ -454,9 +454,9 @@ async def test_a_port_does_not_come_back_to_a_gateway_that_stops():
 async def test_a_port_is_lent_once_at_a_time():
     async with gateway_bench(CONFIG) as bench:
         (part,) = bench.gateway.lines
-        async with bench.running.port_lent(part, "a test"):
+        async with bench.running.ports.lent(part, "a test"):
             with pytest.raises(WrongQuestion, match="the port of hall is lent already: its port is lent to a test"):
-                async with bench.running.port_lent(part, "another"):
+                async with bench.running.ports.lent(part, "another"):
                     pass
             assert not bench.lines["hall"].is_open
         await asyncio.sleep(1.0)
@@ -468,7 +468,7 @@ async def test_a_port_comes_back_from_who_was_cancelled_before_he_had_it():
         (part,) = bench.gateway.lines
 
         async def borrow():
-            async with bench.running.port_lent(part, "a test"):
+            async with bench.running.ports.lent(part, "a test"):
                 await asyncio.sleep(10.0)
 
         borrowing = asyncio.create_task(borrow())
@@ -484,7 +484,7 @@ async def test_what_a_borrower_leaves_overdue_is_awaited(stops):
     """A response to a request of his is not taken for the response to a request of a client."""
     async with gateway_bench(CONFIG) as bench:
         (part,) = bench.gateway.lines
-        async with bench.running.port_lent(part, "a test") as borrowers:
+        async with bench.running.ports.lent(part, "a test") as borrowers:
             there = part.at_speed(9600)
             borrowers.append(there.driver.line)
             async with opened(there):
@@ -492,11 +492,11 @@ async def test_what_a_borrower_leaves_overdue_is_awaited(stops):
                 asking = asyncio.create_task(outcome_of(asked, 41, bytes.fromhex("03 00 00 00 01"), is_there))
                 await asyncio.sleep(0.01)
             assert (await asking)[0].result == "line_lost"
-            bench.running._is_ending = stops
+            bench.running.ports._is_ending = stops
         now = asyncio.get_running_loop().time()
         assert part.driver.line.ledger.count_late(now) == 1
-        assert len(bench.running._left_behind.at("/dev/hall", now)) == stops
-        bench.running._is_ending = False
+        assert len(bench.running.ports._left_behind.at("/dev/hall", now)) == stops
+        bench.running.ports._is_ending = False
 
 
 @pytest.mark.parametrize(("units", "looks"), [("[6, 41]", False), ('"all"', True)])
@@ -521,7 +521,7 @@ async def test_nothing_is_asked_for_a_line_that_a_reload_has_replaced():
         bench.attach("hall", SimulatedLine("rtu", *devices))
         examining = asyncio.create_task(found(bench))
         await asyncio.sleep(0.02)
-        bench.running.gateway = replace(bench.gateway, lines=())
+        bench.drop_lines()
         await examining
         assert sum(len(device.heard) for device in devices) <= 2
 

@@ -17,7 +17,7 @@ from gateway.lines.transaction import Transaction
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.frame import Frame
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.simulator.panel import Panel
 
 #: How long a response may take, in seconds: longer than any limit of the demo.

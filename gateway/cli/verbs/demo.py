@@ -31,13 +31,11 @@ from gateway.observe.fan_out import FanOut
 from gateway.operator.operator import Operator
 from gateway.ports.opener import make_opener
 from gateway.readconfig.reader import read_here
-from gateway.runtime.build import Gateway, build
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
 from gateway.simulator.panel import Panel
-from gateway.state.memory import Memory
 from gateway.tls.store import TlsStore, load_all
 from gateway.web.front.opening import web_pages
 
@@ -226,17 +224,11 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
         if isinstance(event, events.Ready):
             ready.set()
 
-    loop = asyncio.get_running_loop()
-    memory, fan_out = Memory(), FanOut(tell)
-    emit = fan_out.emit
+    fan_out = FanOut(tell)
     contexts = TlsStore()
     contexts.adopt(load_all(plan.secured))
-
-    def rebuild(plan: Plan, gateway: Gateway | None) -> Gateway:
-        return build(plan, loop, make_opener, memory, emit, None, gateway, contexts)
-
-    running, stop = Running(rebuild(plan, None), emit), Stop()
-    reloader = Reloader(config, running, rebuild, Notifier({}), text=text, contexts=contexts, read=read_here)
+    running, stop = Running(plan, make_opener, fan_out.emit, contexts=contexts), Stop()
+    reloader = Reloader(config, running, Notifier({}), text=text, read=read_here)
     serving = asyncio.create_task(serve(running, stop, None, reloader), name="gateway")
     try:
         async with _starting("the gateway"):

@@ -43,7 +43,7 @@ from gateway.operator.trace_reader import Texts, TraceReader, capture, latest, m
 from gateway.operator.units import picture, pictures
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_token
-from gateway.runtime.build import Gateway
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.outcome import Outcome
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
@@ -255,7 +255,7 @@ class _Answers:
     async def ask(self, unit: int, pdu: bytes, client: WebClient) -> Answer:
         """By the way of `[[access]] listen = ["web"]`."""
         question = AwaitedOrigin(client.is_there, client.caller)
-        done = await send(self._running.gateway.web, unit, pdu, question)
+        done = await send(self._running.routers.web, unit, pdu, question)
         response = exception_response(pdu[0], 0) if done.pdu is None else done.pdu
         if done.error is None:
             return Answer(response, done.elapsed_ms)
@@ -268,28 +268,28 @@ class _Answers:
         return await self._config.view()
 
     def trace(self, asked: Traced, host: str, per_second: int | None = None) -> TraceReader:
-        return TraceReader(lambda: self._running.gateway, asked, host, self._texts, per_second)
+        return TraceReader(self._running, asked, host, self._texts, per_second)
 
     async def latest(self, asked: Traced, host: str, most: int) -> Sequence[Fact]:
-        return await latest(self._running.gateway, asked, host, most)
+        return await latest(self._running, asked, host, most)
 
     def capture(self, asked: Traced, host: str) -> AsyncIterator[bytes]:
-        return capture(lambda: self._running.gateway, asked, host)
+        return capture(self._running, asked, host)
 
     def rights(self) -> Sequence[RightsRow]:
         return rights_in_words(self._running.gateway)
 
     def entrances(self) -> Sequence[str]:
-        return tuple(routers(self._running.gateway))
+        return tuple(routers(self._running))
 
     def verdict(self, host: str, listener: str, unit: int, function: int, role: str) -> Verdict:
-        return verdict(self._running.gateway, host, listener, unit, function, role)
+        return verdict(self._running, host, listener, unit, function, role)
 
     def events(self, host: str) -> AbstractContextManager[Follower]:
-        return self._fan_out.following(lambda: may_see_all(self._running.gateway, host))
+        return self._fan_out.following(lambda: may_see_all(self._running, host))
 
     def may(self, unit: int, function: int, host: str) -> bool:
-        return reached.may(self._running.gateway, unit, function, host)
+        return reached.may(self._running, unit, function, host)
 
     def target(self, unit: int) -> object:
         return reached.target(self._running.gateway, unit)
@@ -298,7 +298,7 @@ class _Answers:
         return answer_times.answer_times(self._running.gateway, unit)
 
     def failures(self, unit: int, host: str) -> Sequence[Failure]:
-        return failures.failures(self._running.gateway, unit, host)
+        return failures.failures(self._running, unit, host)
 
     def kept(self, unit: int, spans: Sequence[Span]) -> Sequence[Kept | None]:
         return kept.kept(self._running.gateway, unit, spans, asyncio.get_running_loop().time())

@@ -341,7 +341,7 @@ class Client:
 async def play(transactions: int, share: float, seed: int, config: str = CONFIG) -> Tally:
     """One run; the running loop is in virtual time."""
     bench = _Bench(config)
-    async with keep_lines_open(bench.gateway, bench.events.append):
+    async with keep_lines_open(bench.running):
         await asyncio.sleep(1.0)
         world = World(bench, seed, share, transactions)
         clients = [Client(world, number) for number in range(CLIENTS)]
@@ -358,7 +358,7 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
             tally.complain(f"no answer to {question.unit}: {question.pdu.hex(' ').upper()}")
     if tally.slowest > PATIENCE:
         tally.complain(f"an answer took {tally.slowest:.3f} s")
-    for line, of_gateway in zip(world.lines, status(bench.gateway, world.loop.time()).lines, strict=True):
+    for line, of_gateway in zip(world.lines, status(bench.running, world.loop.time()).lines, strict=True):
         tally.injected.update({fault.value: count for fault, count in line.injected.items()})
         tally.counts.update(asdict(of_gateway.counts) | {"unasked_bytes": of_gateway.unasked_bytes})
     tally.broadcasts = sum(client.questions.broadcasts for client in clients)

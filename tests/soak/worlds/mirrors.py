@@ -84,7 +84,7 @@ CONFIG: Final = _LINES + "".join(mirror.config for mirror in _MIRRORS)
 async def play(transactions: int, share: float, seed: int) -> Tally:
     """One run; the running loop is in virtual time."""
     bench = GatewayBench(CONFIG)
-    async with keep_lines_open(bench.gateway, bench.events.append):
+    async with keep_lines_open(bench.running):
         world = DatedWorld(transactions, seed)
         devices = {known_as: world.device(known_as % 10, known_as) for units in _UNITS.values() for known_as in units}
         wires = []

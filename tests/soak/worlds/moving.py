@@ -10,14 +10,10 @@ import random
 from contextlib import AsyncExitStack, suppress
 from typing import Final
 
-from gateway.config.load import parse
-from gateway.config.resolve import resolve
 from gateway.errors import WrongQuestion
 from gateway.events import PartFailed
 from gateway.operator.forgetting import forget
-from gateway.runtime.build import build
 from gateway.runtime.overdue import LeftBehind
-from gateway.runtime.running import Running
 from gateway.state.memory import Memory
 from kit.gateway_bench import GatewayBench
 from kit.memory import MemoryLine
@@ -77,10 +73,10 @@ class World:
 
     async def start(self) -> None:
         """Start a gateway, and its clients."""
-        self.bench = GatewayBench(self._config(), self._memory)
+        self.bench = GatewayBench(self._config(), self._memory, left_behind=self._left_behind)
         self.bench.lines = self._lines
         self._open = AsyncExitStack()
-        self._running = Running(self.bench.gateway, self.bench.events.append, None, self._left_behind)
+        self._running = self.bench.running
         await self._open.enter_async_context(self._running.lines_open())
         await self._running.tried()
         self._clients = [asyncio.create_task(ScaleClient(self, number).run()) for number in range(CLIENTS)]
@@ -122,13 +118,7 @@ class World:
 
     async def _reload(self) -> None:
         """Read a config that differs in nothing that matters here, so that each line is replaced."""
-        bench = self.bench
-        loaded = parse(self._config(), port_trouble=lambda _: None, real_path=str)
-        assert loaded.config is not None, "\n".join(map(str, loaded.problems))
-        plan, loop = resolve(loaded.config), asyncio.get_running_loop()
-        new = build(plan, loop, bench._open, self._memory, bench.events.append, None, bench.gateway)
-        await self._running.switch(new)
-        bench.gateway = new
+        await self.bench.reload(self._config())
 
     async def _edit(self) -> None:
         """Write the true addresses into the config."""

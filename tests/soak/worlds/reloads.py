@@ -5,7 +5,7 @@ A unit means what the config says that is in force when it is asked.
 
 import asyncio
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 from unittest.mock import patch
@@ -15,9 +15,9 @@ from gateway.config.plan.settings import Plan
 from gateway.config.resolve import resolve
 from gateway.ports.port import OpenPort, Port, PortSettings, PortUser
 from gateway.readconfig.process import ConfigRead
-from gateway.runtime.build import Gateway, build
+from gateway.runtime.build import Builder
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.reload import Reloader
-from gateway.runtime.running import Running
 from gateway.service.supervisor import keep_lines_open
 from gateway.service.systemd import Notifier
 from kit.faulty import FaultyLine
@@ -56,6 +56,20 @@ class _Bench(GatewayBench):
         return open_and_remember
 
 
+class _NotingBuilder:
+    """It tells of each gateway that it builds."""
+
+    def __init__(self, builder: Builder, note: Callable[[Gateway], None]) -> None:
+        self.prepare = builder.prepare
+        self._builder = builder
+        self._note = note
+
+    def build(self, plan: Plan, before: Gateway) -> Gateway:
+        gateway = self._builder.build(plan, before)
+        self._note(gateway)
+        return gateway
+
+
 class _Wire(Wire):
     """A line whose devices are late by the limit of the line that asks them."""
 
@@ -72,8 +86,6 @@ class _Wire(Wire):
 class _World(DatedWorld):
     """A gateway that is reloaded again and again, in front of the same devices."""
 
-    running: Running
-
     def __init__(self, goal: int, seed: int) -> None:
         super().__init__(goal, seed)
         spots = [Spot(place, unit) for place in PLACES for unit in UNITS]
@@ -86,7 +98,9 @@ class _World(DatedWorld):
         #: What the lines of these allow their devices, in seconds.
         self.limits: dict[object, float] = {}
         self.bench = _Bench(self._text)
-        self._note(self.bench.gateway)
+        self.running = self.bench.running
+        self.bench.running.builder = _NotingBuilder(self.bench.running.builder, self.note)
+        self.note(self.bench.gateway)
 
     def connect(self, share: float, seed: int) -> None:
         """Connect the devices to the lines, which have been open once."""
@@ -107,7 +121,7 @@ class _World(DatedWorld):
 
     async def keep_reloading(self) -> None:
         """Change the config and reload it, sometimes twice in a row, and with an error in it now and then."""
-        reloader = Reloader(Path("gateway.toml"), self.running, self._rebuild, Notifier({}), read=self._read)
+        reloader = Reloader(Path("gateway.toml"), self.running, Notifier({}), read=self._read)
         while not self.is_over:
             await asyncio.sleep(self.dice.uniform(0.0, _PAUSE))
             if self.dice.random() < 0.2:
@@ -128,13 +142,7 @@ class _World(DatedWorld):
         self._read_units = self._units_of_config(self._built[-1][1])
         return ConfigRead(loaded.config and resolve(loaded.config), loaded.problems)
 
-    def _rebuild(self, plan: Plan, before: Gateway) -> Gateway:
-        bench = self.bench
-        gateway = build(plan, self.loop, bench._open, bench.memory, bench.events.append, None, before)
-        self._note(gateway)
-        return gateway
-
-    def _note(self, gateway: Gateway) -> None:
+    def note(self, gateway: Gateway) -> None:
         """A gateway was built by the config that was read last."""
         self._built.append((gateway, self._read_units))
         lines = [line for each, _ in self._built for line in each.lines]
@@ -156,7 +164,7 @@ async def play(transactions: int, share: float, seed: int) -> Tally:
     world = _World(transactions, seed)
     bench = world.bench
     with patch("gateway.runtime.garbage.settle"):  # it looks at all objects of the process
-        async with keep_lines_open(bench.gateway, bench.events.append) as world.running:
+        async with keep_lines_open(bench.running):
             world.running.ready.set()
             world.connect(share, seed)
             clients = (keep_asking(world, bench.gateway, number, pause=0.05) for number in range(_CLIENTS))

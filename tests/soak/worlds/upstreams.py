@@ -28,7 +28,7 @@ CONFIG: Final = "".join(
 async def play(transactions: int, share: float, seed: int) -> Tally:
     """One run; the running loop is in virtual time."""
     bench = GatewayBench(CONFIG)
-    async with keep_lines_open(bench.gateway, bench.events.append):
+    async with keep_lines_open(bench.running):
         world = DatedWorld(transactions, seed)
         for at, (name, units, _) in enumerate(_SERVERS):
             devices = {unit: world.device(unit, 10 * at + unit) for unit in units}

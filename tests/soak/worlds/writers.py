@@ -40,7 +40,7 @@ CONFIG: Final = "".join(
 async def play(transactions: int, share: float, seed: int) -> Tally:
     """One run; the running loop is in virtual time."""
     bench = GatewayBench(CONFIG)
-    async with keep_lines_open(bench.gateway, bench.events.append):
+    async with keep_lines_open(bench.running):
         world = DatedWorld(transactions, seed)
         for at, (name, timing) in enumerate(_TIMINGS.items()):
             devices = {10 * at + unit: world.device(unit, 10 * at + unit) for unit in _UNITS}

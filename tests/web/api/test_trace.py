@@ -124,7 +124,7 @@ async def test_function_client_and_result_choose_among_the_records(asked):
 
 
 async def test_a_sample_has_so_many_a_second_and_the_time_tells_how_many_more_there_were(bench):
-    ring, now = bench.running.gateway.ring, asyncio.get_running_loop().time
+    ring, now = bench.running.ring, asyncio.get_running_loop().time
     wire = bench.browser().open(f"{TRACE}?per_second=10")
     await asyncio.sleep(1)
     for _ in range(10):
@@ -212,7 +212,7 @@ async def test_a_reader_that_does_not_read_is_dropped(bench):
     wire = bench.browser().open(TRACE, room=1000)
     await asyncio.sleep(1)
     for number in range(300):
-        bench.running.gateway.ring.add(PortChanged(asyncio.get_running_loop().time(), "hall", f"{number:1000}"))
+        bench.running.ring.add(PortChanged(asyncio.get_running_loop().time(), "hall", f"{number:1000}"))
     await asyncio.sleep(1)
     assert not wire.closed.is_set()
     await asyncio.sleep(WRITE_TIME)
@@ -222,7 +222,7 @@ async def test_a_reader_that_does_not_read_is_dropped(bench):
 async def test_a_reader_is_told_what_it_has_missed(bench):
     wire = bench.browser().open(TRACE)
     await asyncio.sleep(1)
-    ring = bench.running.gateway.ring
+    ring = bench.running.ring
     for _ in range(40_000):
         ring.add(PortChanged(asyncio.get_running_loop().time(), "hall", ""))
     before = ring.first
@@ -254,7 +254,7 @@ async def test_a_capture_file_has_the_frames_of_the_last_seconds(asked):
 
 
 async def test_a_capture_file_has_all_records_however_many_there_are(asked):
-    ring, now = asked.running.gateway.ring, asyncio.get_running_loop().time
+    ring, now = asked.running.ring, asyncio.get_running_loop().time
     for _ in range(1000):
         ring.add(PortChanged(now(), "hall", ""))
     await asked.browser().get("/api/v1/units/46/holding/0-1")
@@ -262,12 +262,12 @@ async def test_a_capture_file_has_all_records_however_many_there_are(asked):
 
 
 async def test_a_file_has_nothing_more_from_when_the_right_was_taken_away(asked):
-    ring, now = asked.running.gateway.ring, asyncio.get_running_loop().time
+    ring, now = asked.running.ring, asyncio.get_running_loop().time
     for _ in range(1000):
         ring.add(PortChanged(now(), "hall", ""))
     await asked.browser().get("/api/v1/units/46/holding/0-1")
-    web = asked.running.gateway.web
-    parts = capture(lambda: asked.running.gateway, Traced(since=60), "127.0.0.1")
+    web = asked.running.routers.web
+    parts = capture(asked.running, Traced(since=60), "127.0.0.1")
     first = b"\r\n\r\n" + await anext(parts) + await anext(parts)
     web.rights = Rights([AccessRow(NOTHING, listeners=frozenset({"web"}))], web.entry)
     whole = first + b"".join([part async for part in parts])
@@ -278,7 +278,7 @@ async def test_who_does_not_read_a_file_is_dropped_and_leaves_its_place(asked):
     now = asyncio.get_running_loop().time()
     for _ in range(1000):
         record = Answered(now, "hall", "", "", 46, bytes.fromhex("0300000070"), bytes((3, 224)) + bytes(224), now)
-        asked.running.gateway.ring.add(record)
+        asked.running.ring.add(record)
     wires = [asked.browser().open(CAPTURE, room=100) for _ in range(MOST_DOWNLOADS)]
     await asyncio.sleep(1)
     assert (await asked.browser().get(CAPTURE)).status == 503

@@ -48,9 +48,9 @@ async def test_what_was_measured_is_shown_at_once_and_nothing_is_sent_for_it(ben
     client = bench.inner.client()
     for _ in range(4):
         await client.asks(47, "03 00 00 00 01")
-    before = bench.running.gateway.ring.added
+    before = bench.running.ring.added
     shown = await rows(bench.browser())
-    assert bench.running.gateway.ring.added == before
+    assert bench.running.ring.added == before
     assert any(row.startswith("to fix | port of hall | /dev/hall does not exist plug the adapter in") for row in shown)
     assert any(row.startswith("to fix | unit 47, <oven> | does not answer") for row in shown)
     assert "note | hall | not asked yet: 1 of 2 units" in shown

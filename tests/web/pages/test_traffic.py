@@ -73,7 +73,7 @@ def told(row):
 
 
 async def test_all_kinds_of_transactions_are_shown_in_words_the_newest_first(bench):
-    ring, now = bench.running.gateway.ring, asyncio.get_running_loop().time
+    ring, now = bench.running.ring, asyncio.get_running_loop().time
     ring.add(Heard(now(), "hall <b>", "another client", bytes.fromhex("09 03 02 00 01"), 5))
     ring.add(PortChanged(now(), "hall <b>", "unplugged"))
     lost, heard, no_route, image, timeout, exception, write, read, *_ = map(told, await rows(bench))
@@ -145,7 +145,7 @@ async def test_nothing_like_it_is_said(bench):
 
 
 async def test_the_page_is_bounded_and_has_the_newest(bench):
-    ring, now = bench.running.gateway.ring, asyncio.get_running_loop().time
+    ring, now = bench.running.ring, asyncio.get_running_loop().time
     for at in range(1000):
         request = Request(200, b"\x03" + at.to_bytes(2, "big") + b"\0\1", AwaitedOrigin(lambda: True), now())
         ring.answer(request, b"\x03\x02\0\0", now(), "shift")
@@ -192,7 +192,7 @@ async def test_without_a_ring_it_says_how_to_have_one(tmp_path):
 
 
 async def test_failures_are_found_however_much_has_happened_since(bench):
-    ring, now = bench.running.gateway.ring, asyncio.get_running_loop().time
+    ring, now = bench.running.ring, asyncio.get_running_loop().time
     for _ in range(30_000):
         ring.add(PortChanged(now(), "hall <b>", ""))
     assert [row[2] for row in await rows(bench, "/traffic?result=no_route")] == ["99"]

@@ -250,8 +250,8 @@ async def test_rows_of_access_decide_what_there_are_forms_for(tmp_path, device):
 
 async def test_a_right_that_was_lost_since_the_question_writes_nothing(anna, bench, device):
     question = await asked(anna, point="speed", value="1")
-    bench.running.gateway.web.rights = Rights(
-        [AccessRow(READING, listeners=frozenset({"web"}))], bench.running.gateway.web.entry
+    bench.running.routers.web.rights = Rights(
+        [AccessRow(READING, listeners=frozenset({"web"}))], bench.running.routers.web.entry
     )
     await anna.post(question)
     assert "exception 01, illegal function" in (await anna.get(question)).text

@@ -1,0 +1,20 @@
+"""How long what stops may take to finish what is in progress."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Final
+
+#: How long requests in progress and their clients may take when their part stops, in seconds. With CLOSING_TIME of
+#: `runtime/open_ports.py`, the process ends in less than 5 s. Only a disk that hangs adds to it: 1 s for the files of
+#: the state folder, or 2 s with persistent images, and 1 s for the history of the web page.
+DRAIN_TIME: Final = 3.0
+#: How often this is checked, in seconds.
+_DRAIN_STEP: Final = 0.02
+
+
+async def until(is_done: Callable[[], bool]) -> None:
+    """Wait until it is done, but not longer than DRAIN_TIME."""
+    loop = asyncio.get_running_loop()
+    end = loop.time() + DRAIN_TIME
+    while loop.time() < end and not is_done():
+        await asyncio.sleep(_DRAIN_STEP)

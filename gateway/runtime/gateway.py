@@ -1,0 +1,93 @@
+"""A gateway: the parts that one plan asks for, and the routes between them. Another plan makes another one."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple, Union
+
+from gateway.config.plan.plan import Plan
+from gateway.devices.device import Device
+from gateway.images.drivers.mirror_driver import MirrorDriver
+from gateway.images.image import Image
+from gateway.images.persistent import PersistentImage
+from gateway.lines.driver import LineDriver
+from gateway.listeners.serial import SerialListener
+from gateway.listeners.tcp import TcpListener
+from gateway.listeners.udp import UdpListener
+from gateway.request import NamedTarget
+from gateway.routing.access import KnownAs
+from gateway.routing.router import Router
+from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.upstreams.driver import TcpDriver
+
+if TYPE_CHECKING:
+    from gateway.fleet.asker import Asker
+
+#: A listener of any protocol.
+Listener = TcpListener | UdpListener
+
+#: A part that keeps a port or a connection open.
+Part = GatewayLine | GatewayUpstream | GatewayServer
+#: What drives one. The one of a site is loaded only for it.
+Driver = Union[LineDriver, TcpDriver, SerialListener, "Asker"]
+
+
+class Reach(NamedTuple):
+    """The units that clients reach: what answers for each, and which units it is for access rows without listeners."""
+
+    routes: Mapping[int, NamedTarget]
+    known_as: KnownAs
+
+
+NOWHERE: Final = Reach({}, ())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gateway:
+    """All parts of a gateway, in the order of the config: `lines` are client lines, `servers` are server lines.
+
+    `devices` are those of each line. `everywhere` is what clients reach that come by no listener and no server line;
+    `routings` is what those of each listener and server line reach. All of it applies after `Running.apply`.
+    """
+
+    plan: Plan
+    listeners: tuple[Listener, ...] = ()
+    lines: tuple[GatewayLine, ...] = ()
+    servers: tuple[GatewayServer, ...] = ()
+    upstreams: tuple[GatewayUpstream, ...] = ()
+    images: tuple[Image, ...] = ()
+    mirrors: tuple[MirrorDriver, ...] = ()
+    devices: tuple[dict[int, Device], ...] = ()
+    everywhere: Reach = NOWHERE
+    routings: tuple[tuple[Router, Reach], ...] = ()
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All parts that keep a port or a connection open."""
+        return (*self.lines, *self.servers, *self.upstreams)
+
+    @property
+    def longest_waits(self) -> Mapping[str, float]:
+        """The longest wait for each unit that is not in the gateway itself, in seconds, by its name."""
+        owners: tuple[GatewayLine | GatewayUpstream, ...] = (*self.lines, *self.upstreams)
+        return {name: wait for owner in owners for name, wait in owner.longest_wait.items()}
+
+    def load_images(self) -> None:
+        """Let new persistent images load the values of those that had their names before."""
+        for image in self.images:
+            if isinstance(image, PersistentImage):
+                image.start()
+
+    def adopt_plan(self) -> None:
+        """Give each part its table of the plan: one from an earlier gateway may stand elsewhere in the file now."""
+        for line, line_plan, devices in zip(self.lines, self.plan.lines, self.devices, strict=True):
+            line.adopt(line_plan, devices)
+        for server, server_plan in zip(self.servers, self.plan.servers, strict=True):
+            server.plan = server_plan
+        for upstream, upstream_plan in zip(self.upstreams, self.plan.upstreams, strict=True):
+            upstream.adopt(upstream_plan)
+        for listener, settings in zip(self.listeners, self.plan.listeners, strict=True):
+            listener.settings = settings
+        for image, image_settings in zip(self.images, self.plan.images, strict=True):
+            image.settings = image_settings
+        for driver, mirror_settings in zip(self.mirrors, self.plan.mirrors, strict=True):
+            driver.mirror.settings = mirror_settings
