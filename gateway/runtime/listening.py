@@ -26,7 +26,9 @@ class Listening:
         """
         await self._bind(listeners, self._sockets, listeners)
 
-    async def replace(self, gone: Sequence[Listener], come: Sequence[Listener], present: Sequence[Listener]) -> None:
+    async def take_addresses(
+        self, gone: Sequence[Listener], come: Sequence[Listener], present: Sequence[Listener]
+    ) -> None:
         """Listen at the addresses of those that `come`, replacing those of `gone`; `present` are all from then on.
 
         Raises:

@@ -177,7 +177,7 @@ class Running:
         old = self.gateway
         gone = [listener for listener in old.listeners if listener not in new.listeners]
         come = [listener for listener in new.listeners if listener not in old.listeners]
-        await self._listening.replace(gone, come, new.listeners)
+        await self._listening.take_addresses(gone, come, new.listeners)
         self._listening.finish(gone)
         self.apply(new)
         _close_mirrors(old, new)
