@@ -1,10 +1,10 @@
 """A line on which gateways ask in turn: what one leaves to the next."""
 
-from collections.abc import Awaitable, Callable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from functools import partial
 from math import inf
 from socket import gethostname
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 from gateway.config.plan.forecast import guard, longest_late_window
 from gateway.config.plan.settings import LinePlan
@@ -13,13 +13,13 @@ from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.fleet.lease_settings import LeaseSettings
 from gateway.fleet.standby import BUCKET, Bucket, Standby
+from gateway.lines.driver import LineDriver
+from gateway.lines.exchange import Exchange
 from gateway.ports.port import TcpSettings
+from gateway.ports.reconnector import Reconnector
 from gateway.runtime import remembered
 from gateway.runtime.overdue import as_entry, is_entry, read_entry
 from gateway.state.memory import Memory
-
-if TYPE_CHECKING:
-    from gateway.runtime.parts import GatewayLine
 
 #: Stands for the rate among names of devices, none of which can be empty.
 _RATE: Final = ""
@@ -28,7 +28,28 @@ _RATE: Final = ""
 Buckets = Callable[[str], Awaitable[Bucket]]
 
 
-def standby_for(line: "GatewayLine", plan: LinePlan, memory: Memory, buckets: Buckets, emit: Emit) -> Standby:
+class OwnLine(Protocol):
+    """What is asked of the line of this gateway; see GatewayLine."""
+
+    name: str
+    plan: LinePlan
+    driver: LineDriver
+    reconnector: Reconnector
+
+    def now(self) -> float:
+        """Tell the time by which the line counts."""
+
+    def place_devices(self) -> None:
+        """Let all devices be where they are remembered to be."""
+
+    def handed_on(self, now: float) -> list[Exchange]:
+        """List what may still arrive on the port."""
+
+    def take_over(self, exchanges: Iterable[Exchange]) -> None:
+        """Expect what may still arrive on the port."""
+
+
+def standby_for(line: OwnLine, plan: LinePlan, memory: Memory, buckets: Buckets, emit: Emit) -> Standby:
     """Who keeps the port of `line` open while it holds the lease of its plan."""
     lease = plan.lease
     assert lease is not None  # noqa: S101 - for lines with a lease
@@ -40,7 +61,7 @@ def standby_for(line: "GatewayLine", plan: LinePlan, memory: Memory, buckets: Bu
 class SharedPort:
     """The port and the state of `line`, as its Standby sees them."""
 
-    def __init__(self, line: "GatewayLine", memory: Memory) -> None:
+    def __init__(self, line: OwnLine, memory: Memory) -> None:
         self._line = line
         self._memory = memory
         #: What has changed once: that it is as the config says again is told too. Who knows nothing tells nothing.
@@ -85,8 +106,7 @@ class SharedPort:
             self._adopt_rate(*rate[:2])
         late = state.get("late")
         if late is not None and is_entry(late):
-            exchanges = read_entry(late, -inf, self._line.now())
-            self._line.driver.line.ledger.take_over(exchanges, self._line.patience)
+            self._line.take_over(read_entry(late, -inf, self._line.now()))
 
     def _adopt_addresses(self, moved: Mapping[str, tuple[int, ...]]) -> None:
         plan = self._line.plan
