@@ -12,7 +12,7 @@ from gateway.operator.operations import OneUnit
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.parts import GatewayLine
+from gateway.runtime.gateway_line import GatewayLine
 from gateway.timing.budget import Budget
 
 

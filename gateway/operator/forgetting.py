@@ -9,7 +9,7 @@ from gateway.operator.operations import OneDevice
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.parts import GatewayLine
+from gateway.runtime.gateway_line import GatewayLine
 
 _ADVICE = "what was remembered is forgotten, so the config counts again"
 

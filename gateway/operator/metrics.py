@@ -16,7 +16,8 @@ from gateway.fleet.status import FleetStatus
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
 from gateway.observe.metrics import Family, Spread
 from gateway.plant.status import BrokerStatus
-from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
 from gateway.timing.histogram import Histogram
 from gateway.tls.store import TlsStore

@@ -37,7 +37,9 @@ from gateway.operator.operator import Operator
 from gateway.ports.reconnector import Reconnector
 from gateway.readconfig.expiry import certificates
 from gateway.runtime.gateway import Gateway, Listener
-from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_server import GatewayServer
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.recent import LineUser, Recent
 from gateway.timing.histogram import SECONDS, SHARES, merged
 from gateway.timing.measured import NEVER, Phases, Times

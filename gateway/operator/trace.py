@@ -22,7 +22,9 @@ from gateway.operator.unit_names import UnitNames
 from gateway.operator.units import find_unit
 from gateway.ports.port import SiteSettings
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_server import GatewayServer
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
 from gateway.trace.records import (
     RESULTS,

@@ -14,7 +14,8 @@ from gateway.operator.operations import OneUnit
 from gateway.operator.operator import Operator
 from gateway.profiles.profile import Profile
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
 
 

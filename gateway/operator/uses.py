@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 from gateway.devices.device import Device, EveryDevice
 from gateway.lines.counts import RESULTS
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.timing.history import LineUse, UnitUse
 
 #: The lines never wait longer for a look than this, in seconds.

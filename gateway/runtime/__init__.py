@@ -1,1 +1,18 @@
-"""A gateway at work: its parts, how they are built of a plan, and how a reload replaces them."""
+"""A gateway at work: its parts, how they are built of a plan, and how a reload replaces them.
+
+A reload, from top to bottom: `Reloader` reads the config, `Builder` builds a gateway of its plan, with the parts that
+are the same in the one before, and `Running.switch` puts it in the place of that one.
+
+- reload, outcome      reads the config again, compares it with the one in use, says what has changed
+- running              what outlives a reload; start, switch to another gateway, drain
+- listening, open_ports, draining    what switch, start and stop do with listeners, and with ports
+- build, reach         a gateway of a plan; which units each client reaches there, and by which numbers
+- gateway              what is built: a plan, its parts, the routes between them
+- gateway_line, gateway_upstream, gateway_server    one table of the config with all that it needs
+- routers              where requests come in that no listener gets: control socket, HTTP, broker, other sites
+- publishing, publication, announcing, announced    `[mqtt]`: as long as the config has it; one plan; discovery
+- fleet, presence, shared_line    `[fleet]`: the connection, what is told of this site, a line with a lease
+- kept_state, remembered, remembered_port, overdue    of earlier runs: moved devices, changed rates, late responses
+- recent, tightness, self_state, summary, port_records    what is counted, noticed and shown while it runs
+- garbage              keeps Python's collector short
+"""

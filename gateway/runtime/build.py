@@ -22,7 +22,9 @@ from gateway.ports.port import Opener, OpenPort, SiteSettings
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import CertifiedRouter, Router
 from gateway.runtime.gateway import Gateway, Listener
-from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_server import GatewayServer
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.reach import with_routes
 from gateway.state.memory import Memory
 from gateway.tls.store import TlsStore

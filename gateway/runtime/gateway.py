@@ -16,7 +16,9 @@ from gateway.listeners.udp import UdpListener
 from gateway.request import NamedTarget
 from gateway.routing.access import KnownAs
 from gateway.routing.router import Router
-from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_server import GatewayServer
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.upstreams.driver import TcpDriver
 
 if TYPE_CHECKING:

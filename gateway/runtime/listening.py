@@ -53,6 +53,11 @@ class Listening:
             else:
                 listener.finish()
 
+    def start(self, come: Iterable[Listener]) -> None:
+        """Accept clients."""
+        for listener in come:
+            listener.start()
+
     def retire(self, gone: Iterable[Listener], group: asyncio.TaskGroup) -> None:
         """Close those that are gone, each once its clients have their responses."""
         self._leaving += gone

@@ -11,8 +11,8 @@ from gateway.lines.line import Line
 from gateway.ports.reconnector import Reconnector
 from gateway.runtime.draining import until
 from gateway.runtime.gateway import Driver, Part
+from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.overdue import LeftBehind, place_of
-from gateway.runtime.parts import GatewayLine
 
 #: How long ports may take to close when their part stops, in seconds.
 CLOSING_TIME: Final = 1.5
@@ -41,11 +41,11 @@ class OpenPorts:
         return [part.driver for part in self._tasks]
 
     def keeps(self, part: Part) -> bool:
-        """Whether the line or upstream is still part of the gateway, and the gateway does not stop."""
+        """Tell whether the line or upstream is still part of the gateway, and the gateway does not stop."""
         return not self._is_ending and part in self.present
 
     def is_lent(self, line: GatewayLine) -> bool:
-        """Whether the port of a line is lent."""
+        """Tell whether the port of a line is lent."""
         return line in self._lent
 
     @asynccontextmanager

@@ -6,7 +6,8 @@ from socket import gethostname
 from typing import Any
 
 from gateway import __version__
-from gateway.runtime.parts import GatewayLine, GatewayServer
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.running import Running
 
 

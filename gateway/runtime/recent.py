@@ -7,7 +7,7 @@ from typing import Final, Literal, NamedTuple
 
 from gateway.diagnosis.last import NOW, Last
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.parts import GatewayLine
+from gateway.runtime.gateway_line import GatewayLine
 from gateway.timing.usage import Use, User
 
 #: The time between two samples in seconds, and how many are kept: those of a minute.

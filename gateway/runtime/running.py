@@ -1,4 +1,4 @@
-"""A running gateway: opens, watches, replaces and closes its parts."""
+"""A running gateway: starts, switches to another config, drains, and stops."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable
@@ -32,7 +32,7 @@ LONGEST_START: Final = 10.0
 
 
 class Running:
-    """A running gateway, and what outlives its reloads: the routers and the ring, certificates, what looks outwards.
+    """A running gateway, and what outlives its reloads: its other routers, ring, certificates, broker and sites.
 
     `opener` opens ports, `kept` is the state that outlives the process, `sockets` are those that were bound before the
     process started.
@@ -88,7 +88,11 @@ class Running:
         self.apply(self.gateway)
 
     def apply(self, gateway: Gateway) -> None:
-        """Let all requests go by the plan of this gateway from now on: all at once, so that none sees half of it."""
+        """Let all requests go by the plan of this gateway from now on: in one go, so that none sees a half of it.
+
+        Images have their values before requests reach them. Commands from the broker are stopped after that: only new
+        routes tell whether they still mean the same devices.
+        """
         self.ring.resize(gateway.plan.ring)
         gateway.load_images()
         self._route(gateway)
@@ -128,8 +132,7 @@ class Running:
         """Wait until every line was tried once; then mirrors begin to poll."""
         for part in self.gateway.parts:
             await part.reconnector.tried.wait()
-        for mirror in self.gateway.mirrors:
-            mirror.start()
+        self._start_mirrors()
 
     async def settled(self) -> None:
         """Wait until every line was tried once, but not for ever: at the start, commands are there before them."""
@@ -146,8 +149,7 @@ class Running:
         """
         for listener in self.gateway.listeners:
             listener.listen()
-        for listener in self.gateway.listeners:
-            listener.start()
+        self._listening.start(self.gateway.listeners)
 
     def stop_listening(self) -> None:
         """Drop all clients."""
@@ -171,6 +173,9 @@ class Running:
     async def switch(self, new: Gateway) -> None:
         """Switch to another gateway. Parts that both have are not interrupted.
 
+        The new addresses come first, as they may be in use. Then, in one go, requests take the new routes. In the end
+        what is gone finishes what is in progress, and what comes opens its port as soon as that is free.
+
         Raises:
             ListenError: as `bind`; nothing has changed.
         """
@@ -181,23 +186,26 @@ class Running:
         self._listening.finish(gone)
         self.apply(new)
         _close_mirrors(old, new)
-        for listener in come:
-            listener.start()
+        self._listening.start(come)
         async with asyncio.TaskGroup() as group:
             self._listening.retire(gone, group)
             self.ports.replace(old.parts, new.parts, group)
-            for mirror in new.mirrors:
-                mirror.start()
-            await self._look_outwards()
+            self._start_mirrors()
+            await self._connect_outwards()
 
-    async def _look_outwards(self) -> None:
+    def _start_mirrors(self) -> None:
+        """Let mirrors poll, those that do already go on."""
+        for mirror in self.gateway.mirrors:
+            mirror.start()
+
+    async def _connect_outwards(self) -> None:
         """Connect to other sites and to the broker as the plan says, and tell both what there is now."""
         await self.fleet.adopt(self.gateway.plan.fleet)
         await self.fleet.refresh()
         await self.publishing.adopt(self.gateway)
 
     def renew_certificates(self) -> None:
-        """After a reload: clients that may not be trusted any more must show their certificates again."""
+        """Let clients that may not be trusted any more show their certificates again, after a reload."""
         for listener in self.gateway.listeners:
             if isinstance(listener, TlsListener):
                 listener.renew()
@@ -211,5 +219,5 @@ def _close_mirrors(old: Gateway, new: Gateway) -> None:
 
 
 def _any_under_way(listeners: Iterable[Listener], drivers: Iterable[Driver]) -> bool:
-    """Whether a client still has to get a response."""
+    """Tell whether a client still has to get a response."""
     return any(one.has_clients for one in listeners) or any(one.is_busy for one in drivers)

@@ -8,7 +8,9 @@ from gateway.images.services import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS
 from gateway.lines.counts import Counts, UnitCounts, total, total_of_units
 from gateway.ports.reconnector import Reconnector
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_server import GatewayServer
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.recent import Recent
 from gateway.timing.measured import NEVER
 

@@ -9,7 +9,7 @@ from typing import Final
 from gateway.devices.device import Device
 from gateway.events import Emit, TimingTight
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.parts import GatewayLine
+from gateway.runtime.gateway_line import GatewayLine
 from gateway.timing.histogram import SHARES, Histogram
 from gateway.timing.measured import Times
 

@@ -29,7 +29,9 @@ from gateway.operator.units import may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
 from gateway.runtime.fleet import Fleet
-from gateway.runtime.parts import GatewayLine, GatewayServer, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_server import GatewayServer
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
 from gateway.timing.measured import NEVER
 from gateway.tools.evidence import (

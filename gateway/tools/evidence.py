@@ -8,7 +8,8 @@ from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
 from gateway.ports.port import SerialSettings
 from gateway.runtime.gateway import Gateway, Listener
-from gateway.runtime.parts import GatewayLine, GatewayUpstream
+from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.recent import Recent
 from gateway.timing.histogram import SHARES, merged
 from gateway.timing.measured import NEVER

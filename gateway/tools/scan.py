@@ -33,7 +33,7 @@ from gateway.modbus.pdu import parse_request
 from gateway.operator.answers.scan import Found, Progress
 from gateway.operator.requests import AwaitedOrigin
 from gateway.request import Request
-from gateway.runtime.parts import GatewayLine
+from gateway.runtime.gateway_line import GatewayLine
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import Mode
 from gateway.timing.table import TimingTable

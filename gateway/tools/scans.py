@@ -13,7 +13,7 @@ from gateway.operator.operations import ToScan
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_line, may_read_all
 from gateway.ports.port import SerialSettings
-from gateway.runtime.parts import GatewayLine
+from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.running import Running
 from gateway.tools.scan import Scan, Steps, scan_speeds
 

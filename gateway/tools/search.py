@@ -22,7 +22,7 @@ from gateway.operator.operation import IsThere
 from gateway.ports.port import SerialSettings
 from gateway.ports.reconnector import OPENING_DEADLINE
 from gateway.profiles.profile import Profile
-from gateway.runtime.parts import GatewayLine
+from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.running import Running
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat

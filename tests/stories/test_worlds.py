@@ -7,7 +7,7 @@ import pytest
 from gateway.images.polling import PolledRange, Polling
 from gateway.lines.ledger import Ledger
 from gateway.modbus.mbap import TcpFrame
-from gateway.runtime.parts import GatewayLine
+from gateway.runtime.gateway_line import GatewayLine
 from gateway.upstreams.upstream import Upstream
 from soak.never_lies import run
 

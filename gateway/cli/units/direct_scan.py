@@ -23,7 +23,7 @@ from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 from gateway.operator.answers.scan import Found, Progress
 from gateway.ports.opener import make_opener
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
-from gateway.runtime.parts import GatewayLine
+from gateway.runtime.gateway_line import GatewayLine
 from gateway.state.memory import Memory
 from gateway.timing.characters import LineTiming
 from gateway.tools.scan import Scan, Steps, opened, scan_speeds

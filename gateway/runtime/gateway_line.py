@@ -1,39 +1,35 @@
-"""The parts of one table of the config: a reload keeps or rebuilds them together."""
+"""One client line of the config: its devices, its scheduler and its port. A reload keeps or replaces all of it."""
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from math import ceil
 from typing import TYPE_CHECKING
 
-from gateway.config.plan.forecast import longest_wait_behind, longest_waits
-from gateway.config.plan.settings import LinePlan, ServerPlan, UpstreamPlan
+from gateway.config.plan.forecast import longest_waits
+from gateway.config.plan.settings import LinePlan
 from gateway.devices.addresses import UnitAddresses
 from gateway.devices.device import Device, DeviceSettings, EveryDevice
 from gateway.devices.quirks import AddressZeroDevice, EveryQuirkyDevice, MovableDevice
 from gateway.errors import WrongQuestion
-from gateway.events import Emit, Event, LineLost, LineReopened, LineUp, discard_event
+from gateway.events import Emit, discard_event
 from gateway.lines.counts import UnitCounts
 from gateway.lines.driver import LineDriver
 from gateway.lines.exchange import Exchange
 from gateway.lines.line import Line
-from gateway.listeners.serial import SerialListener
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.port import Opener, OpenPort, Port, PortUser, SerialSettings, SiteSettings
+from gateway.ports.port import Opener, SerialSettings
 from gateway.ports.reconnector import Reconnector
-from gateway.routing.access import EntryPoint
-from gateway.routing.router import Router
 from gateway.runtime import remembered
+from gateway.runtime.port_records import kept_in
+from gateway.runtime.remembered_port import RememberedPort
 from gateway.state.memory import Memory
 from gateway.timing.characters import CharacterFormat
 from gateway.trace.ring import Ring
-from gateway.upstreams.driver import TcpDriver
-from gateway.upstreams.upstream import Upstream
 
 if TYPE_CHECKING:
-    from gateway.fleet.asker import Asker
     from gateway.fleet.standby import Standby
     from gateway.runtime.shared_line import Buckets
 
@@ -66,7 +62,7 @@ class GatewayLine:
         self.name = name = plan.line.name
         timing = plan.line.timing
         self.opener = opener
-        self._port = _RememberedPort(plan, opener, memory)
+        self._port = RememberedPort(plan, opener, memory)
         settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
         #: Whether it may ask, if others ask there too.
         self.standby = None if plan.lease is None or buckets is None else self._standby(plan, buckets)
@@ -231,102 +227,3 @@ class GatewayLine:
             emit=self._emit,
             ring=self._ring,
         )
-
-
-class GatewayUpstream:
-    """An upstream with its parts, with the attributes of a GatewayLine."""
-
-    def __init__(
-        self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, open_port: OpenPort, emit: Emit, ring: Ring
-    ) -> None:
-        self.plan = plan
-        self.now = loop.time
-        self.name = plan.upstream.name
-        upstream = Upstream(plan.upstream, emit, ring)
-        self.driver: TcpDriver | Asker = (
-            import_module("gateway.fleet.asker").Asker(upstream, loop, emit)
-            if isinstance(plan.port, SiteSettings)
-            else TcpDriver(upstream, loop, emit)
-        )
-        tell = kept_in(ring, loop.time, emit)
-        self.reconnector = Reconnector(self.name, plan.port.port, open_port, self.driver, tell)
-        self._new_device = partial(Device, line=self.driver, emit=emit, ring=ring, line_name=self.name)
-        self.devices = {each.known_as: self._new_device(each) for each in plan.devices}
-        #: The units that the config does not name, by their numbers there: only the listeners for it lead to them.
-        self.unnamed: dict[int, Device] = {}
-        self.longest_wait: dict[str, float] = {}
-        self.adopt(plan)
-
-    @property
-    def all_devices(self) -> tuple[Device, ...]:
-        """Its units; of those that the config does not name, the ones that were asked."""
-        return (*self.devices.values(), *(device for device in self.unnamed.values() if device.counts))
-
-    def unnamed_of(self, plan: UpstreamPlan) -> dict[int, Device]:
-        """The units that `plan` does not name: existing ones and new ones."""
-        for each in plan.unnamed:
-            if each.unit not in self.unnamed:
-                self.unnamed[each.unit] = self._new_device(each)
-        return {each.unit: self.unnamed[each.unit] for each in plan.unnamed}
-
-    def adopt(self, plan: UpstreamPlan) -> None:
-        """Take over `plan`, which differs only in its place in the file or in the listeners that lead to it."""
-        self.plan = plan
-        self.unnamed = self.unnamed_of(plan)
-        self.longest_wait = {each.name: longest_wait_behind(plan) for each in (*plan.devices, *plan.unnamed)}
-        for each in plan.devices:
-            self.devices[each.known_as].source = each.source
-        for each in plan.unnamed:
-            self.unnamed[each.unit].source = each.source
-
-
-class GatewayServer:
-    """A server line with its parts."""
-
-    def __init__(
-        self, plan: ServerPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit, ring: Ring
-    ) -> None:
-        self.plan = plan
-        self.name = plan.line.name
-        self.router = Router(EntryPoint(self.name, "local"), loop.time, emit, ring=ring)
-        self.driver = SerialListener(plan.line, self.router, loop, emit, ring)
-        tell = kept_in(ring, loop.time, emit)
-        self.reconnector = Reconnector(self.name, plan.port.port, opener(plan.port), self.driver, tell)
-
-
-def kept_in(ring: Ring, clock: Callable[[], float], emit: Emit) -> Emit:
-    """Emits events with `emit`, and records in `ring` when a port was opened or lost."""
-
-    def tell(event: Event) -> None:
-        if isinstance(event, LineLost):
-            ring.add_port(event.line, clock(), event.reason)
-        elif isinstance(event, LineUp | LineReopened):
-            ring.add_port(event.line, clock())
-        emit(event)
-
-    return tell
-
-
-class _RememberedPort:
-    """A line's port, opened at the rate that the line has changed to, if any. A device server keeps its rate."""
-
-    def __init__(self, plan: LinePlan, opener: Opener, memory: Memory) -> None:
-        self._plan = plan
-        self._opener = opener
-        self._memory = memory
-
-    @property
-    def baud(self) -> int:
-        """The present rate."""
-        return remembered.rate(self._plan, self._memory)
-
-    def rate_changed(self, baud: int) -> None:
-        """The line has changed its rate."""
-        self._memory.remember(remembered.rate_key(self._plan), self._plan.line.timing.baud, baud)
-
-    async def open(self, user: PortUser) -> Port:
-        """Open the port. Raises PortError."""
-        settings = self._plan.port
-        if isinstance(settings, SerialSettings):
-            settings = replace(settings, baud=self.baud)
-        return await self._opener(settings)(user)

@@ -1,0 +1,67 @@
+"""One `[[upstream]]` of the config: its units, and the connection to the server that has them."""
+
+import asyncio
+from functools import partial
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from gateway.config.plan.forecast import longest_wait_behind
+from gateway.config.plan.plan import UpstreamPlan
+from gateway.devices.device import Device
+from gateway.events import Emit
+from gateway.ports.port import OpenPort, SiteSettings
+from gateway.ports.reconnector import Reconnector
+from gateway.runtime.port_records import kept_in
+from gateway.trace.ring import Ring
+from gateway.upstreams.driver import TcpDriver
+from gateway.upstreams.upstream import Upstream
+
+if TYPE_CHECKING:
+    from gateway.fleet.asker import Asker
+
+
+class GatewayUpstream:
+    """An upstream with its parts, with the attributes of a GatewayLine."""
+
+    def __init__(
+        self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, open_port: OpenPort, emit: Emit, ring: Ring
+    ) -> None:
+        self.plan = plan
+        self.now = loop.time
+        self.name = plan.upstream.name
+        upstream = Upstream(plan.upstream, emit, ring)
+        self.driver: TcpDriver | Asker = (
+            import_module("gateway.fleet.asker").Asker(upstream, loop, emit)
+            if isinstance(plan.port, SiteSettings)
+            else TcpDriver(upstream, loop, emit)
+        )
+        tell = kept_in(ring, loop.time, emit)
+        self.reconnector = Reconnector(self.name, plan.port.port, open_port, self.driver, tell)
+        self._new_device = partial(Device, line=self.driver, emit=emit, ring=ring, line_name=self.name)
+        self.devices = {each.known_as: self._new_device(each) for each in plan.devices}
+        #: The units that the config does not name, by their numbers there: only the listeners for it lead to them.
+        self.unnamed: dict[int, Device] = {}
+        self.longest_wait: dict[str, float] = {}
+        self.adopt(plan)
+
+    @property
+    def all_devices(self) -> tuple[Device, ...]:
+        """Its units; of those that the config does not name, the ones that were asked."""
+        return (*self.devices.values(), *(device for device in self.unnamed.values() if device.counts))
+
+    def unnamed_of(self, plan: UpstreamPlan) -> dict[int, Device]:
+        """The units that `plan` does not name: existing ones and new ones."""
+        for each in plan.unnamed:
+            if each.unit not in self.unnamed:
+                self.unnamed[each.unit] = self._new_device(each)
+        return {each.unit: self.unnamed[each.unit] for each in plan.unnamed}
+
+    def adopt(self, plan: UpstreamPlan) -> None:
+        """Take over `plan`, which differs only in its place in the file or in the listeners that lead to it."""
+        self.plan = plan
+        self.unnamed = self.unnamed_of(plan)
+        self.longest_wait = {each.name: longest_wait_behind(plan) for each in (*plan.devices, *plan.unnamed)}
+        for each in plan.devices:
+            self.devices[each.known_as].source = each.source
+        for each in plan.unnamed:
+            self.unnamed[each.unit].source = each.source
