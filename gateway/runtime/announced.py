@@ -23,21 +23,21 @@ class AnnouncedDevices:
         self._entries: dict[str, dict[str, str]] = {} if file is None else file.read()
 
     def entries(self) -> "Announced":
-        """All of it."""
+        """Return all of it."""
         return dict(self._entries)
 
     def add(self, announced: "Announced") -> None:
-        """More is going to be announced."""
+        """Note what is about to be announced, before it is."""
         for topic, components in announced.items():
             self._change(topic, {**self._entries.get(topic, {}), **components})
 
     def replace(self, now: "Announced") -> None:
-        """Everything has been taken back that is not announced `now`."""
+        """Note that everything has been taken back but what is announced `now`."""
         for topic in {*self._entries, *now}:
             self._change(topic, dict(now.get(topic, {})))
 
     def close(self) -> None:
-        """Remember no more; returns when the file has been written."""
+        """Stop remembering; return when the file has been written."""
         if self._file is not None:
             self._file.close()
 
@@ -52,5 +52,5 @@ class AnnouncedDevices:
 
 
 def is_entry(value: object) -> bool:
-    """Whether this is an entry of the file."""
+    """Tell whether this is an entry of the file."""
     return isinstance(value, dict) and all(isinstance(each, str) for each in (*value, *value.values()))

@@ -1,4 +1,4 @@
-"""What brokers keep of devices by one plan: what announces those that there are, and takes back those that are gone.
+"""Retained discovery messages of one plan: they announce present devices, and clear removed ones.
 
 Whatever was announced before, under any site and in any form, is taken back once it is announced no more.
 """
@@ -30,25 +30,25 @@ class Announcing:
 
     @classmethod
     async def of(cls, plan: MqttPlan, announced: AnnouncedDevices) -> "Announcing":
-        """For a plan. Thousands of points take their time, so a thread does it."""
+        """Make it for a plan, in a thread: there may be thousands of points."""
         loop = asyncio.get_running_loop()
         return cls(*await loop.run_in_executor(ThreadPerCall("announce"), _made, plan, announced.entries()), announced)
 
     def withdrawal(self) -> list[Message]:
-        """What takes all of it back."""
+        """List the messages that clear all that was announced."""
         return list(_taken_back(self._announced.entries(), {}))
 
     def done(self) -> None:
-        """The messages have been published."""
+        """Note that the messages have been published."""
         self._announced.replace(self._now)
 
     def withdrawn(self) -> None:
-        """All of it has been taken back."""
+        """Note that all of it has been cleared."""
         self._announced.replace({})
 
 
 def _made(plan: MqttPlan, before: Announced) -> tuple[Sequence[Message], Announced]:
-    """The messages, and what they announce."""
+    """Make the messages, and the list of what they announce."""
     topics = Topics(plan.site)
     discovery = Discovery(topics, plan.home_assistant or "")
     found = () if plan.home_assistant is None else plan.devices

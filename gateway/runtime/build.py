@@ -85,7 +85,7 @@ class Builder:
         return with_routes(gateway, self.ring)
 
     def opened_store(self) -> Store:
-        """The store of persistent images, once it has read its files. Blocks. Raises StateError."""
+        """Return the store of persistent images once it has read its files. Blocks. Raises StateError."""
         assert self.store is not None  # noqa: S101 - required for plans with persistent images
         self.store.open()
         return self.store
@@ -144,7 +144,7 @@ class _Parts:
         return PersistentImage(settings, by.opened_store(), by.emit, by.ring)
 
     def mirror(self, settings: MirrorSettings, device: Device) -> MirrorDriver:
-        """A mirror is rebuilt if its device was."""
+        """Build a mirror, also if only its device was rebuilt."""
         old = self._mirrors.get(settings.name)
         if old is not None and old.mirror.settings == settings and old.device is device:
             return old

@@ -60,7 +60,7 @@ class Fleet:
         self.presence: Presence | None = None
 
     def opener(self, site: str) -> OpenPort:
-        """What opens the port to another site."""
+        """Make what opens the port to another site."""
 
         async def open_port(user: PortUser) -> Port:
             if self.exchange is None:
@@ -70,7 +70,7 @@ class Fleet:
         return open_port
 
     async def bucket(self, name: str) -> "Bucket":
-        """A bucket of the key-value store.
+        """Open a bucket of the key-value store.
 
         Raises:
             FleetError: NATS cannot be reached, or it has none.
@@ -104,7 +104,7 @@ class Fleet:
         await self.refresh()
 
     def _link(self, plan: FleetPlan) -> "Link":
-        """Raises ModuleNotFoundError without the library."""
+        """Make the link. Raises ModuleNotFoundError without the library."""
         servers = [Server(each.host, each.port, each.scheme == "tls") for each in plan.servers]
         link: Link = import_module("gateway.fleet.link").Link(servers, _login(plan, self._contexts), self._emit)
         return link
@@ -112,13 +112,13 @@ class Fleet:
     async def serve(
         self, units: Callable[[], Iterable[int]], tell: Callable[[], Mapping[str, Any]] | None = None
     ) -> None:
-        """From now on other sites reach the `units` that there are at the moment, and know what there is to `tell`."""
+        """Let other sites reach the `units` that there are at the moment, and know what there is to `tell`."""
         self._units = units
         self._tell = tell or self._tell
         await self.refresh()
 
     async def refresh(self) -> None:
-        """The units that other sites reach may be others now."""
+        """Look again which units other sites reach."""
         if self.serving is not None:
             await self.serving.serve(self._units)
 
@@ -133,7 +133,7 @@ class Fleet:
             yield
 
     async def _finish(self) -> None:
-        """NATS may not take what is said any more."""
+        """Say goodbye, unless NATS takes too long to hear it."""
         with suppress(TimeoutError):
             async with asyncio.timeout(_LEAVING_TIME):
                 await self.serve(tuple)
@@ -144,7 +144,7 @@ class Fleet:
         return self._tell()
 
     async def sites(self) -> "list[SiteStatus]":
-        """All sites, by name.
+        """List all sites, by name.
 
         Raises:
             FleetError: NATS cannot be reached, or has no list of them.
@@ -154,14 +154,14 @@ class Fleet:
         return [self._as_heard(each) for each in await self.presence.sites()]
 
     def _as_heard(self, status: "SiteStatus") -> "SiteStatus":
-        """A site whose units are asked from here is known to be silent long before its entry is too old."""
+        """Show a site as silent when its units do not answer from here: its entry is too old only much later."""
         silence = None if self.exchange is None else self.exchange.silence(status.site)
         if silence is None or status.state != "up":
             return status
         return replace(status, state="silent", for_s=round(silence, 1))
 
     def status(self) -> FleetStatus | None:
-        """How it stands; None without [fleet]."""
+        """Tell the state of the connection, and its counters; None without [fleet]."""
         plan, link = self.plan, self.link
         if plan is None:
             return None
@@ -206,12 +206,12 @@ class Fleet:
 
 
 def _clock() -> float:
-    """It goes on while the machine sleeps, and nobody sets it."""
+    """Read the clock that goes on while the machine sleeps, and that is never set."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def _login(plan: FleetPlan, contexts: TlsStore) -> Callable[[], Login]:
-    """What reads how to log in. Files are read for each connection, so that new ones count at once."""
+    """Make what reads how to log in: for each connection, so that new files count at once."""
     loop = asyncio.get_running_loop()
 
     def read() -> Login:

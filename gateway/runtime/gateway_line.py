@@ -76,7 +76,7 @@ class GatewayLine:
         self.adopt(plan, self.devices_of(plan))
 
     def at_speed(self, baud: int, format_: CharacterFormat | None = None) -> "GatewayLine":
-        """A line of its own on the same port, at another rate or format and without devices, that remembers nothing."""
+        """Make a line on the same port, at another rate or format and without devices, that remembers nothing."""
         plan, port = self.plan, self.plan.port
         format_ = format_ or plan.line.timing.format
         if isinstance(port, SerialSettings):
@@ -97,11 +97,11 @@ class GatewayLine:
         return self.standby is not None and not self.standby.lease.is_held
 
     def now(self) -> float:
-        """The time by which the line counts."""
+        """Tell the time by which the line counts."""
         return self._loop.time()
 
     def means(self, plan: LinePlan) -> bool:
-        """Whether `plan` is for the same line. The passed-through units may differ."""
+        """Tell whether `plan` is for the same line. The passed-through units may differ."""
         return self.plan.meaning == plan.meaning
 
     @property
@@ -181,7 +181,7 @@ class GatewayLine:
             self.driver.change_rate(baud)
 
     def devices_of(self, plan: LinePlan) -> dict[int, Device]:
-        """The devices of `plan`: existing ones and new ones."""
+        """Return the devices of `plan`: existing ones and new ones."""
         return {each.known_as: self.devices.get(each.known_as) or self._device(each) for each in plan.devices}
 
     def adopt(self, plan: LinePlan, devices: dict[int, Device]) -> None:
@@ -194,7 +194,7 @@ class GatewayLine:
         self.place_devices()
 
     def _standby(self, plan: LinePlan, buckets: "Buckets") -> "Standby":
-        """What it takes is loaded only with a lease."""
+        """Make what keeps the port open while the lease is held: loaded only for that."""
         standby: Standby = import_module("gateway.runtime.shared_line").standby_for(
             self, plan, self._memory, buckets, self._emit
         )

@@ -50,7 +50,7 @@ class GatewayUpstream:
         return (*self.devices.values(), *(device for device in self.unnamed.values() if device.counts))
 
     def unnamed_of(self, plan: UpstreamPlan) -> dict[int, Device]:
-        """The units that `plan` does not name: existing ones and new ones."""
+        """Return the units that `plan` does not name: existing ones and new ones."""
         for each in plan.unnamed:
             if each.unit not in self.unnamed:
                 self.unnamed[each.unit] = self._new_device(each)

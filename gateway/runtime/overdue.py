@@ -78,12 +78,12 @@ def as_entry(exchanges: Iterable[Exchange], now: float, later: float = 0.0) -> E
 
 
 def read_entry(entry: Entry, now: float, later: float) -> list[Exchange]:
-    """What may still arrive; the times are this many seconds later by this clock."""
+    """Return what may still arrive; the times are this many seconds later by this clock."""
     return [each for answer in entry["answers"] if (each := _exchange(answer, later)).ends_at > now]
 
 
 def place_of(port: PortSettings | SiteSettings) -> str:
-    """The device that a port's name points to at the moment: two names of one device have the same place.
+    """Find the device that a port's name points to at the moment: two names of one device have the same place.
 
     For a device server it is the host in lower case, and the port number. For a pseudo-terminal it includes the time
     of its creation: the next one may get its number.
@@ -100,7 +100,7 @@ def place_of(port: PortSettings | SiteSettings) -> str:
 
 
 def is_entry(value: Any) -> bool:
-    """Whether this is a well-formed entry of the file."""
+    """Tell whether this is a well-formed entry of the file."""
     try:
         exchanges = [_exchange(answer, 0.0) for answer in value["answers"]]
         sound = all(map(_is_sound, exchanges))

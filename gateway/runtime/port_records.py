@@ -7,7 +7,7 @@ from gateway.trace.ring import Ring
 
 
 def kept_in(ring: Ring, clock: Callable[[], float], emit: Emit) -> Emit:
-    """Emits events with `emit`, and records in `ring` when a port was opened or lost."""
+    """Make what emits events with `emit`, and records in `ring` when a port was opened or lost."""
 
     def tell(event: Event) -> None:
         if isinstance(event, LineLost):

@@ -1,4 +1,4 @@
-"""What this gateway tells the other sites of itself."""
+"""What this gateway tells other sites about itself."""
 
 import asyncio
 from collections.abc import Iterator, Mapping
@@ -12,7 +12,7 @@ from gateway.runtime.running import Running
 
 
 def tell(running: Running) -> Mapping[str, Any]:
-    """Its host, how long it is up, its lines and its units; see gateway.fleet.presence."""
+    """Tell its host, how long it is up, its lines and its units; see gateway.fleet.presence."""
     gateway = running.gateway
     lines: list[GatewayLine | GatewayServer] = [*gateway.lines, *gateway.servers]
     down = [part.name for part in gateway.parts if not part.reconnector.is_open and not getattr(part, "is_standby", 0)]
@@ -27,6 +27,6 @@ def tell(running: Running) -> Mapping[str, Any]:
 
 
 def served_units(running: Running) -> Iterator[int]:
-    """The units that other sites reach here at the moment: not those of a line on which another gateway may ask."""
+    """List the units that other sites reach here now: none of a line on which another gateway may ask."""
     elsewhere = {unit for line in running.gateway.lines if line.is_standby for unit in line.devices}
     return (unit for unit in running.routers.sites.routes if unit not in elsewhere)

@@ -95,14 +95,14 @@ class Publication:
         self._task = asyncio.create_task(self.broker.run(), name="broker")
 
     def means(self, plan: MqttPlan | None) -> bool:
-        """Whether it does what this plan asks for, with the devices that its units lead to now."""
+        """Tell whether it does what this plan asks for, with the devices that its units lead to now."""
         if plan != self.plan:
             return False
         new = _destinations(self.plan, self._router)
         return all(new[name] is each for name, each in self._destinations.items())
 
     def status(self) -> BrokerStatus:
-        """How it stands."""
+        """Tell the state of the connection, and the counters."""
         publisher, broker = self.driver.publisher, self.broker
         reason = self.reason if broker is None else broker.reason
         now = asyncio.get_running_loop().time()
@@ -199,7 +199,7 @@ class _AtOnce:
 
 
 def _destinations(plan: MqttPlan, router: Router) -> Mapping[str, Target]:
-    """What answers for each published device."""
+    """Find what answers for each published device."""
     return {device.name: router.routes[device.unit] for device in plan.devices}
 
 
@@ -215,5 +215,5 @@ def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
 
 
 def _hosts(prefix: str | None) -> Sequence[str]:
-    """Where Home Assistant says that it has started: with another discovery prefix too, unless its settings differ."""
+    """List where Home Assistant says that it has started: with another prefix too, unless its settings differ."""
     return () if prefix is None else tuple({f"{each}/status": None for each in (prefix, HOME_ASSISTANT)})

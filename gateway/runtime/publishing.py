@@ -45,7 +45,7 @@ class Publishing:
         self.part: Publication | None = None
 
     def rerouted(self, plan: MqttPlan | None) -> None:
-        """Units have just got the routes for this plan. What was published of others takes no more commands."""
+        """Take no more commands for what is published, unless it is the same by the routes that apply now."""
         if self.part is not None and not self.part.means(plan):
             self.part.driver.close()
 
@@ -65,12 +65,12 @@ class Publishing:
             )
 
     def status(self) -> BrokerStatus | None:
-        """How it stands; None without [mqtt]."""
+        """Tell the state of the broker; None without [mqtt]."""
         return None if self.part is None else self.part.status()
 
     @asynccontextmanager
     async def stopping(self) -> AsyncIterator[None]:
-        """`stop` beside what is done in the context."""
+        """Stop, beside what is done in the context."""
         if self.part is None:  # a turn of the event loop would let lines open that were not tried yet
             yield
             return
@@ -79,7 +79,7 @@ class Publishing:
             yield
 
     async def stop(self, *, is_over: bool = False) -> None:
-        """Publish nothing any more, for good if it `is_over`."""
+        """Stop publishing, for good if it `is_over`."""
         part, self.part = self.part, None
         if part is not None:
             await part.stop(is_over=is_over)

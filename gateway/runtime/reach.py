@@ -64,7 +64,7 @@ def _of_servers(gateway: Gateway, everyone: _Reach, ring: Ring) -> Iterator[tupl
 
 
 def _targets(gateway: Gateway) -> dict[int, NamedTarget]:
-    """What answers for each unit of listeners that are not for one line or upstream."""
+    """Find what answers for each unit of listeners that are not for one line or upstream."""
     targets: dict[int, NamedTarget] = {image.settings.unit: image for image in gateway.images}
     for units, plan in zip(gateway.devices, gateway.plan.lines, strict=True):
         targets |= {unit: device for unit, device in units.items() if unit not in plan.own_units}
@@ -75,7 +75,7 @@ def _targets(gateway: Gateway) -> dict[int, NamedTarget]:
 
 
 def _routes_of_listener(settings: ListenSettings, reach: _Reach, ring: Ring) -> Mapping[int, NamedTarget]:
-    """Those it reaches; unit 0 is refused, goes to all recipients of broadcasts, or to another unit."""
+    """Add unit 0 to what it reaches: it is refused, goes to all recipients of broadcasts, or to another unit."""
     routes, unit0 = reach.routes, settings.unit0
     if unit0 == "broadcast":
         return {**routes, BROADCAST_UNIT: Broadcast(reach.recipients, ring)}
@@ -83,7 +83,7 @@ def _routes_of_listener(settings: ListenSettings, reach: _Reach, ring: Ring) -> 
 
 
 def _routes_of_server(plan: ServerPlan, reach: _Reach, ring: Ring) -> Mapping[int, NamedTarget]:
-    """The units that a server line serves, and as unit 0 the recipients of its broadcasts."""
+    """Choose the units that a server line serves, and as unit 0 the recipients of its broadcasts."""
     served = {unit: reach.routes[unit] for unit in plan.line.serves}
     images = [_recipient(target) for target in served.values() if isinstance(target, Image)]
     recipients = {"images": images, "all": reach.recipients, "none": []}[plan.broadcast_to]
@@ -95,13 +95,13 @@ def _recipient(image: Image) -> Recipient:
 
 
 def _everything(routes: Mapping[int, NamedTarget], recipients: Collection[Recipient]) -> _Reach:
-    """All units by their own numbers. Those above 247 count for broadcasts only if they exist."""
+    """Reach all units by their own numbers. Those above 247 count for broadcasts only if they exist."""
     known = [(unit,) if unit in routes else numbers for unit, numbers in enumerate(AS_NUMBERED)]
     return _Reach(routes, recipients, tuple(known))
 
 
 def _one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mapping[int, NamedTarget]) -> _Reach:
-    """The devices of a line by their addresses.
+    """Reach the devices of a line by their addresses.
 
     For rows without listeners, an address that other clients cannot reach counts by its own number, unless another
     target has that; above 247 only if there is a device. Address 0 stands for devices without an address in the
@@ -117,7 +117,7 @@ def _one_line(devices: Collection[Device], recipient: Recipient, elsewhere: Mapp
 
 
 def _one_upstream(devices: Collection[Device], elsewhere: Mapping[int, NamedTarget]) -> _Reach:
-    """The units of another server by their numbers there.
+    """Reach the units of another server by their numbers there.
 
     For rows without listeners, one that other clients cannot reach has no number.
     """
@@ -125,7 +125,7 @@ def _one_upstream(devices: Collection[Device], elsewhere: Mapping[int, NamedTarg
 
 
 def _by_own_number(devices: Collection[Device]) -> dict[int, NamedTarget]:
-    """The devices by their numbers on the line or at the server; the first one if several have the same.
+    """Sort devices by their numbers on the line or at the server; the first one counts if several have the same.
 
     A device that moves keeps the address in the config, as it keeps its unit.
     """
@@ -133,7 +133,7 @@ def _by_own_number(devices: Collection[Device]) -> dict[int, NamedTarget]:
 
 
 def _known_as(devices: Collection[Device], elsewhere: Mapping[int, NamedTarget]) -> list[list[int]]:
-    """The units by which other clients reach each number through `elsewhere`: its own, or those of mirrors."""
+    """Find the units by which other clients reach each number through `elsewhere`: its own, or those of mirrors."""
     known: list[list[int]] = [[] for _ in AS_NUMBERED]
     for device in devices:
         own = device.settings.known_as
@@ -142,5 +142,5 @@ def _known_as(devices: Collection[Device], elsewhere: Mapping[int, NamedTarget])
 
 
 def _mirrors_of(device: Device, routes: Mapping[int, NamedTarget]) -> list[int]:
-    """The units of the mirrors of a device."""
+    """Find the units of the mirrors of a device."""
     return [unit for unit, target in routes.items() if isinstance(target, MirrorDriver) and target.device is device]

@@ -75,7 +75,7 @@ class Recent:
             self._look_at_characters(gateway(), loop.time())
 
     def rate(self, line: GatewayLine, now: float) -> Rate | None:
-        """The rates of `line`; None if it is too new."""
+        """Tell the rates of `line`; None if it is too new."""
         first = next((each for each in self._samples if line in each.busy), None)
         if first is None or now - first.at < 1.0:
             return None
@@ -83,7 +83,7 @@ class Recent:
         return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
 
     def last_wrong(self, line: GatewayLine, kind: Wrong, now: float) -> Last:
-        """When a character was last wrong in this way, to the next sample."""
+        """Tell when a character was last wrong in this way, to the next sample."""
         seen, errors = self._wrong.get((line, kind)), line.driver.errors
         if seen is None or errors is None or getattr(errors, kind) > seen.characters:
             return NOW
@@ -101,7 +101,7 @@ class Recent:
                     self._wrong[line, kind] = seen._replace(characters=wrong)
 
     def users(self, line: GatewayLine, now: float) -> list[LineUser]:
-        """Who used `line`, the most time first; a shared request counts for the client that asked first."""
+        """List who used `line`, the most time first; a shared request counts for the client that asked first."""
         first = next((at for at, each in enumerate(self._samples) if line in each.busy), None)
         if first is None or now <= self._samples[first].at:
             return []
@@ -115,7 +115,7 @@ class Recent:
         return sorted(users, key=lambda each: -each.share)
 
     def was_asked(self, line: GatewayLine) -> bool:
-        """Whether anything was asked of its units in the last minute; since it is there, if it is new."""
+        """Tell whether anything was asked of its units in the last minute; since it is there, if it is new."""
         first = next((each.sent[line] for each in self._samples if line in each.sent), 0)
         return len(line.driver.line.queue) > 0 or line.driver.line.is_busy or line.sent > first
 

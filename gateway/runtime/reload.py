@@ -153,7 +153,7 @@ class Reloader:
         return outcome
 
     async def _switch(self, new: Gateway, certificates: Mapping[Secured, LoadedTls]) -> str:
-        """Switch to `new`; returns a defect, if one occurred and `new` is in use nevertheless.
+        """Switch to `new`; return a defect, if one occurred and `new` is in use nevertheless.
 
         Raises:
             ListenError: as Running.switch.
@@ -209,7 +209,7 @@ def warn_of_certificates(loaded: Mapping[Secured, LoadedTls], emit: events.Emit)
 
 
 def differences(old: Plan, new: Plan) -> Outcome:
-    """The differences of `new`, by section and name: `line hall-a`."""
+    """Find the differences of `new`, by section and name: `line hall-a`."""
     before, after = _tables(old), _tables(new)
     return Outcome(
         added=tuple(name for name in after if name not in before),

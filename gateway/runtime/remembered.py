@@ -13,17 +13,17 @@ from gateway.state.memory import Memory
 
 
 def rate_key(line: LinePlan) -> str:
-    """The key for a line's rate: its port, so that a line of another config is not meant."""
+    """Make the key for a line's rate: its port, so that a line of another config is not meant."""
     return line.port.port
 
 
 def address_key(line: LinePlan, device: DeviceSettings) -> str:
-    """The key for a device's address."""
+    """Make the key for a device's address."""
     return f"{line.port.port} {device.name}"
 
 
 def rate(line: LinePlan, memory: Memory) -> int:
-    """The present rate of the line."""
+    """Recall the present rate of the line."""
     configured = line.line.timing.baud
     now = memory.recall(rate_key(line), configured)
     return now if now in BAUD_RATES else configured
@@ -78,7 +78,7 @@ def rivals(line: LinePlan, device: DeviceSettings, memory: Memory, *units: int) 
 
 
 def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRemembered]:
-    """All remembered values that the gateway uses instead of the config."""
+    """List all remembered values that the gateway uses instead of the config."""
     for line in plan.lines:
         name, configured, now = line.line.name, line.line.timing.baud, rate(line, memory)
         if now != configured:

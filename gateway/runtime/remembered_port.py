@@ -22,7 +22,7 @@ class RememberedPort:
         return remembered.rate(self._plan, self._memory)
 
     def rate_changed(self, baud: int) -> None:
-        """The line has changed its rate."""
+        """Remember that the line has changed its rate."""
         self._memory.remember(remembered.rate_key(self._plan), self._plan.line.timing.baud, baud)
 
     async def open(self, user: PortUser) -> Port:

@@ -36,7 +36,7 @@ def show_itself(running: Watched) -> None:
 
 
 def shown(running: Watched, now: float) -> Shown:
-    """How the gateway is doing."""
+    """Collect what the gateway's image shows."""
     gateway = running.gateway
     lines = tuple(_line(running, line, now) for line in gateway.lines)
     servers = tuple(map(_server, gateway.servers))
@@ -130,7 +130,7 @@ def _state(reconnector: Reconnector) -> int:
 
 
 def _failing(owner: GatewayLine | GatewayUpstream, now: float) -> list[int]:
-    """The units that did not answer when they were asked last; while their line is down, all that were ever asked."""
+    """List the units that failed to answer last time; while their line is down, all that were ever asked."""
     is_down = _state(owner.reconnector) == _DOWN
     return [
         device.settings.known_as
@@ -148,7 +148,7 @@ def _answered(counts: Counts) -> int:
 
 
 def _failed(counts: Counts) -> int:
-    """All that got no answer of a unit, but for what its profile refuses and what nobody wanted any more."""
+    """Count what got no answer of a unit, but for what its profile refuses and what was no longer wanted."""
     not_sent = counts.line_down + counts.resting + counts.overdue + counts.echo_suspected
     not_sent += counts.queue_full + counts.expired
     return counts.timeout + counts.bad_frame + counts.ambiguous + counts.line_lost + not_sent

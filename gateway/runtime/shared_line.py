@@ -1,4 +1,4 @@
-"""A line on which gateways ask in turn: what one leaves to the next."""
+"""The state of a line that moves to the next holder of its lease."""
 
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from functools import partial
@@ -50,7 +50,7 @@ class OwnLine(Protocol):
 
 
 def standby_for(line: OwnLine, plan: LinePlan, memory: Memory, buckets: Buckets, emit: Emit) -> Standby:
-    """Who keeps the port of `line` open while it holds the lease of its plan."""
+    """Make what keeps the port of `line` open while this gateway holds the lease of its plan."""
     lease = plan.lease
     assert lease is not None  # noqa: S101 - for lines with a lease
     settings = LeaseSettings(lease.name, lease.ttl, guard(plan), longest_late_window(plan), lease.fallback)
@@ -64,7 +64,7 @@ class SharedPort:
     def __init__(self, line: OwnLine, memory: Memory) -> None:
         self._line = line
         self._memory = memory
-        #: What has changed once: that it is as the config says again is told too. Who knows nothing tells nothing.
+        #: What has changed once: it is told also when it is as the config says again. Of the rest, nothing is told.
         self._changed: set[str] = set()
 
     @property
@@ -82,7 +82,7 @@ class SharedPort:
         self._line.reconnector.withhold(reason)
 
     def state(self) -> dict[str, Any]:
-        """Which devices have moved, and the rate if it was changed, each with what the config says."""
+        """Tell which devices have moved, and the rate if it was changed, each with what the config says."""
         plan = self._line.plan
         at = {each.name: remembered.recall(plan, each, self._memory) for each in plan.devices}
         self._changed |= {each.name for each in plan.devices if at[each.name] != (each.unit,)}
@@ -93,13 +93,13 @@ class SharedPort:
         return state | ({"rate": [configured, rate]} if _RATE in self._changed else {})
 
     def final_state(self) -> dict[str, Any]:
-        """With what may still arrive on the port; its times count from now on."""
+        """Add to the state what may still arrive on the port; its times count from now on."""
         now = self._line.now()
         late = self._line.handed_on(now)
         return self.state() | ({"late": as_entry(late, now, -now)} if late else {})
 
     def adopt(self, state: Mapping[str, Any]) -> None:
-        """What does not fit this gateway's config is not taken, and what is not told stays as it is known here."""
+        """Ignore entries that do not match the config; keep values that are missing."""
         self._adopt_addresses(dict(_changes(state.get("addresses"))))
         rate = _change(state.get("rate"))
         if rate is not None:
@@ -134,7 +134,7 @@ def _changes(value: object) -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def _change(values: object) -> tuple[int, ...] | None:
-    """What the config of the holder before said, what is so, and what else may be so."""
+    """Read what the previous holder's config said, what is true, and what else may be."""
     if isinstance(values, list) and len(values) > 1 and all(isinstance(each, int) for each in values):
         return tuple(values)
     return None

@@ -46,7 +46,7 @@ class TightLimits:
                 emit(event)
 
     def look(self, gateway: Gateway, now: float) -> list[TimingTight]:
-        """What is to be told at `now`."""
+        """Find what is to be told at `now`."""
         before, self._seen = self._seen, {}
         return [event for line, device in _devices(gateway) for event in self._tight(line, device, before, now)]
 
