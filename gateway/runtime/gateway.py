@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple, Union
 
-from gateway.config.plan.plan import Plan
+from gateway.config.plan.settings import Plan
 from gateway.devices.device import Device
 from gateway.images.drivers.mirror_driver import MirrorDriver
 from gateway.images.image import Image

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from gateway.config.plan.plan import ServerPlan
+from gateway.config.plan.settings import ServerPlan
 from gateway.events import Emit
 from gateway.listeners.serial import SerialListener
 from gateway.ports.port import Opener

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from gateway.config.plan.forecast import longest_wait_behind
-from gateway.config.plan.plan import UpstreamPlan
+from gateway.config.plan.settings import UpstreamPlan
 from gateway.devices.device import Device
 from gateway.events import Emit
 from gateway.ports.port import OpenPort, SiteSettings

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from gateway import events
-from gateway.config.plan.plan import MqttPlan
+from gateway.config.plan.settings import MqttPlan
 from gateway.plant.status import BrokerStatus
 from gateway.routing.router import Router
 from gateway.runtime.announced import AnnouncedDevices

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gateway.config.plan.plan import LinePlan
+from gateway.config.plan.settings import LinePlan
 from gateway.ports.port import Opener, Port, PortUser, SerialSettings
 from gateway.runtime import remembered
 from gateway.state.memory import Memory

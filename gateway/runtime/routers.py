@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Literal, NamedTuple, Self
 
-from gateway.config.reserved import CONTROL, FLEET, MQTT, WEB
+from gateway.config.values.reserved_names import CONTROL, FLEET, MQTT, WEB
 from gateway.events import Emit
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager, suppress
 from typing import Final
 
 from gateway import events
-from gateway.config.plan.plan import Plan
+from gateway.config.plan.settings import Plan
 from gateway.errors import PortError
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
