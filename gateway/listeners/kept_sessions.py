@@ -1,7 +1,5 @@
 """The sessions of TLS 1.2 that are kept for clients that take no tickets: a bounded number for each address."""
 
-from __future__ import annotations  # `ssl` is loaded when it is used
-
 import asyncio
 import ssl
 from collections.abc import Callable

@@ -4,7 +4,7 @@ The handshake is done in steps, which may run in a thread: they take millisecond
 runs in the event loop. (Not asyncio's own `ssl`: it keeps 256 KiB for each connection, and cannot do that.)
 """
 
-from __future__ import annotations  # `ssl` is loaded when it is used
+from __future__ import annotations
 
 import asyncio
 import os

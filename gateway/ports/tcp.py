@@ -1,7 +1,5 @@
 """A TCP connection as a port: to a device server with a serial line behind it, or to another Modbus TCP server."""
 
-from __future__ import annotations  # `ssl` is loaded when it is used
-
 import asyncio
 import errno
 import os

@@ -6,8 +6,6 @@ or from another program is moved aside as it is, never overwritten; what can sti
 All calls block.
 """
 
-from __future__ import annotations  # `sqlite3` is loaded when it is used
-
 import os
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """The one place that makes TLS contexts."""
 
-from __future__ import annotations  # `ssl` is loaded when it is used
-
 import hashlib
 import ssl
 import time

@@ -1,7 +1,5 @@
 """What errors of TLS mean, in words for an operator."""
 
-from __future__ import annotations  # `ssl` is loaded when it is used
-
 import ssl
 from typing import Final
 

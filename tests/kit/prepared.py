@@ -259,11 +259,11 @@ class _Reader(PreparedProcess):
     """What reads a config, as `subprocess.Popen` starts it for config_process."""
 
     def __init__(self, words: Sequence[str], **_: Any) -> None:
-        *_, file, kind, limit, _, _ = words
+        *_, file, kind, _ = words
         (out, its_out), (err, its_err) = os.pipe(), os.pipe()
         try:
             with closing(_connected(_parents[0])) as control:
-                super().__init__(control, [file, kind, limit], os.environ, [its_out, its_err], program="config")
+                super().__init__(control, [file, kind], os.environ, [its_out, its_err], program="config")
         finally:
             os.close(its_out)
             os.close(its_err)
@@ -281,7 +281,7 @@ def _read_config(words: Sequence[str]) -> int:
 
     os.setpgid(0, 0)
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
-    sys.argv[1:] = [*words, str(os.getppid())]
+    sys.argv[1:] = words
     config_reader.main()
     return 0
 

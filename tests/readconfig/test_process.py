@@ -1,7 +1,7 @@
 """A config is read in a process of its own, which hands over the same as if it was read here."""
 
 import os
-import select
+import pickle
 import signal
 import subprocess
 import sys
@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from gateway import __version__
 from gateway.errors import ConfigError
-from gateway.readconfig.process import ANSWER, ConfigProcess, ConfigRead, _handed_over, read_config
+from gateway.readconfig import process
+from gateway.readconfig.process import ConfigProcess, read_config
 from gateway.readconfig.reader import packed, read_here
 
-NOTHING = ConfigRead(None, ())
 EXAMPLES = sorted(Path("deploy/examples").glob("*.toml"))
 
 
@@ -21,7 +22,7 @@ EXAMPLES = sorted(Path("deploy/examples").glob("*.toml"))
 def test_a_plan_is_packed_as_it_is(file):
     read = read_here(file)
     assert read.plan is not None
-    assert _handed_over(ANSWER + packed(read)) == read
+    assert pickle.loads(packed(read)) == read
 
 
 def test_a_plan_is_handed_over_as_it_is():
@@ -49,18 +50,32 @@ def test_what_check_says_of_other_files_comes_if_it_is_asked_for(tmp_path):
 
 def test_a_file_that_takes_too_long_is_given_up_and_so_is_the_process(tmp_path, monkeypatch):
     _fake(monkeypatch, tmp_path, "exec sleep 100")
-    process = ConfigProcess(tmp_path / "gateway.toml", 0.5)
+    monkeypatch.setattr(process, "READING_TIME", 0.5)
+    reading = ConfigProcess(tmp_path / "gateway.toml")
     with pytest.raises(ConfigError, match=r"gateway.toml: cannot be read within 0.5 s; is its disk there\?"):
-        process.result()
-    assert process._process.wait(60) < 0
+        reading.result()
+    assert reading._process.returncode == -signal.SIGKILL
+
+
+def test_it_ends_with_the_wait_for_it(tmp_path, monkeypatch):
+    _fake(monkeypatch, tmp_path, "exec sleep 100")
+    reading = ConfigProcess(tmp_path / "gateway.toml")
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)  # as Ctrl-C at the start
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            reading.result()
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert reading._process.returncode == -signal.SIGKILL
 
 
 def test_a_hang_up_that_is_meant_for_the_gateway_does_not_end_it(tmp_path):
     file = tmp_path / "gateway.toml"
     file.write_text("[[image]]\nunit = 1\nholding = 8\n")
-    process = ConfigProcess(file, 120.0)
-    os.kill(process._process.pid, signal.SIGHUP)
-    assert process.result().plan is not None
+    reading = ConfigProcess(file)
+    os.kill(reading._process.pid, signal.SIGHUP)
+    assert reading.result().plan is not None
     assert signal.SIGHUP not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
@@ -72,7 +87,7 @@ def _fake(monkeypatch, folder: Path, script: str) -> None:
 
 
 def test_it_keeps_what_it_compiles_where_we_do(tmp_path, monkeypatch):
-    _fake(monkeypatch, tmp_path, f'echo "$@" > {tmp_path}/words')
+    _fake(monkeypatch, tmp_path, f'echo "$@" > {tmp_path}/words; exit 1')
     monkeypatch.setattr(sys, "pycache_prefix", "/var/bytecode")
     with pytest.raises(ConfigError):
         read_config(tmp_path / "gateway.toml")
@@ -94,51 +109,37 @@ def test_a_process_that_dies_is_a_sentence(monkeypatch, tmp_path, script, reason
     assert str(caught.value) == f"/etc/gateway.toml was not read: {reason}"
 
 
-@pytest.mark.parametrize(
-    "answer",
-    [
-        b"",
-        b"\0config of modbus-gateway 0.0.1\n" + packed(NOTHING),
-        ANSWER + packed(NOTHING)[:-9],
-        ANSWER + packed(NOTHING).replace(b"problems", b"troubles"),
-        ANSWER + packed(NOTHING).replace(b"ConfigRead", b"ConfigText"),
-    ],
-    ids=["nothing", "version", "cut", "field", "class"],
-)
-def test_what_another_version_of_the_gateway_has_read_is_not_taken_over(monkeypatch, tmp_path, answer):
-    (tmp_path / "answer").write_bytes(answer)
-    _fake(monkeypatch, tmp_path, f"cat {tmp_path}/answer")
-    with pytest.raises(ConfigError, match="was not read: modbus-gateway has been changed since its start; restart it"):
+def test_what_another_version_of_the_gateway_would_read_is_not_taken_over(monkeypatch):
+    monkeypatch.setattr(process, "_PROGRAM", process._PROGRAM.replace(repr(__version__), "'0.0.1'"))
+    with pytest.raises(ConfigError, match="failed with status 1: modbus-gateway has been changed since its start"):
         read_config(Path("/etc/gateway.toml"))
-
-
-def test_what_a_library_prints_is_no_part_of_the_answer(monkeypatch, tmp_path):
-    (tmp_path / "answer").write_bytes(b"hello\n" + ANSWER + packed(NOTHING))
-    _fake(monkeypatch, tmp_path, f"cat {tmp_path}/answer")
-    assert read_config(Path("/etc/gateway.toml")) == NOTHING
 
 
 def test_a_process_that_cannot_be_started_is_a_sentence(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     with pytest.raises(ConfigError, match="no process can be started for it: No such file or directory"):
-        ConfigProcess(Path("gateway.toml"), 1.0)
+        ConfigProcess(Path("gateway.toml"))
 
 
-def test_it_ends_with_the_gateway_that_it_reads_for(tmp_path):
-    slow = "import time, gateway.readconfig.reader as reader; reader.read_here = lambda *_, **__: time.sleep(150)"
-    program = (
+def test_it_does_not_wait_for_ever_when_the_gateway_has_gone():
+    slow = (
         "import sys, time\n"
-        "from pathlib import Path\n"
-        "from gateway.readconfig import process as config_process\n"
-        f"config_process._PROGRAM = config_process._PROGRAM.replace('main()', '{slow}; main()')\n"
-        "print(config_process.ConfigProcess(Path(sys.argv[1]), 150.0)._process.pid, flush=True)\n"
-        "time.sleep(60)\n"
+        "from gateway.readconfig import reader\n"
+        "reader.READING_TIME = 0.0\n"
+        "reader.read_here = lambda *_, **__: time.sleep(150)\n"
+        "sys.argv[1:] = ['gateway.toml', 'plan']\n"
+        "reader.main()\n"
     )
-    file = tmp_path / "gateway.toml"
-    with subprocess.Popen([sys.executable, "-c", program, file], stdout=subprocess.PIPE, text=True) as gateway:
-        reader = os.pidfd_open(int(gateway.stdout.readline()))
-        gateway.kill()
-    try:
-        assert select.select([reader], [], [], 120.0)[0]
-    finally:
-        os.close(reader)
+    ended = subprocess.run([sys.executable, "-c", slow], capture_output=True, check=False, timeout=120)
+    assert ended.returncode == -signal.SIGALRM
+
+
+def test_its_modules_are_those_of_a_path_that_only_the_gateway_has(tmp_path, monkeypatch):
+    """As in a zipapp, or where a launcher sets the path."""
+    (tmp_path / "answer.py").write_text("answer = 'it has this path'")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(
+        process, "_PROGRAM", process._PROGRAM.replace("main()", "import answer; sys.exit(answer.answer)")
+    )
+    with pytest.raises(ConfigError, match="it has this path"):
+        read_config(tmp_path / "gateway.toml")

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.errors import ConfigError
-from gateway.readconfig.deferred import LIBRARIES, defer
-from gateway.readconfig.process import READING_TIME, ConfigProcess
+from gateway.readconfig.process import ConfigProcess
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,8 +28,7 @@ def run(args: argparse.Namespace) -> int:
     if sys.stderr is not None:
         faulthandler.enable()  # print a traceback if the watchdog ends the process
     file = Path(args.config)
-    process = ConfigProcess(file, READING_TIME)
-    defer(*LIBRARIES)
+    process = ConfigProcess(file)
     from gateway import events  # noqa: PLC0415 - all of the gateway, loaded while the process reads the config
     from gateway.service.daemon import run_daemon, tell_journal  # noqa: PLC0415 - see above
 
