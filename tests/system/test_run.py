@@ -28,7 +28,7 @@ name = "hall-a"
 port = "{port}"
 timeout = "20 s"
 """
-#: What a gateway without TLS, upstreams, persistent images and [web] does not use once it has its plan.
+#: What a gateway without [web] does not use once it has its plan.
 NOT_NEEDED = {
     *(
         "pydantic",
@@ -41,10 +41,6 @@ NOT_NEEDED = {
     *(
         "gateway.config.resolve",
         "gateway.config.reading.wording",
-        "_ssl",
-        "asyncio.sslproto",
-        "_hashlib",
-        "_sqlite3",
     ),
     *("gateway.web.front.opening", "aiohttp", "jinja2", "prometheus_client", "structlog", "pymodbus", "statistics"),
 }
