@@ -28,9 +28,11 @@ _ENDING_TIME: Final = 1.0
 #: The last line of its standard error goes to the log, up to this many characters.
 _MOST_SAID: Final = 200
 
-#: Imports the modules that this process would, which may be newer by now. Its last argument is `sys.path`.
+#: Imports the modules that this process would, which may be newer by now. Its last argument is `sys.path`. It ends
+#: before collecting garbage would be worth its time.
 _PROGRAM: Final = f"""\
-import sys
+import gc, sys
+gc.disable()
 sys.path[:] = sys.argv.pop().split(":")
 from gateway import __version__
 if __version__ != {__version__!r}:

@@ -1,19 +1,20 @@
-"""What it takes until the gateway is ready, and how much memory that has cost, beside what Python needs for nothing.
+"""What it takes until the gateway is ready or has reloaded, and how much memory, beside what Python needs for nothing.
 
-    .venv/bin/python tests/bench/start.py
+    .venv/bin/python tests/bench/start.py [--busy 4]
 
-Eight lines, on virtual ports. Medians. The first start compiles Python's modules, as an installer does, and is left
-out. `CPU` is what counts on a busy machine.
+Eight lines, on virtual ports. Medians, and the longest time. The first start compiles Python's modules, as an installer
+does, and is left out. `CPU` is what counts on a busy machine; `--busy` adds programs in an endless loop to it.
 """
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from statistics import median
 from threading import Timer
@@ -37,6 +38,8 @@ sys.exit(status != 0)
 """
 #: A program with an event loop that does nothing.
 NOTHING = [sys.executable, "-c", "import asyncio; asyncio.run(asyncio.sleep(0))"]
+#: A program that does not stop.
+BUSY = [sys.executable, "-I", "-S", "-c", "while True: pass"]
 
 
 class Start(NamedTuple):
@@ -57,23 +60,40 @@ def until_end(command: list[str], environment: dict[str, str]) -> Start:
 def until_ready(file: Path, environment: dict[str, str]) -> Start:
     """The gateway with this config, until it says that it is ready."""
     began = time.perf_counter()
+    with _gateway(file, environment) as program:
+        return Start(time.perf_counter() - began, _cpu(program.pid), _resident(program.pid))
+
+
+def until_applied(file: Path, environment: dict[str, str]) -> Start:
+    """A reload, until it says that the config is applied; the memory is that after it."""
+    with _gateway(file, environment) as program:
+        began, used = time.perf_counter(), _cpu(program.pid)
+        program.send_signal(signal.SIGHUP)
+        _wait_for("config_applied", program)
+        return Start(time.perf_counter() - began, _cpu(program.pid) - used, _resident(program.pid))
+
+
+@contextmanager
+def _gateway(file: Path, environment: dict[str, str]) -> Iterator[subprocess.Popen]:
     program = subprocess.Popen([*GATEWAY, file], stderr=subprocess.PIPE, text=True, env=environment)
     killer = Timer(PATIENCE, program.kill)
     killer.start()
     try:
-        log = []
-        for line in program.stderr:
-            log.append(line)
-            if '"ready"' in line:
-                break
-        else:
-            raise SystemExit(f"the gateway is not ready: {''.join(log)}")
-        wall = time.perf_counter() - began
-        return Start(wall, _cpu(program.pid), _resident(program.pid))
+        _wait_for("ready", program)
+        yield program
     finally:
         killer.cancel()
         program.terminate()
         program.communicate()
+
+
+def _wait_for(event: str, program: subprocess.Popen) -> None:
+    log = []
+    for line in program.stderr:
+        log.append(line)
+        if f'"{event}"' in line:
+            return
+    raise SystemExit(f"the gateway has not said {event}: {''.join(log)}")
 
 
 def _environment(compiled: Path) -> dict[str, str]:
@@ -98,7 +118,8 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=7, help="how often each is started")
-    rounds = parser.parse_args().rounds
+    parser.add_argument("--busy", type=int, default=0, help="how many programs compute meanwhile")
+    args = parser.parse_args()
     compile_gateway()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench.")))
@@ -110,17 +131,21 @@ def main() -> None:
             "Python and asyncio, nothing else": lambda: until_end(NOTHING, environment),
             "`--help`": lambda: until_end(HELP, environment),
             "`run` until ready, 8 lines": lambda: until_ready(file, environment),
+            "a reload": lambda: until_applied(file, environment),
         }
         for start in kinds.values():
             start()
+        for _ in range(args.busy):
+            stack.callback(subprocess.Popen(BUSY).kill)
         starts = {name: [] for name in kinds}
-        for _ in range(rounds):
+        for _ in range(args.rounds):
             for name, start in kinds.items():
                 starts[name].append(start())
-    print("| | ms | CPU ms | MiB |\n|---|---:|---:|---:|")
+    print("| | ms | longest | CPU ms | MiB |\n|---|---:|---:|---:|---:|")
     for name, found in starts.items():
         wall, cpu, memory = (median(figures) for figures in zip(*found, strict=True))
-        print(f"| {name} | {wall * 1000:.0f} | {cpu * 1000:.0f} | {memory:.1f} |")
+        longest = max(start.wall for start in found)
+        print(f"| {name} | {wall * 1000:.0f} | {longest * 1000:.0f} | {cpu * 1000:.0f} | {memory:.1f} |")
 
 
 def _virtual_port(stack: ExitStack) -> Path:
