@@ -216,7 +216,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """See asyncio.BaseProtocol."""
-        application, self._application = self._application, None  # no cycle stays: see service.garbage
+        application, self._application = self._application, None  # no cycle stays: see runtime.garbage
         if application is None:
             self._owner.not_secured(self, f"it was lost: {exc}" if exc else "it was closed")
         else:

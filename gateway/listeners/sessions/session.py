@@ -288,7 +288,7 @@ class Session(ABC):
     def closed(self) -> None:
         """Drop the responses, and the reference to the connection, which is closed.
 
-        The connection refers to the session: as a cycle, both would never be freed after a reload (`service.garbage`).
+        The connection refers to the session: as a cycle, both would never be freed after a reload (`runtime.garbage`).
         """
         self._life = GONE
         self._give_up_all()
