@@ -14,10 +14,9 @@ from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
-from gateway.request import Caller
-
 if TYPE_CHECKING:
     from gateway.operator.operator import Operator
+    from gateway.request import Caller
 
 P = TypeVar("P")
 R = TypeVar("R")
@@ -40,7 +39,7 @@ class Asker:
     At the control socket `host` is empty: whoever may use the socket sees everything.
     """
 
-    caller: Caller
+    caller: "Caller"
     is_there: IsThere
     host: str = ""
 
@@ -49,14 +48,15 @@ class Asker:
 class Operation(Generic[P, R]):
     """One thing that may be asked: its `parameters` and its `result` are dataclasses.
 
-    `by` names the function that answers, `module:function`. At the control socket the result stands under `key`, or its
-    fields beside `ok` where `key` is empty. Over HTTP it is at `path` below /api/v1, where `{name}` is a parameter; an
-    operation without a path is not to be had there. One that `is_repeated` has several answers, one after the other.
+    `result_at` is where the type of the result is, and `by` the function that answers, as `module:name`: what only asks
+    starts without them. At the control socket the result stands under `key`, or its fields beside `ok` where `key` is
+    empty. Over HTTP it is at `path` below /api/v1, where `{name}` is a parameter; an operation without a path is not to
+    be had there. One that `is_repeated` has several answers, one after the other.
     """
 
     name: str
     parameters: type[P]
-    result: type[R]
+    result_at: str
     right: Right
     summary: str
     by: str
@@ -65,10 +65,15 @@ class Operation(Generic[P, R]):
     is_repeated: bool = False
 
     @cached_property
+    def result(self) -> type[R]:
+        """Load the type of the result."""
+        result: type[R] = _load(self.result_at)
+        return result
+
+    @cached_property
     def function(self) -> "Callable[[Operator, P, Asker], Any]":
         """Load the function that answers."""
-        module, _, name = self.by.partition(":")
-        function: Callable[[Operator, P, Asker], Any] = getattr(import_module(module), name)
+        function: Callable[[Operator, P, Asker], Any] = _load(self.by)
         return function
 
     async def answer(self, operator: "Operator", asked: P, asker: Asker) -> R:
@@ -88,3 +93,8 @@ class Operation(Generic[P, R]):
         """
         answers: AsyncGenerator[R, None] = self.function(operator, asked, asker)
         return answers
+
+
+def _load(place: str) -> Any:
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)

@@ -1,23 +1,26 @@
 """All operations: what may be asked of a gateway at work, by name, with the types of question and answer.
 
-Nothing here loads what answers: the commands of this program use the same table.
+Nothing here loads what answers, or the types of answers: the commands of this program use the same table, and start
+quickly.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from gateway.operator.answers.bench import BenchStep
-from gateway.operator.answers.doctor import Examination
-from gateway.operator.answers.forgotten import Forgotten
-from gateway.operator.answers.measured import Measured
-from gateway.operator.answers.running import Reloaded, Sites, Which
-from gateway.operator.answers.scan import ScanStep
-from gateway.operator.answers.status import Status
-from gateway.operator.answers.trace import Stories, TracePage
-from gateway.operator.answers.unit import RequestAnswer, UnitPicture
 from gateway.operator.operation import Nothing, Operation
 from gateway.operator.parameters import Within
 from gateway.trace.records import MOST_STORIES
+
+if TYPE_CHECKING:
+    from gateway.operator.answers.bench import BenchStep
+    from gateway.operator.answers.doctor import Examination
+    from gateway.operator.answers.forgotten import Forgotten
+    from gateway.operator.answers.measured import Measured
+    from gateway.operator.answers.running import Reloaded, Sites, Which
+    from gateway.operator.answers.scan import ScanStep
+    from gateway.operator.answers.status import Status
+    from gateway.operator.answers.trace import Stories, TracePage
+    from gateway.operator.answers.unit import RequestAnswer, UnitPicture
 
 #: A unit: the number that clients use, or its name.
 UnitNamed = Annotated[int | str, "a number from 0 to 255, or a name"]
@@ -111,112 +114,112 @@ class ToScan:
     all_speeds: bool = False
 
 
-STATUS: Final = Operation(
+STATUS: Final[Operation[Nothing, "Status"]] = Operation(
     "status",
     Nothing,
-    Status,
+    "gateway.operator.answers.status:Status",
     "reading",
     "How the gateway is doing",
     by="gateway.operator.status:tell_status",
     key="status",
     path="/status",
 )
-WHICH: Final = Operation(
+WHICH: Final[Operation[Nothing, "Which"]] = Operation(
     "which",
     Nothing,
-    Which,
+    "gateway.operator.answers.running:Which",
     "reading",
     "The config with which the gateway runs",
     by="gateway.operator.running:tell_which",
 )
-FLEET: Final = Operation(
+FLEET: Final[Operation[Nothing, "Sites"]] = Operation(
     "fleet",
     Nothing,
-    Sites,
+    "gateway.operator.answers.running:Sites",
     "reading",
     "The sites of the fleet",
     by="gateway.operator.running:tell_sites",
 )
-RELOAD: Final = Operation(
+RELOAD: Final[Operation[Nothing, "Reloaded"]] = Operation(
     "reload",
     Nothing,
-    Reloaded,
+    "gateway.operator.answers.running:Reloaded",
     "operator",
     "Read the config again",
     by="gateway.operator.running:reload",
 )
-UNIT: Final = Operation(
+UNIT: Final[Operation[OneUnit, "UnitPicture"]] = Operation(
     "unit",
     OneUnit,
-    UnitPicture,
+    "gateway.operator.answers.unit:UnitPicture",
     "reading",
     "A unit with its points, as clients have to know it",
     by="gateway.operator.units:tell_unit",
     key="unit",
 )
-REQUEST: Final = Operation(
+REQUEST: Final[Operation[OneRequest, "RequestAnswer"]] = Operation(
     "request",
     OneRequest,
-    RequestAnswer,
+    "gateway.operator.answers.unit:RequestAnswer",
     "operator",
     "Send a request to a unit, as any client does",
     by="gateway.operator.requests:ask",
 )
-FORGET: Final = Operation(
+FORGET: Final[Operation[OneDevice, "Forgotten"]] = Operation(
     "forget",
     OneDevice,
-    Forgotten,
+    "gateway.operator.answers.forgotten:Forgotten",
     "operator",
     "Ask a device that moved where the config says again",
     by="gateway.operator.forgetting:forget_device",
     key="forgotten",
 )
-DOCTOR: Final = Operation(
+DOCTOR: Final[Operation[ToExamine, "Examination"]] = Operation(
     "doctor",
     ToExamine,
-    Examination,
+    "gateway.operator.answers.doctor:Examination",
     "operator",
     "Find what is wrong with lines, units and clients",
     by="gateway.tools.doctor:examine",
 )
-TRACE: Final = Operation(
+TRACE: Final[Operation[Traced, "TracePage"]] = Operation(
     "trace",
     Traced,
-    TracePage,
+    "gateway.operator.answers.trace:TracePage",
     "reading",
     "What has passed on the lines",
     by="gateway.operator.trace:tell_page",
 )
-WHY: Final = Operation(
+WHY: Final[Operation[ToExplain, "Stories"]] = Operation(
     "why",
     ToExplain,
-    Stories,
+    "gateway.operator.answers.trace:Stories",
     "reading",
     "Why requests failed",
     by="gateway.operator.trace:tell_stories",
 )
-BENCH: Final = Operation(
+BENCH: Final[Operation[ToMeasure, "BenchStep"]] = Operation(
     "bench",
     ToMeasure,
-    BenchStep,
+    "gateway.operator.answers.bench:BenchStep",
     "operator",
     "Measure what a line carries",
     by="gateway.tools.bench:measure",
     is_repeated=True,
 )
-TIMES: Final = Operation(
+TIMES: Final[Operation[OneUnit, "Measured"]] = Operation(
     "times",
     OneUnit,
-    Measured,
+    "gateway.operator.answers.measured:Measured",
     "reading",
     "How long a device needs to respond",
     by="gateway.operator.calibration:tell_times",
     key="times",
 )
-SCAN: Final = Operation(
+SCAN: Final[Operation[ToScan, "ScanStep"]] = Operation(
     "scan",
     ToScan,
-    ScanStep,
+    "gateway.operator.answers.scan:ScanStep",
     "operator",
     "Find the units that answer on a line",
     by="gateway.tools.scans:scan",

@@ -22,6 +22,6 @@ async def defect(_operator: Operator, _asked: Nothing, _asker: Asker) -> Told:
 
 
 STATUS_AND_DEFECT = {
-    name: Operation(name, Nothing, Told, "reading", f"Tell the {name}", by=f"kit.operations:{name}")
+    name: Operation(name, Nothing, "kit.operations:Told", "reading", f"Tell the {name}", by=f"kit.operations:{name}")
     for name in ("status", "defect")
 }
