@@ -1,1 +1,5 @@
-"""The control socket, where the other commands of this program ask a gateway at work."""
+"""The control socket, where the other commands of this program ask a gateway at work.
+
+- server       one JSON object a line; the verbs are the operations of `operator.operations`
+- path         where the socket is
+"""
