@@ -200,7 +200,9 @@ async def play_world(name: str, transactions: int, share: float, seed: int) -> N
 
     def note_status() -> None:
         if playing.running is not None:
-            note(f"{status(playing.running, loop.time())}")
+            running = playing.running
+            asked = running if hasattr(running, "ring") else running.gateway  # as earlier versions have it
+            note(f"{status(asked, loop.time())}")
         loop.call_later(STATUS_EVERY, note_status)
 
     loop.call_later(STATUS_EVERY, note_status)
