@@ -15,7 +15,6 @@ from gateway.operator.operator import Operator
 from gateway.profiles.profile import Profile
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
-from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
 
 
@@ -38,12 +37,12 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
     found = next((each for each in _units(gateway.plan) if each.unit == unit), None)
     if found is None:
         raise WrongQuestion(f"there is no unit {unit}; modbus-gateway check lists the units")
-    return _picture(found, gateway, _longest_waits(gateway))
+    return _picture(found, gateway, gateway.longest_waits)
 
 
 def pictures(gateway: Gateway) -> tuple[UnitPicture, ...]:
     """Every unit, by its number."""
-    longest = _longest_waits(gateway)
+    longest = gateway.longest_waits
     return tuple(_picture(each, gateway, longest) for each in sorted(_units(gateway.plan), key=lambda one: one.unit))
 
 
@@ -114,12 +113,6 @@ def _units(plan: Plan) -> Iterator[_Unit]:
 
 def _kind(image: ImageSettings) -> str:
     return "gateway" if image.shows_gateway else "image"
-
-
-def _longest_waits(gateway: Gateway) -> Mapping[str, float]:
-    """The longest wait for each unit that is not in the gateway, in seconds."""
-    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    return {name: wait for part in parts for name, wait in part.longest_wait.items()}
 
 
 def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> UnitPicture:

@@ -114,7 +114,7 @@ async def _run(
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop, hang_up)
-    pages = _web_pages(plan.web, running, reloader, fan_out, contexts, folder)
+    pages = _web_pages(plan.web, running, reloader, fan_out, folder)
     with usual_path_leads(control_path(source.file), control):
         async with control_open(control, Operator(running, reloader), emit):
             garbage.settle()

@@ -233,7 +233,7 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
     try:
         async with _starting("the gateway"):
             await ready.wait()
-        async with web_pages(plan.web, running, reloader, fan_out, contexts):
+        async with web_pages(plan.web, running, reloader, fan_out):
             yield running, Operator(running, reloader)
     finally:
         stop.order("the demo is stopping")

@@ -63,7 +63,6 @@ async def web_pages(
     running: Running,
     reloader: Reloader,
     fan_out: FanOut,
-    contexts: TlsStore,
     folder: Path | None = None,
 ) -> AsyncIterator[None]:
     """In its context the gateway answers over HTTP if the config says so. Where that cannot be, it is told, no more.
@@ -73,7 +72,7 @@ async def web_pages(
     async with AsyncExitStack() as stack:
         if plan is not None:
             try:
-                await stack.enter_async_context(_open(plan, running, reloader, fan_out, contexts, folder))
+                await stack.enter_async_context(_open(plan, running, reloader, fan_out, folder))
             except ModuleNotFoundError as error:
                 _tell_closed(plan, running, not_installed(error.name, "web"))
             except OSError as error:
@@ -90,7 +89,7 @@ def _tell_closed(plan: WebPlan, running: Running, reason: str) -> None:
 
 @asynccontextmanager
 async def _open(
-    plan: WebPlan, running: Running, reloader: Reloader, fan_out: FanOut, contexts: TlsStore, folder: Path | None
+    plan: WebPlan, running: Running, reloader: Reloader, fan_out: FanOut, folder: Path | None
 ) -> AsyncIterator[None]:
     server = import_module("gateway.web.front.server")
     settings = server.WebSettings(
@@ -99,7 +98,7 @@ async def _open(
         hosts=plan.hosts,
         token="" if plan.token is None else read_token(plan.token),
         users=_users(plan),
-        tls=_context_now(plan, contexts),
+        tls=_context_now(plan, running.contexts),
         proxy=plan.proxy,
         write=plan.write,
     )
