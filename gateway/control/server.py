@@ -6,7 +6,8 @@
 {"verb": "unit"}     {"version": "0.1.0", "ok": false, "error": "..."}
 
 The verbs, their parameters and what is answered are those of the table of all operations (`operator/operations.py`).
-Some have several answers, one after the other; that ends when who has asked leaves.
+Some have several answers, one after the other, and then {"ok": true, "end": true}; or that ends when who has asked
+leaves. `messages.py` makes these objects and reads them.
 
 The client may be another version: keys may differ, and `version` says why.
 """
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway import __version__
+from gateway.control.messages import END, answer_of
 from gateway.errors import WrongQuestion
 from gateway.events import ControlClosed, Emit, PartFailed
 from gateway.operator.operation import Asker, Operation
@@ -144,9 +146,12 @@ async def _answers(
     line: bytes, operator: Operator, asker: Asker, operations: Operations, emit: Emit
 ) -> AsyncGenerator[bytes, None]:
     try:
-        async with aclosing(carry_out(_request(line), operator, asker, operations)) as answers:
+        request = _request(line)
+        async with aclosing(carry_out(request, operator, asker, operations)) as answers:
             async for answer in answers:
                 yield _line({"ok": True, **answer})
+        if _operation(request, operations).is_repeated:
+            yield _line({"ok": True, **END})
     except WrongQuestion as wrong:
         yield _line(_refuse(str(wrong)))
     except Exception as error:  # noqa: BLE001 - the error boundary of a request
@@ -162,6 +167,14 @@ def _request(line: bytes) -> Mapping[str, Any]:
     return request if isinstance(request, dict) else {}
 
 
+def _operation(request: Mapping[str, Any], operations: Operations) -> Operation[Any, Any]:
+    verb = request.get("verb")
+    operation = operations.get(verb) if isinstance(verb, str) else None
+    if operation is None:
+        raise WrongQuestion(f'"verb" must be one of {", ".join(operations)}')
+    return operation
+
+
 async def carry_out(
     request: Mapping[str, Any], operator: Operator, asker: Asker, operations: Operations = BY_NAME
 ) -> AsyncGenerator[Mapping[str, Any], None]:
@@ -170,24 +183,14 @@ async def carry_out(
     Raises:
         WrongQuestion: there is no such operation, or it cannot be carried out.
     """
-    verb = request.get("verb")
-    operation = operations.get(verb) if isinstance(verb, str) else None
-    if operation is None:
-        raise WrongQuestion(f'"verb" must be one of {", ".join(operations)}')
+    operation = _operation(request, operations)
     asked = read_parameters(operation.parameters, request)
     if operation.is_repeated:
         async with aclosing(operation.answers(operator, asked, asker)) as answers:
             async for answer in answers:
-                yield _told(operation, answer)
+                yield answer_of(operation, answer)
     else:
-        yield _told(operation, await operation.answer(operator, asked, asker))
-
-
-def _told(operation: Operation[Any, Any], answer: object) -> Mapping[str, Any]:
-    if operation.key:
-        return {operation.key: answer}
-    told = fields_of(answer)
-    return {name: each for name, each in told.items() if each is not None} if operation.is_repeated else told
+        yield answer_of(operation, await operation.answer(operator, asked, asker))
 
 
 def _refuse(why: str) -> dict[str, Any]:

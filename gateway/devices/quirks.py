@@ -10,12 +10,12 @@
 """
 
 from collections.abc import Collection, Mapping
-from shlex import quote
 from struct import unpack
 from typing import Final, Literal, Protocol, cast
 
 from gateway.devices.addresses import Remember, UnitAddresses, Whereabouts
 from gateway.devices.device import Device, DeviceSettings, EveryDevice, TakesTransactions
+from gateway.devices.moved import how_to_forget, show_addresses
 from gateway.errors import IllegalDataValue, PathUnavailable
 from gateway.events import AddressMoved, AddressRemembered, BaudChanged, Emit, RequestRefused
 from gateway.lines.breaker import FAILURES
@@ -186,7 +186,7 @@ class MovableDevice(Device):
         if not isinstance(transaction, AddressChange):
             self.unit = self.address.after(self.unit)
         elif self.address.is_doubtful:
-            advice = f"old or new: no answer came; it is at {show_units(units)}, and its next answer settles it"
+            advice = f"old or new: no answer came; it is at {show_addresses(units)}, and its next answer settles it"
             self._tell_moved(transaction.new_unit, units[0], advice)
             self.unit = transaction.new_unit  # the old one is not asked anything while the change may still come
         configured = self.moved_from
@@ -242,21 +242,6 @@ class EveryQuirkyDevice(EveryDevice):
         self._emit(RequestRefused.of(request, error, device=f"{self.name} of {self._line_name}"))
         self._ring.refuse(request, error, now, line=self._line_name, name=self.name)
         request.fail(error)
-
-
-def show_units(units: tuple[int, ...]) -> str:
-    """Show possible addresses: `1 or 5`."""
-    return " or ".join(map(str, units))
-
-
-def forget_command(device: str) -> str:
-    """Return the command that ends what is remembered of a device, as a shell takes it."""
-    return f"modbus-gateway forget {quote(device)}"
-
-
-def how_to_forget(device: str, configured: int) -> str:
-    """Say how to ask a device that moved where the config says again."""
-    return f"if it is at {configured} again: {forget_command(device)}"
 
 
 def changes(asked: RequestPdu, quirks: Collection[str]) -> Quirk | None:

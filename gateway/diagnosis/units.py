@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from gateway.config.reading.source import to_write
 from gateway.config.values.duration import show_duration
-from gateway.devices.quirks import how_to_forget
+from gateway.devices.moved import how_to_forget
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
 from gateway.diagnosis.finding import Finding, Level
 from gateway.timing.verdict import CLOSE

@@ -1,7 +1,8 @@
 """What an operator asks of a gateway at work, and its answers.
 
 - operations   ALL that may be asked: name, parameters, result, right; the doors are made of this table
-- operation, parameters    what a row is, and how parameters are read
+- operation    what a row is
+- parameters, results    questions are read from JSON or text, and answers from JSON
 - operator     what is asked: the gateway at work
 - answers      the types of the answers
 - status, running, units, forgetting    how the gateway is doing, its reload, its units

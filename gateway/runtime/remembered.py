@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from gateway.config.plan.settings import LinePlan, Plan
 from gateway.config.reading.source import place_of
 from gateway.devices.device import DeviceSettings
-from gateway.devices.quirks import BAUD_RATES, forget_command, how_to_forget, show_units
+from gateway.devices.moved import forget_command, how_to_forget, show_addresses
+from gateway.devices.quirks import BAUD_RATES
 from gateway.events import AddressRemembered, BaudRemembered
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 from gateway.state.memory import Memory
@@ -106,12 +107,12 @@ def _advice(device: DeviceSettings, units: tuple[int, ...], left: tuple[int, ...
     if units == (device.unit,):
         ways = " or ".join(map(forget_command, others))
         return f"it is not asked: {' and '.join(others)} may be at its address; {ways}, or set its unit in {place}"
-    doubt = f"a change of its address was not answered: it is at {show_units(units)}"
+    doubt = f"a change of its address was not answered: it is at {show_addresses(units)}"
     if not left:
         said = f"it is not asked: the config has another device there by now; set its unit in {place}"
     elif len(left) < len(units):
         other = "as the config has another device by now"
-        said = f"{doubt}, and asked at {show_units(left)} only, {other}; set its unit in {place}"
+        said = f"{doubt}, and asked at {show_addresses(left)} only, {other}; set its unit in {place}"
     elif len(units) > 1:
         said = f"{doubt}, and its next answer settles it"
     else:

@@ -6,7 +6,7 @@ have its rights. At most READS_AHEAD of them are under way, so another client wa
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncGenerator, Callable, Iterator
+from collections.abc import AsyncGenerator, Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -103,7 +103,8 @@ async def bench(
     if not planned:
         what = f"{', '.join(left_out)} backs off after several failures, and nothing is sent to it"
         raise WrongQuestion(f"{what}; modbus-gateway status says until when")
-    result = BenchResult(line.name, tuple(_picture(line.plan, one) for one in planned), left_out=left_out)
+    pictures = tuple(_picture(line.plan, one) for one in planned)
+    result = BenchResult(line.name, pictures, left_out=left_out, expected_per_second=_expected(pictures))
     begin(result)
     now = asyncio.get_running_loop().time
     began, sent_before, busy_before = now(), line.sent, line.driver.line.phases(now()).busy
@@ -125,6 +126,12 @@ async def bench(
     result.busy_share = round(min(1.0, (line.driver.line.phases(now()).busy - busy_before) / elapsed), 3)
     result.measured_per_second = round(own / elapsed, 3)
     return result
+
+
+def _expected(reads: Sequence[BenchRead]) -> float | None:
+    """Calculate how many of these reads in turn the line carries in a second; None if they take it no time."""
+    time = sum(one.line_time_ms for one in reads)
+    return round(1000 * len(reads) / time, 3) if time else None
 
 
 class _Planned(NamedTuple):

@@ -1,31 +1,73 @@
-"""A daemon without a process: one image and its points, behind the words of the control socket."""
+"""Daemons without a process, behind the words of the control socket."""
 
+import io
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from gateway.cli.kit.daemon import Meant
+from gateway import __version__
+from gateway.cli.kit.daemon import Conversation, Meant
+from gateway.control.messages import END
 from gateway.control.server import _line
 from gateway.errors import DaemonError
 from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import Area
-from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.answers.unit import RequestAnswer, UnitPicture
+from gateway.operator.parameters import fields_of
 from gateway.operator.requests import AT_CONTROL
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.request import Request
 
+Question = Mapping[str, Any]
+
+
+class FakeConversation(Conversation):
+    """A conversation without a gateway: `answers` are found by a function of the question. `questions` are kept."""
+
+    pid = 1
+
+    def __init__(self, answers: Callable[[Question], Iterable[Mapping[str, Any]]]) -> None:
+        self.gateway = Path("/run/gw.sock")
+        self.questions: list[Question] = []
+        self.meant: Meant | None = None
+        self._answers = answers
+        self._version = __version__
+        self._coming: Iterator[Mapping[str, Any]] = iter(())
+        self._stream = self._sock = io.BytesIO()  # type: ignore[assignment]
+
+    def __call__(self, meant: Meant) -> Self:
+        self.meant = meant
+        return self
+
+    def wait_for(self, seconds: float) -> None:
+        assert seconds > 2
+
+    def _send(self, question: Question) -> None:
+        self.questions.append(question)
+        self._coming = iter([*self._answers(question), END])
+
+    def _receive(self) -> dict[str, Any]:
+        """As the gateway answers, in JSON and back."""
+        return json.loads(_line({"ok": True, **next(self._coming)}))
+
+
+def telling(*answers: Mapping[str, Any]) -> FakeConversation:
+    """A gateway that gives these answers to every question."""
+    return FakeConversation(lambda question: answers)
+
+
 PROFILE = Profile("generic", limits={3: 4})
 
 
-class FakeDaemon:
-    """Stands in for `Conversation`. `asked` are the requests that came, `silent` what the gateway says of them."""
+class FakeDaemon(FakeConversation):
+    """One image and its points. `asked` are the requests that came, `silent` what the gateway says of them."""
 
     caller = AT_CONTROL
-    gateway = Path("/run/gw.sock")
 
     def __init__(self, points: Iterable[Point] = (), *, functions: tuple[int, ...] | None = None) -> None:
+        super().__init__(self._answer_to)
         settings = ImageSettings(41, "silo-1", PROFILE, dict.fromkeys(Area, ((0, 19),)))
         self.image = Image(settings)
         self.asked: list[str] = []
@@ -35,31 +77,19 @@ class FakeDaemon:
         )
         self._answer = b""
 
-    def __call__(self, meant: Meant) -> Self:
-        return self
+    def _answer_to(self, question: Question) -> list[Mapping[str, Any]]:
+        if question["verb"] == "unit" and question["unit"] not in (41, "silo-1"):
+            raise DaemonError(f'the gateway says: nothing has the name "{question["unit"]}"')
+        if question["verb"] == "unit":
+            return [{"unit": self._picture}]
+        return [fields_of(self._request(question["unit"], question["pdu"]))]
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def wait_for(self, seconds: float) -> None:
-        assert seconds > 3.4
-
-    def ask(self, verb: str, **details: Any) -> dict[str, Any]:
-        """As the daemon answers, in JSON and back."""
-        if verb == "unit" and details["unit"] not in (41, "silo-1"):
-            raise DaemonError(f'the gateway says: nothing has the name "{details["unit"]}"')
-        answer = {"unit": self._picture} if verb == "unit" else self._request(**details)
-        return json.loads(_line({"ok": True, **answer}))
-
-    def _request(self, unit: int, pdu: str) -> dict[str, Any]:
+    def _request(self, unit: int, pdu: str) -> RequestAnswer:
         self.asked.append(pdu.upper())
         if self.silent:
-            return {"unit": unit, "pdu": f"{int(pdu[:2], 16) | 0x80:02X} 0B", "elapsed_ms": 12.5, **self.silent}
+            return RequestAnswer(unit, f"{int(pdu[:2], 16) | 0x80:02X} 0B", 12.5, **self.silent)
         self.image.submit(Request(unit, bytes.fromhex(pdu), self, 0.0), 0.0)
-        return {"unit": unit, "pdu": self._answer.hex(" "), "elapsed_ms": 12.5}
+        return RequestAnswer(unit, self._answer.hex(" "), 12.5)
 
     def wants(self, request: Request) -> bool:
         return True

@@ -3,24 +3,24 @@
 import asyncio
 import json
 import tomllib
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, Self
+from typing import Any
 
 import pytest
 
-from gateway.cli.kit.daemon import Meant
 from gateway.cli.main import main
 from gateway.cli.units import active_calibration
 from gateway.cli.verbs import calibrate
 from gateway.config.load import parse
-from gateway.control.server import _line
 from gateway.modbus.frame import Frame
+from gateway.operator.operations import REQUEST, UNIT, OneRequest, OneUnit
 from gateway.simulator.faults import Faults
 from gateway.simulator.mint import Mint
 from gateway.simulator.weigher import Weigher
-from kit.asking import ask
+from kit.asking import answers
+from kit.control import FakeConversation, Question
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 from kit.virtual_time import VirtualTimeLoop
@@ -50,10 +50,11 @@ MINT = {(1, 1): 10, (1, 16): 10, (2, 1): 10, (2, 16): 10, (3, 1): 10, (3, 99): 4
 MINT |= {(23, 1): 14, (23, 99): 500}
 
 
-class Daemon:
-    """Stands in for `Conversation`: a gateway that lives in virtual time while somebody waits for it."""
+class Daemon(FakeConversation):
+    """A gateway that lives in virtual time while somebody waits for it."""
 
     def __init__(self, slow: float) -> None:
+        super().__init__(self.answers_to)
         self.loop = VirtualTimeLoop()
         self._bench = gateway_bench(CONFIG)
         self.bench = self.loop.run_until_complete(self._bench.__aenter__())
@@ -69,23 +70,8 @@ class Daemon:
         self.loop.run_until_complete(self._bench.__aexit__(None, None, None))
         self.loop.close()
 
-    gateway = Path("/run/gw.sock")
-
-    def __call__(self, meant: Meant) -> Self:
-        return self
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def wait_for(self, seconds: float) -> None:
-        pass
-
-    def ask(self, verb: str, **details: Any) -> dict[str, Any]:
-        answer = self.loop.run_until_complete(ask(self.bench.running, verb, **details))
-        return json.loads(_line({"ok": True, **answer}))
+    def answers_to(self, question: Question) -> list[Mapping[str, Any]]:
+        return self.loop.run_until_complete(answers(self.bench.running, question))
 
     def sleep(self, seconds: float) -> None:
         self.loop.run_until_complete(asyncio.sleep(seconds))
@@ -122,10 +108,9 @@ def test_actively_it_finds_the_table_of_the_document(daemon: Daemon, capsys: pyt
 def test_function_23_is_measured_where_the_profile_has_it(
     daemon: Daemon, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    unit = daemon.ask("unit", unit=2)
-    unit["unit"]["functions"] = [3, 23]
+    unit = replace(daemon.ask(UNIT, OneUnit(2)), functions=(3, 23))
     ask = daemon.ask
-    monkeypatch.setattr(daemon, "ask", lambda verb, **more: unit if verb == "unit" else ask(verb, **more))
+    monkeypatch.setattr(daemon, "ask", lambda asked, *more: unit if asked is UNIT else ask(asked, *more))
     found = calibrated(capsys, "--active", "--write", "1-99")
     assert near(found, MINT)
     assert set(found) == {(3, 1), (3, 99), (23, 1), (23, 99)}
@@ -138,9 +123,9 @@ def test_it_writes_nothing_unless_it_is_told_to_and_then_what_was_there(
     line.written.clear()
     calibrated(capsys, "--active")
     assert {frame[2:4] for frame in bytes(line.written).split(b":")[1:]} == {b"01", b"02", b"03", b"04"}
-    daemon.ask("request", unit=2, pdu="10 00 0A 00 02 04 00 07 00 08")
+    daemon.ask(REQUEST, OneRequest(2, "10 00 0A 00 02 04 00 07 00 08"))
     calibrated(capsys, "--active", "--write", "10-11")
-    assert daemon.ask("request", unit=2, pdu="03 00 09 00 04")["pdu"] == "03 08 00 00 00 07 00 08 00 00"
+    assert daemon.ask(REQUEST, OneRequest(2, "03 00 09 00 04")).pdu == "03 08 00 00 00 07 00 08 00 00"
 
 
 def test_passively_it_finds_it_in_the_traffic_of_clients(daemon: Daemon, capsys: pytest.CaptureFixture[str]) -> None:
@@ -152,7 +137,7 @@ def test_passively_it_finds_it_in_the_traffic_of_clients(daemon: Daemon, capsys:
             assert not (await client.asks(2, f"01 0000 {1 + number % 16:04X}")).startswith("81")
             await asyncio.sleep(0.05)
 
-    daemon.ask("request", unit=2, pdu="02 00 00 00 01")
+    daemon.ask(REQUEST, OneRequest(2, "02 00 00 00 01"))
     task = daemon.loop.create_task(asks())
     assert main(["calibrate", "axis-1", "--json", "--for", "1min"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -170,8 +155,8 @@ def test_without_for_it_takes_what_was_measured_since_the_start(
     assert main(["calibrate", "axis-1"]) == 1
     assert "no normal response" in capsys.readouterr().err
     for _ in range(3):
-        daemon.ask("request", unit=2, pdu="03 00 01 00 01")
-    daemon.ask("request", unit=2, pdu="03 00 00 00 01")
+        daemon.ask(REQUEST, OneRequest(2, "03 00 01 00 01"))
+    daemon.ask(REQUEST, OneRequest(2, "03 00 00 00 01"))
     assert main(["calibrate", "axis-1"]) == 0
     said = capsys.readouterr().out
     assert "3 responses" in said

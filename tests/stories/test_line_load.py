@@ -2,11 +2,10 @@
 
 import asyncio
 import re
-from dataclasses import asdict
 
 import pytest
 
-from gateway.cli.verbs.bench import show_bench
+from gateway.cli.show.bench import show_bench
 from gateway.config.plan.line_load import load_of, read_rates, total_share
 from gateway.errors import WrongQuestion
 from gateway.operator.operations import ToMeasure
@@ -112,7 +111,7 @@ async def test_a_line_without_a_wire_is_measured_only():
         result = await measured(it, seconds=1)
     assert result.expected_per_second is None
     assert result.measured_per_second > 10
-    shown = show_bench(asdict(result))
+    shown = show_bench(result)
     assert re.search(r"by arithmetic +- +-", shown)
     assert "of the arithmetic" not in shown
 
@@ -251,7 +250,7 @@ async def test_units_that_rest_are_left_out_and_named():
         assert [read.unit for read in result.reads] == [1, 3]
         assert (result.failed, result.left_out) == (0, ["meter-2"])
         assert result.measured_per_second == pytest.approx(result.expected_per_second, rel=CLOSE)
-        assert "left out, because they rest after several failures: meter-2" in show_bench(asdict(result))
+        assert "left out, because they rest after several failures: meter-2" in show_bench(result)
 
 
 async def test_a_unit_that_comes_to_rest_meanwhile_is_no_failure_of_the_line():

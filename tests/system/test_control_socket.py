@@ -13,12 +13,13 @@ import pytest
 
 from gateway import __version__
 from gateway.cli.kit import daemon as daemon_module
-from gateway.cli.kit.daemon import Meant, ask
+from gateway.cli.kit.daemon import Conversation, Meant
 from gateway.control.server import MOST_CONNECTIONS, control_open
 from gateway.errors import DaemonError
 from gateway.events import Event, PartFailed
+from gateway.operator.operation import Nothing
 from gateway.operator.operator import Operator
-from kit.operations import STATUS_AND_DEFECT
+from kit.operations import STATUS_AND_DEFECT, Told
 from kit.process import PATIENCE
 
 STATUS = b'{"verb": "status"}\n'
@@ -44,6 +45,12 @@ class Open:
         writer.close()
         assert {answer.pop("version") for answer in answers} == {__version__}
         return answers
+
+
+def ask(path: Path) -> Told:
+    """What a command hears at `path`."""
+    with Conversation(Meant(path)) as conversation:
+        return conversation.ask(STATUS_AND_DEFECT["status"], Nothing())
 
 
 @asynccontextmanager
@@ -111,13 +118,13 @@ async def test_one_client_too_many_hears_so_and_the_others_are_served(tmp_path: 
         crowd = [await it.connect() for _ in range(16)]
         refused = "the gateway says: 16 others are connected already; try again later"
         with pytest.raises(DaemonError, match=refused):
-            await asyncio.to_thread(ask, "status", Meant(it.path))
+            await asyncio.to_thread(ask, it.path)
         for _, writer in crowd:
             writer.close()
         async with asyncio.timeout(PATIENCE):
             while len(asyncio.all_tasks()) > 1:  # noqa: ASYNC110 - a conversation that ends tells nobody
                 await asyncio.sleep(0.002)
-        assert await asyncio.to_thread(ask, "status", Meant(it.path)) == json.loads(FINE)
+        assert await asyncio.to_thread(ask, it.path) == Told("fine")
 
 
 @contextmanager
@@ -151,7 +158,7 @@ def daemon(path: Path, answer: bytes, *, hears: bool = True) -> Iterator[Thread]
 def test_a_daemon_that_does_not_answer_is_a_problem_in_plain_words(tmp_path: Path, answer: bytes, words: str) -> None:
     path = tmp_path / "control.sock"
     with daemon(path, answer), pytest.raises(DaemonError, match=words):
-        ask("status", Meant(path))
+        ask(path)
 
 
 def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
@@ -167,4 +174,4 @@ def test_why_a_daemon_hung_up_is_heard_by_who_has_not_asked_yet(
 
         monkeypatch.setattr(daemon_module, "_connect", slowly)
         with pytest.raises(DaemonError, match="the gateway says: later"):
-            ask("status", Meant(path))
+            ask(path)

@@ -14,7 +14,7 @@ from threading import Thread
 import pytest
 
 from gateway.cli.kit import daemon
-from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, ask, which_gateway
+from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, which_gateway
 from gateway.cli.main import PROBLEM_FOUND, main
 from gateway.cli.verbs import doctor
 from gateway.control import path as control_path_module
@@ -162,7 +162,7 @@ def test_a_config_that_cannot_be_read_names_no_gateway(
     gateways = Gateways()
     gateways.at(tmp_path / "system" / "control.sock", "alive")
     with gateways.answering(), pytest.raises(DaemonError, match=f"^{file}: .+; --control PATH says where"):
-        ask("status", which_gateway(Namespace(control=None, config=str(file))))
+        Conversation(which_gateway(Namespace(control=None, config=str(file))))
     assert gateways.heard == []
 
 

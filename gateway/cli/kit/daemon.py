@@ -7,17 +7,24 @@ import socket
 import struct
 import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self, TypeVar
 
 from gateway import __version__
 from gateway.cli.main import DEFAULT_CONFIG
 from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
+from gateway.control.messages import question_of, result_in
 from gateway.control.path import SYSTEM_SOCKET, control_path
 from gateway.errors import DaemonError
+from gateway.operator.operation import Nothing, Operation
+from gateway.operator.operations import WHICH
+from gateway.operator.results import NotUnderstoodError
+
+P = TypeVar("P")
+R = TypeVar("R")
 
 #: The environment variable that names the control socket.
 CONTROL_VARIABLE: Final = "MODBUS_GATEWAY_CONTROL"
@@ -27,7 +34,7 @@ CONTROL_VARIABLE: Final = "MODBUS_GATEWAY_CONTROL"
 _PATIENCE: Final = 90.0
 #: `struct ucred`: the process at the other end of a socket, its user and group.
 _PEER: Final = struct.Struct("=3i")
-#: Shown for values that a gateway of another version does not have.
+#: The version of a gateway that does not say it.
 UNKNOWN: Final = "unknown"
 #: What an answer in an unexpected form raises where it is taken apart or shown.
 NOT_UNDERSTOOD: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, struct.error)
@@ -93,16 +100,6 @@ def _tables(text: str) -> Mapping[str, Any]:
         return {}
 
 
-def ask(verb: str, gateway: Meant) -> dict[str, Any]:
-    """The gateway's answer to one request. A gateway of another version is reported on standard error.
-
-    Raises:
-        DaemonError: it does not answer, or refuses the request.
-    """
-    with Conversation(gateway) as daemon:
-        return daemon.ask(verb)
-
-
 def tell_which(gateway: Path) -> None:
     """Say which gateway is asked to change something, by its control socket, beside the output for programs."""
     print(f"through {gateway}", file=sys.stderr)
@@ -111,8 +108,8 @@ def tell_which(gateway: Path) -> None:
 class Conversation:
     """A connection to the gateway for any number of requests; open inside the context.
 
-    Answers are taken apart and shown inside the context: there, one of another version's gateway that has another form
-    becomes a DaemonError with the same notes.
+    Answers are shown inside the context: one of another form, as a gateway of another version may give it, becomes a
+    DaemonError there with the same notes.
 
     Raises:
         DaemonError: no gateway can be reached, or it does not answer, or refuses a request.
@@ -146,10 +143,10 @@ class Conversation:
     def _must_run_with(self, config: Path) -> None:
         """Leave a gateway that runs with another config."""
         try:
-            told = self.ask("which").get("config")
-        except DaemonError:  # it has an earlier version, which does not say it
+            told = self.ask(WHICH, Nothing()).config
+        except (DaemonError, NotUnderstoodError):  # it has an earlier version, which does not say it
             return
-        if isinstance(told, str) and os.path.realpath(told) != os.path.realpath(config):
+        if os.path.realpath(told) != os.path.realpath(config):
             self._stream.close()
             self._sock.close()
             raise DaemonError(f"the gateway at {self.gateway} runs with {told}, not with {config}")
@@ -172,14 +169,31 @@ class Conversation:
         pid, _user, _group = _PEER.unpack(self._sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
         return int(pid)
 
-    def ask(self, verb: str, **details: object) -> dict[str, Any]:
-        """The gateway's answer to a request."""
-        with suppress(ConnectionError, TimeoutError):  # it has closed the connection, perhaps after an error message
-            self._sock.sendall(json.dumps({"verb": verb, **details}).encode() + b"\n")
-        return self.next_answer()
+    def ask(self, operation: Operation[P, R], asked: P) -> R:
+        """Ask an operation that has one answer."""
+        return result_in(operation, self.ask_for_json(operation, asked))
 
-    def next_answer(self) -> dict[str, Any]:
-        """The gateway's next answer, where a request has several."""
+    def answers(self, operation: Operation[P, R], asked: P) -> Iterator[R]:
+        """Ask an operation that has several answers, and give them as they come."""
+        for answer in self.answers_in_json(operation, asked):
+            yield result_in(operation, answer)
+
+    def ask_for_json(self, operation: Operation[P, Any], asked: P) -> dict[str, Any]:
+        """Ask an operation that has one answer, and return it as the gateway tells it."""
+        self._send(question_of(operation, asked))
+        return self._receive()
+
+    def answers_in_json(self, operation: Operation[P, Any], asked: P) -> Iterator[dict[str, Any]]:
+        """Ask an operation that has several answers, and give them as the gateway tells them."""
+        self._send(question_of(operation, asked))
+        while not (answer := self._receive()).get("end"):
+            yield answer
+
+    def _send(self, question: Mapping[str, Any]) -> None:
+        with suppress(ConnectionError, TimeoutError):  # it has closed the connection, perhaps after an error message
+            self._sock.sendall(json.dumps(question).encode() + b"\n")
+
+    def _receive(self) -> dict[str, Any]:
         try:
             line = self._stream.readline()
         except TimeoutError:

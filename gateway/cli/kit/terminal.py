@@ -3,9 +3,14 @@
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
-from typing import Any, TextIO, cast
+from typing import Any, Final, TextIO, cast
 
 from gateway.observe.printable import printable
+
+#: Sequences: go to the upper left; clear to the end of the line; clear below.
+_HOME: Final = "\x1b[H"
+_CLEAR_LINE: Final = "\x1b[K"
+_CLEAR_BELOW: Final = "\x1b[J"
 
 
 class _Escaping:
@@ -44,3 +49,11 @@ def no_control_characters() -> Iterator[None]:
 def unescaped(stream: TextIO) -> TextIO:
     """The stream for text of ours that moves the cursor."""
     return stream.inner if isinstance(stream, _Escaping) else stream
+
+
+def redrawn(text: str, rows: int) -> str:
+    """Add the sequences that draw `text` over the present content of a terminal with this many rows."""
+    lines = printable(text).splitlines()
+    if len(lines) >= rows:
+        lines = [*lines[: rows - 2], f"{len(lines) - rows + 2} more lines: make the window higher"]
+    return _HOME + "".join(f"{line}{_CLEAR_LINE}\n" for line in lines) + _CLEAR_BELOW

@@ -1,19 +1,18 @@
 """The notes of `status`: what to do about lines and units that need attention."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from math import ceil
-from typing import Any, Final
+from typing import Final
 
 from gateway.config.values.duration import show_age, show_duration
-from gateway.devices.quirks import how_to_forget
-from gateway.lines.counts import RESULTS
+from gateway.devices.moved import how_to_forget
+from gateway.lines.counts import RESULTS, Counts
+from gateway.operator.answers.status import LineStatus, MovedStatus, ServerStatus, Status, UnitStatus, UpstreamStatus
 from gateway.timing.verdict import verdict
 
 #: A row gets a note from this share of a line's time on, and below this share of answers.
 BUSY: Final = 0.9
 ANSWERED: Final = 0.95
-
-_Row = Mapping[str, Any]
 
 #: Results of requests that are nothing against their unit: the gateway answers for it, or nobody waits any more.
 _WITHOUT_ITS_FAULT: Final = frozenset({"refused", "unwanted"})
@@ -31,101 +30,108 @@ _NOT_FITTING: Final = "what came did not fit the request: modbus-gateway doctor 
 _MORE_TIME: Final = "modbus-gateway doctor says how to give it more time"
 
 
-def count_ok(one: _Row) -> int:
-    """Requests that the device answered, with an exception or not, and broadcasts."""
-    counts = one["counts"]
-    return int(counts["ok"] + counts["exception"] + counts["broadcast"])
+def notes(status: Status) -> Iterator[tuple[str, str]]:
+    """Give each note with the name of the part that it is about."""
+    for line in status.lines:
+        yield from ((line.name, note) for note in _for_line(line))
+    for server in status.servers:
+        yield from ((server.name, note) for note in _for_part(server))
+    for upstream in status.upstreams:
+        yield from ((upstream.name, note) for note in _for_part(upstream))
+    for unit in filter(was_asked, status.units):
+        yield from ((f"unit {unit.unit}, {unit.name}", note) for note in _for_unit(unit))
+    for moved in status.moved:
+        yield from ((f"unit {moved.unit}, {moved.name}", note) for note in _for_moved(moved))
 
 
-def count_failed(one: _Row) -> int:
-    """Requests that failed for want of an answer. A result that an older gateway does not know counts as 0."""
-    counts: Mapping[str, int] = one["counts"]
-    return sum(counts.get(result, 0) for result in RESULTS if result not in _WITHOUT_ITS_FAULT) - count_ok(one)
+def was_asked(unit: UnitStatus) -> bool:
+    """Tell whether there is anything to show of a unit: it was asked, or was to be, or is not fine."""
+    counts = unit.counts
+    return bool(counts.sent or counts.refused or unit.state != "fine" or count_failed(counts))
 
 
-def for_part(part: _Row) -> Iterator[str]:
-    """Notes about a line, a server line or an upstream."""
-    if part["state"] == "down":
-        yield f"down: {part['reason']}"
-    elif part["state"] == "standby":
-        yield str(part["reason"])
+def count_ok(counts: Counts) -> int:
+    """Count requests that the device answered, with an exception or not, and broadcasts."""
+    return counts.ok + counts.exception + counts.broadcast
 
 
-def for_line(line: _Row) -> Iterator[str]:
-    """Notes about a client line."""
-    yield from for_part(line)
-    busy = line["busy_share"]
+def count_failed(counts: Counts) -> int:
+    """Count requests that failed for want of an answer."""
+    asked = sum(getattr(counts, result) for result in RESULTS if result not in _WITHOUT_ITS_FAULT)
+    return int(asked) - count_ok(counts)
+
+
+def _for_part(part: LineStatus | ServerStatus | UpstreamStatus) -> Iterator[str]:
+    """Give the notes about a line, a server line or an upstream."""
+    if part.state == "down":
+        yield f"down: {part.reason}"
+    elif part.state == "standby":
+        yield part.reason
+
+
+def _for_line(line: LineStatus) -> Iterator[str]:
+    """Give the notes about a client line."""
+    yield from _for_part(line)
+    busy = line.busy_share
     if busy is not None and busy >= BUSY:
         yield f"busy for {busy:.0%} of the time{_mostly(line)}: poll less often or raise the baud rate"
-    echoes = line["counts"]["echoes"]
+    echoes = line.counts.echoes
     if echoes:
         yield f"{echoes} requests came back: if the adapter echoes, set echo = true"
 
 
-def _mostly(line: _Row) -> str:
-    """Who takes most of a line's time. Gateways of earlier versions do not tell."""
-    users = line.get("users")
-    if not users:
+def _mostly(line: LineStatus) -> str:
+    """Say who takes most of a line's time."""
+    if not line.users:
         return ""
-    first = users[0]
-    where = first["device"] or f"address {first['on_the_wire']}"
-    return f" ({first['share']:.0%} by {first['client']}: {where}, function {first['function']})"
+    first = line.users[0]
+    where = first.device or f"address {first.on_the_wire}"
+    return f" ({first.share:.0%} by {first.client}: {where}, function {first.function})"
 
 
-def for_unit(unit: _Row) -> Iterator[str]:
-    """Notes about a unit that was polled."""
+def _for_unit(unit: UnitStatus) -> Iterator[str]:
+    """Give the notes about a unit that was polled."""
     yield from _about_failures(unit)
-    times, counts = unit["times"], unit["counts"]
-    share, late, limit = times["limit_share_p99"], times["late"], times["limit_ms"]
-    found = verdict(share, counts["responses"], late, limit or 0.0)
+    times, counts = unit.times, unit.counts
+    share, late, limit = times.limit_share_p99, times.late, times.limit_ms or 0.0
+    found = verdict(share, counts.responses, late, limit)
     if late:
         responses = "one response" if late == 1 else f"{late} responses"
-        yield f"{responses} came after the limit: {_MORE_TIME} ({unit['source']})"
+        yield f"{responses} came after the limit: {_MORE_TIME} ({unit.source})"
     elif found == "tight":
-        yield f"close to its limit ({share:.0%}): {_MORE_TIME} ({unit['source']})"
-    elif found == "long" and counts["timeout"]:
+        yield f"close to its limit ({share:.0%}): {_MORE_TIME} ({unit.source})"
+    elif found == "long" and counts.timeout and times.answer_p99_ms:
         yield (
             f"each request without a response stops its line for {show_duration(limit / 1000)}, which is "
-            f"{limit / times['answer_p99_ms']:.0f} times what it needs: "
-            f"modbus-gateway calibrate {unit['name']} finds a shorter limit"
+            f"{limit / times.answer_p99_ms:.0f} times what it needs: "
+            f"modbus-gateway calibrate {unit.name} finds a shorter limit"
         )
 
 
-def _about_failures(unit: _Row) -> Iterator[str]:
-    error = str(unit["last_error"])
+def _about_failures(unit: UnitStatus) -> Iterator[str]:
+    error = unit.last_error
     cause = _CAUSES.get(error, "see the log")
-    counts = unit["counts"]
-    if error == "bad_frame" and 2 * counts.get("explained", 0) >= max(1, counts["bad_frame"]):
+    counts, ok, failed = unit.counts, count_ok(unit.counts), count_failed(unit.counts)
+    if error == "bad_frame" and 2 * counts.explained >= max(1, counts.bad_frame):
         cause = _NOT_FITTING
-    elif error == "bad_frame" and counts["foreign_frames"] >= max(1, counts["bad_frame"]):
+    elif error == "bad_frame" and counts.foreign_frames >= max(1, counts.bad_frame):
         cause = _OTHER_TRAFFIC
-    if error == "timeout" and not count_ok(unit):
+    if error == "timeout" and not ok:
         cause += ", and the unit identifier in the client"
-    if unit["state"] == "resting":
-        yield f"rests, next try in {show_duration(ceil(unit['rests_ms'] / 1000))}; {error}: {cause}"
-    elif unit["state"] == "failing":
-        yield f"{error}, {unit['failures']} in a row: {cause}"
-    elif count_failed(unit) > (1 - ANSWERED) * (count_ok(unit) + count_failed(unit)) and error in _CAUSES:
-        failed = count_failed(unit)
+    if unit.state == "resting":
+        yield f"rests, next try in {show_duration(ceil(unit.rests_ms / 1000))}; {error}: {cause}"
+    elif unit.state == "failing":
+        yield f"{error}, {unit.failures} in a row: {cause}"
+    elif failed > (1 - ANSWERED) * (ok + failed) and error in _CAUSES:
         requests = "1 request" if failed == 1 else f"{failed} requests"
-        yield f"{requests} failed; last was {error}{_ago(unit['last_error_ms'])}: {cause}"
+        yield f"{requests} failed; last was {error}{_ago(unit.last_error_ms)}: {cause}"
 
 
 def _ago(milliseconds: float | None) -> str:
     return "" if milliseconds is None else f", {show_age(milliseconds)} ago"
 
 
-def for_moved(unit: _Row) -> Iterator[str]:
-    """Notes about a unit that is at another address than the config says."""
-    if unit["failures"]:
-        yield f"does not answer where it moved to; {how_to_forget(unit['name'], unit['configured'])}"
-
-
-#: The notes for the rows of each section.
-ADVICE: Final[Mapping[str, Callable[[_Row], Iterator[str]]]] = {
-    "lines": for_line,
-    "servers": for_part,
-    "upstreams": for_part,
-    "units": for_unit,
-    "moved": for_moved,
-}
+def _for_moved(unit: MovedStatus) -> Iterator[str]:
+    """Give the notes about a unit that is at another address than the config says."""
+    if unit.failures:
+        yield f"does not answer where it moved to; {how_to_forget(unit.name, unit.configured)}"

@@ -3,6 +3,7 @@
 import socket
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 from select import select
 from typing import Final
 
@@ -12,11 +13,28 @@ from gateway.config.values.address import Address
 from gateway.config.values.port import parse_port
 from gateway.control.path import SYSTEM_SOCKET
 from gateway.errors import DaemonError, PortError
+from gateway.operator.operation import Nothing
+from gateway.operator.operations import STATUS
+from gateway.operator.results import read_result
 from gateway.ports.tcp import CLOSED_AT_ONCE, READ_SIZE
 
 _TAKEN: Final = (
     "{port} is the port of line {line} of the running gateway ({gateway})\n  help: leave out --port to go through it"
 )
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    name: str
+    port: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Lines:
+    """What is needed of a status here: a gateway of any version tells it."""
+
+    lines: tuple[_Line, ...]
+    servers: tuple[_Line, ...]
 
 
 def refuse_port_of_gateway(port: Address, gateway: Meant) -> None:
@@ -29,11 +47,11 @@ def refuse_port_of_gateway(port: Address, gateway: Meant) -> None:
     """
     for each in {gateway, Meant(SYSTEM_SOCKET)}:
         with suppress(DaemonError), Conversation(each) as daemon:  # no gateway that answers, no line of it
-            status = daemon.ask("status")["status"]
-            for line in (*status["lines"], *status["servers"]):
-                taken = parse_port(line["port"])
+            lines = read_result(_Lines, daemon.ask_for_json(STATUS, Nothing()).get("status"))
+            for line in (*lines.lines, *lines.servers):
+                taken = parse_port(line.port)
                 if isinstance(taken, Address) and taken.collides_with(port):
-                    raise PortError(_TAKEN.format(port=port, line=line["name"], gateway=each.socket))
+                    raise PortError(_TAKEN.format(port=port, line=line.name, gateway=each.socket))
 
 
 def settle(connection: socket.socket, port: str) -> None:

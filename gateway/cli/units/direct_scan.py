@@ -4,9 +4,7 @@ import argparse
 import asyncio
 from collections.abc import Callable
 from contextlib import aclosing
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
@@ -20,7 +18,7 @@ from gateway.errors import PortError
 from gateway.events import discard_event
 from gateway.lines.settings import LineSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
-from gateway.operator.answers.scan import Found, Progress
+from gateway.operator.answers.scan import Found, Progress, ScanStep
 from gateway.ports.opener import make_opener
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.runtime.gateway_line import GatewayLine
@@ -30,10 +28,10 @@ from gateway.tools.scan import Scan, Steps, opened, scan_speeds
 from gateway.trace.ring import Ring
 
 #: Is told how far a scan is.
-Tell = Callable[[dict[str, Any]], None]
+Tell = Callable[[Progress], None]
 
 
-async def scan_port(args: argparse.Namespace, wanted: list[str] | None, tell: Tell) -> dict[str, Any]:
+async def scan_port(args: argparse.Namespace, wanted: list[str] | None, tell: Tell) -> ScanStep:
     """Scan the port that the arguments name: all units by default, and in RTU a lone device at address 0.
 
     Raises:
@@ -50,12 +48,12 @@ async def scan_port(args: argparse.Namespace, wanted: list[str] | None, tell: Te
         async with aclosing(_steps(line, units, args)) as steps:
             async for step in steps:
                 if isinstance(step, Progress):
-                    tell(asdict(step))
+                    tell(step)
                 else:
                     found = step
     except PortError as error:
         raise _with_remedy(error, args.port) from error
-    return {"asked": len(units), "found": [asdict(each) for each in found]}
+    return ScanStep(found=found, asked=len(units))
 
 
 def _with_remedy(error: PortError, port: str) -> PortError:

@@ -4,13 +4,14 @@ import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument
 from gateway.cli.kit.usage import add_port_arguments, parsed_by
 from gateway.config.values.duration import parse_duration
-from gateway.errors import DaemonError, ExceptionCode, GatewayError
+from gateway.errors import ExceptionCode, GatewayError
 from gateway.modbus.codes import EXCEPTION_BIT, Area
+from gateway.operator.operations import REQUEST, UNIT, OneRequest, OneUnit
 from gateway.profiles.point import Point
 
 #: How much longer than the longest wait of a unit its response may take to arrive here, in seconds.
@@ -108,38 +109,26 @@ class DaemonUnit:
 
     def __init__(self, daemon: Conversation, wanted: str) -> None:
         self._daemon = daemon
-        unit = daemon.ask("unit", unit=int(wanted) if wanted.isdecimal() else wanted).get("unit")
-        if not isinstance(unit, dict):
-            raise DaemonError("the gateway's answer has no unit in it")
-        functions = unit.get("functions")
-        self.number: int = unit["unit"]
-        self.name: str = unit.get("name", "")
+        unit = daemon.ask(UNIT, OneUnit(int(wanted) if wanted.isdecimal() else wanted))
+        self.number = unit.unit
+        self.name = unit.name
         self.gateway: Path | None = daemon.gateway
-        self.functions = None if functions is None else frozenset(functions)
-        self.areas = {Area(area): ranges for area, ranges in unit.get("areas", {}).items()}
-        self.limits: Mapping[int, int] = {int(function): most for function, most in unit.get("limits", {}).items()}
-        self.points = tuple(map(_point, unit.get("points", ())))
-        daemon.wait_for(unit.get("longest_wait_ms", 0.0) / 1000 + _SPARE_TIME)
+        self.functions = None if unit.functions is None else frozenset(unit.functions)
+        self.areas = {Area(area): ranges for area, ranges in unit.areas.items()}
+        self.limits = unit.limits
+        self.points = unit.points
+        daemon.wait_for(unit.longest_wait_ms / 1000 + _SPARE_TIME)
 
     def ask(self, pdu: bytes) -> Answer:
         """Send a request as the client `control`. Raises DaemonError."""
-        answer = self._daemon.ask("request", unit=self.number, pdu=pdu.hex(" "))
-        response = bytes.fromhex(answer["pdu"])
-        result = answer.get("result", "")
-        told = answer.get("reason")
-        reason = (result == "line_down" and told) or _REASONS.get(result) or told or result
+        answer = self._daemon.ask(REQUEST, OneRequest(self.number, pdu.hex(" ")))
+        response, result = bytes.fromhex(answer.pdu or ""), answer.result
+        reason = (result == "line_down" and answer.reason) or _REASONS.get(result) or answer.reason or result
         head = bytes((self.number,))
         sent, received = head + pdu, head + response
-        if "sent" in answer:
-            sent, received = bytes.fromhex(answer["sent"]), bytes.fromhex(answer.get("received", ""))
-        return Answer(response, answer["elapsed_ms"], reason, sent, received, result)
-
-
-def _point(told: Mapping[str, Any]) -> Point:
-    """A point from the gateway. A gateway of another version may send more fields."""
-    known = {name: told[name] for name in Point.__dataclass_fields__ if name in told}
-    labels = {int(number): label for number, label in known.get("labels", {}).items()}
-    return Point(**{**known, "area": Area(known["area"]), "labels": labels})
+        if answer.sent:
+            sent, received = bytes.fromhex(answer.sent), bytes.fromhex(answer.received)
+        return Answer(response, answer.elapsed_ms, reason, sent, received, result)
 
 
 def _name(code: int) -> str:

@@ -4,7 +4,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from math import ceil
@@ -20,7 +20,9 @@ from gateway.cli.show.measured_profile import profile_text
 from gateway.cli.units.active_calibration import ask_actively, parse_registers
 from gateway.cli.units.unit import DaemonUnit
 from gateway.config.values.duration import parse_duration, show_duration
-from gateway.errors import DaemonError, GatewayError
+from gateway.errors import GatewayError
+from gateway.operator.answers.measured import Measured
+from gateway.operator.operations import TIMES, OneUnit
 from gateway.timing.proposal import MeasuredTimes, Proposal
 from gateway.timing.verdict import ENOUGH_TO_SHORTEN
 
@@ -111,7 +113,7 @@ def _show(source: "Source", args: argparse.Namespace) -> int:
     rows = source.rows()
     if not rows:
         advice = "" if args.active else "; --for 10min waits for traffic, --active reads it"
-        print(f"{source.about['name']}: no normal response{advice}", file=sys.stderr)
+        print(f"{source.about.name}: no normal response{advice}", file=sys.stderr)
         return PROBLEM_FOUND
     more = "a longer --for" if args.active else "--active"
     table = Calibration(source.about, rows, more)
@@ -135,33 +137,31 @@ class Source:
     """The times that the gateway keeps, gathered: it keeps the last ones only. `about` says what they are of."""
 
     def __init__(self, daemon: Conversation, unit: int) -> None:
-        self.about: Mapping[str, Any] = {}
         self._daemon = daemon
         self._unit = unit
         self._gathered: dict[tuple[int, int], _Gathered] = {}
         #: What the gateway said last: how many responses since its start, and the slowest of these.
         self._said: dict[tuple[int, int], tuple[int, float]] = {}
         self._limits: dict[tuple[int, int], tuple[float, float]] = {}
-        self.look()
+        self.about = self.look()
 
-    def look(self) -> None:
+    def look(self) -> Measured:
         """Take what is new."""
-        self.about = self._daemon.ask("times", unit=self._unit).get("times", {})
-        if "rows" not in self.about:
-            raise DaemonError("the gateway's answer has no times in it")
-        for row in self.about["rows"]:
-            key, longest = (row["function"], row["items"]), row.get("longest_ms", 0.0) / 1000
+        self.about = self._daemon.ask(TIMES, OneUnit(self._unit))
+        for row in self.about.rows:
+            key, longest = (row.function, row.items), row.longest_ms / 1000
             count_before, longest_before = self._said.get(key, (0, 0.0))
-            new = row["count"] - count_before if row["count"] >= count_before else row["count"]  # after a reload
+            new = row.count - count_before if row.count >= count_before else row.count  # after a reload
             if new > 0:
                 gathered = self._gathered.setdefault(key, _Gathered())
                 gathered.count += new
-                gathered.times += [each / 1000 for each in row["times_ms"][-new:]]
+                gathered.times += [each / 1000 for each in row.times_ms[-new:]]
                 del gathered.times[:-_KEPT]
                 if longest > longest_before:
                     gathered.longest = max(gathered.longest, longest)
-            self._said[key] = row["count"], longest
-            self._limits[key] = row["limit_ms"], row["allowed_ms"]
+            self._said[key] = row.count, longest
+            self._limits[key] = row.limit_ms, row.allowed_ms
+        return self.about
 
     def forget(self) -> None:
         """Only what comes from now on counts."""
@@ -184,8 +184,8 @@ class Source:
 class Calibration(Proposal):
     """The proposal for the device that `about` describes, as text and as JSON. `more` is what brings more responses."""
 
-    def __init__(self, about: Mapping[str, Any], rows: list[MeasuredTimes], more: str) -> None:
-        super().__init__(rows, float(about["margin"]))
+    def __init__(self, about: Measured, rows: list[MeasuredTimes], more: str) -> None:
+        super().__init__(rows, about.margin)
         self.more = more
         self.about = about
 
@@ -206,9 +206,9 @@ class Calibration(Proposal):
     def text(self) -> str:
         """All of it for a reader."""
         about = self.about
-        where = f"{about['mode']} {about['baud']} {about['format']}"
+        where = f"{about.mode} {about.baud} {about.format}"
         parts = [
-            f"{about['name']} (unit {about['unit']}), profile {about['profile']}, {where}: {self.count} responses",
+            f"{about.name} (unit {about.unit}), profile {about.profile}, {where}: {self.count} responses",
             align([_HEADINGS, *map(self._cells, self.rows)]),
             f"For the profile, with margin = {self.margin:g}:\n\n{self.timing_text}",
             *self._notes(),
@@ -233,7 +233,12 @@ class Calibration(Proposal):
             for row in self.rows
         ]
         timing = [{"fc": function, "items": items, "time_ms": _ms(time)} for function, items, time in self.timing]
-        return {**{key: self.about[key] for key in keys}, "rows": rows, "timing": timing, "margin": self.margin}
+        return {
+            **{key: getattr(self.about, key) for key in keys},
+            "rows": rows,
+            "timing": timing,
+            "margin": self.margin,
+        }
 
     def _cells(self, row: MeasuredTimes) -> tuple[str, ...]:
         times = (row.quantile(0.5), row.quantile(0.99), row.slowest, self.fitted(row), row.limit_ms / 1000)
@@ -245,7 +250,7 @@ class Calibration(Proposal):
         if several:
             functions = ", ".join(map(str, several))
             yield f"Only one number of items was seen with function {functions}: --active measures others."
-        if self.margin > self.about["margin"]:
+        if self.margin > self.about.margin:
             yield "Some responses take much longer than others: hence the margin."
         kept = max((len(row.times) for row in self.rows if row.count > len(row.times)), default=0)
         if kept:
@@ -272,10 +277,10 @@ def _wait(source: Source, seconds: float) -> None:
 
 def _profile(table: Calibration) -> str:
     about, count = table.about, table.count
-    where = f"{about['mode']} {about['baud']} {about['format']}"
+    where = f"{about.mode} {about.baud} {about.format}"
     today = datetime.now().astimezone().date()
-    origin = f"Measured by modbus-gateway calibrate {about['name']}, {today}: {count} responses, {where}."
-    return profile_text(about["profile"], table.timing_text, table.margin, origin)
+    origin = f"Measured by modbus-gateway calibrate {about.name}, {today}: {count} responses, {where}."
+    return profile_text(about.profile, table.timing_text, table.margin, origin)
 
 
 def _write_new(file: Path, text: str) -> None:

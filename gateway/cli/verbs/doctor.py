@@ -6,18 +6,18 @@ import os
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, add_control_argument, which_gateway
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.verbs.report_arguments import add_report_arguments
-from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import with_ports
 from gateway.errors import DaemonError
+from gateway.operator.operations import DOCTOR, ToExamine
 from gateway.tools.outside import findings_about
 
 #: How long the gateway may take, in seconds: it asks units, and may try other rates and formats on several lines.
@@ -96,10 +96,8 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
         if not args.passive and not args.json and sys.stderr.isatty():
             print("The gateway may ask units now, which can take a minute; --passive sends nothing.", file=sys.stderr)
         daemon.wait_for(_PATIENCE)
-        answer = daemon.ask("doctor", line=args.line, ask=not args.passive)
-        ports = [_port(row) for row in answer["ports"]]
-        measured = [_finding(row) for row in answer["findings"]]
-        return with_ports(findings_about(ports, daemon.pid), measured)
+        examination = daemon.ask(DOCTOR, ToExamine(args.line, not args.passive))
+        return with_ports(findings_about(examination.ports, daemon.pid), examination.findings)
 
 
 def _in_config(args: argparse.Namespace) -> list[Finding]:
@@ -109,23 +107,6 @@ def _in_config(args: argparse.Namespace) -> list[Finding]:
     from gateway.cli.verbs.config_doctor import look_at_config  # noqa: PLC0415 - only here a config is read
 
     return look_at_config(Path(args.config or DEFAULT_CONFIG), args.line)
-
-
-def _port(row: Mapping[str, Any]) -> PortInUse:
-    """A port of a gateway, perhaps of another version: that may send more fields."""
-    return PortInUse(**{name: row[name] for name in PortInUse.__dataclass_fields__ if name in row})
-
-
-def _finding(row: Mapping[str, Any]) -> Finding:
-    """A finding of a gateway, perhaps of another version."""
-    level = row.get("level")
-    return Finding(
-        level if level in ("ok", "note", "fix") else "note",
-        str(row.get("about", "")),
-        str(row.get("what", "")),
-        str(row.get("remedy", "")),
-        str(row.get("unit", "")),
-    )
 
 
 def _without_daemon(why: str, config: str | None) -> Finding:

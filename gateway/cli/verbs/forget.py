@@ -2,12 +2,14 @@
 
 import argparse
 import json
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_which, which_gateway
 from gateway.cli.main import FINE
-from gateway.devices.quirks import show_units
+from gateway.control.messages import result_in
+from gateway.devices.moved import show_addresses
+from gateway.operator.answers.forgotten import Forgotten
+from gateway.operator.operations import FORGET, OneDevice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,20 +28,22 @@ def run(args: argparse.Namespace) -> int:
     device = int(args.device) if args.device.isdecimal() else args.device
     with Conversation(which_gateway(args)) as daemon:
         tell_which(daemon.gateway)
-        answer = {**daemon.ask("forget", device=device), "through": str(daemon.gateway)}
-        if args.json:
-            print(json.dumps(answer, indent=2, ensure_ascii=False))
-        else:
-            print(*_lines(answer["forgotten"]), sep="\n")
+        answer = daemon.ask_for_json(FORGET, OneDevice(device))
+        forgotten = result_in(FORGET, answer)
+    if args.json:
+        print(json.dumps({**answer, "through": str(daemon.gateway)}, indent=2, ensure_ascii=False))
+    else:
+        print(*_lines(forgotten), sep="\n")
     return FINE
 
 
-def _lines(forgotten: Mapping[str, Any]) -> Iterator[str]:
-    unit, was_at = forgotten["unit"], tuple(forgotten["was_at"])
-    if was_at != (unit,):
-        before = f", no longer at {show_units(was_at)}" if was_at else "; it was not asked before"
-        yield f"{forgotten['device']} is asked at {unit} on {forgotten['line']}{before}"
+def _lines(forgotten: Forgotten) -> Iterator[str]:
+    device, line, unit = forgotten.device, forgotten.line, forgotten.unit
+    if forgotten.was_at != (unit,):
+        was_at = show_addresses(forgotten.was_at)
+        before = f", no longer at {was_at}" if forgotten.was_at else "; it was not asked before"
+        yield f"{device} is asked at {unit} on {line}{before}"
     else:
-        yield f"no other address was remembered of {forgotten['device']}: it is asked at {unit}"
-    if forgotten["was_baud"] != forgotten["baud"]:
-        yield f"{forgotten['line']} has {forgotten['baud']} baud again, no longer {forgotten['was_baud']}"
+        yield f"no other address was remembered of {device}: it is asked at {unit}"
+    if forgotten.was_baud != forgotten.baud:
+        yield f"{line} has {forgotten.baud} baud again, no longer {forgotten.was_baud}"

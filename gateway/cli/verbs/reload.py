@@ -2,17 +2,18 @@
 
 import argparse
 import json
-from typing import Any
+from collections.abc import Iterator
+from typing import Final
 
-from gateway.cli.kit.daemon import UNKNOWN, Conversation, add_control_argument, tell_which, which_gateway
+from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_which, which_gateway
 from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.control.messages import result_in
+from gateway.operator.answers.running import Reloaded
+from gateway.operator.operation import Nothing
+from gateway.operator.operations import RELOAD
 
-_CHANGES = {
-    "added": "new",
-    "removed": "gone",
-    "changed": "changed",
-    "restart": "takes effect after a restart",
-}
+#: What is said of tables that were added, removed or changed, or need a restart.
+_CHANGES: Final = ("new", "gone", "changed", "takes effect after a restart")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,26 +30,25 @@ def run(args: argparse.Namespace) -> int:
     """
     with Conversation(which_gateway(args)) as daemon:
         tell_which(daemon.gateway)
-        answer = {**daemon.ask("reload"), "through": str(daemon.gateway)}
+        answer = daemon.ask_for_json(RELOAD, Nothing())
+        reloaded = result_in(RELOAD, answer)
     if args.json:
-        print(json.dumps(answer, indent=2, ensure_ascii=False))
+        print(json.dumps({**answer, "through": str(daemon.gateway)}, indent=2, ensure_ascii=False))
     else:
-        print(*_lines(answer), sep="\n")
-    return FINE if answer.get("ok") is True else PROBLEM_FOUND
+        print(*_lines(reloaded), sep="\n")
+    return FINE if reloaded.ok else PROBLEM_FOUND
 
 
-def _lines(answer: dict[str, Any]) -> list[str]:
-    if problems := _told(answer, "problems"):
-        return [*problems, "the file was rejected; the running config is unchanged"]
-    changes = [
-        f"{said}: {', '.join(told)}" for what, said in _CHANGES.items() if (told := _told(answer, what, UNKNOWN))
-    ]
-    defect = [f"{answer['defect']}; the new config is in use"] if answer.get("defect") else []
-    nothing = f"nothing has changed in {answer['file']}" if answer.get("file") else "nothing has changed"
-    return [*(changes or [nothing]), *_told(answer, "warnings"), *defect]
-
-
-def _told(answer: dict[str, Any], key: str, *otherwise: str) -> list[str]:
-    """A list in the answer, or `otherwise` if a gateway of another version does not have it."""
-    told = answer.get(key, otherwise)
-    return [str(each) for each in told] if isinstance(told, (list, tuple)) else [UNKNOWN]
+def _lines(reloaded: Reloaded) -> Iterator[str]:
+    if reloaded.problems:
+        yield from reloaded.problems
+        yield "the file was rejected; the running config is unchanged"
+        return
+    changes = (reloaded.added, reloaded.removed, reloaded.changed, reloaded.restart)
+    if any(changes):
+        yield from (f"{said}: {', '.join(names)}" for said, names in zip(_CHANGES, changes, strict=True) if names)
+    else:
+        yield f"nothing has changed in {reloaded.file}" if reloaded.file else "nothing has changed"
+    yield from reloaded.warnings
+    if reloaded.defect:
+        yield f"{reloaded.defect}; the new config is in use"

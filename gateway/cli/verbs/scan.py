@@ -2,8 +2,9 @@
 
 import argparse
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import asdict
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
@@ -21,6 +22,8 @@ from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration, show_duration
 from gateway.config.values.unitset import parse_units
 from gateway.errors import DaemonError
+from gateway.operator.answers.scan import Found, Progress, ScanStep
+from gateway.operator.operations import SCAN, ToScan
 
 #: The time limit of a question, in seconds, when nobody says otherwise.
 _USUAL_LIMIT: Final = 0.3
@@ -37,8 +40,6 @@ examples:
 Through the gateway, scan uses the idle time of the line: a client waits for at
 most one request of the scan. With --port, no gateway may have the port open.
 """
-
-_Row = Mapping[str, Any]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +82,7 @@ def _show(args: argparse.Namespace) -> int:
     with ExitStack() as parts:
         line = parts.enter_context(progress())
 
-        def tell(step: _Row) -> None:
+        def tell(step: Progress) -> None:
             line.show(_how_far(step))
 
         if args.port:
@@ -89,32 +90,27 @@ def _show(args: argparse.Namespace) -> int:
             from gateway.cli.units.direct_scan import scan_port  # noqa: PLC0415
             from gateway.clock.exact_loop import run_exactly  # noqa: PLC0415
 
-            answer = run_exactly(scan_port(args, _units(args.words), tell))
+            result = run_exactly(scan_port(args, _units(args.words), tell))
         else:
-            answer = _ask_daemon(args, parts, tell)
-        line.clear()
-        found: Sequence[_Row] = answer["found"]
-        if args.json:
-            print(json.dumps(answer, indent=2))
-        else:
-            print(_as_text(answer, several_rates=args.all_speeds))
-        return FINE if found and all(row["result"] != "garbled" for row in found) else PROBLEM_FOUND
+            result = _ask_daemon(args, parts, tell)
+    found = result.found or ()
+    print(json.dumps(_as_json(result, args), indent=2) if args.json else _as_text(result, found, args))
+    return FINE if found and all(each.result != "garbled" for each in found) else PROBLEM_FOUND
 
 
-def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: Callable[[_Row], None]) -> dict[str, Any]:
+def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: Callable[[Progress], None]) -> ScanStep:
     if not args.words or len(args.words) > 2:
         raise WrongUsageError("which line?", "modbus-gateway scan LINE [UNITS], or --port for a port without a gateway")
     line, *units = args.words
     daemon = parts.enter_context(Conversation(which_gateway(args)))
     wanted = _units(units)
     daemon.wait_for(_LONGEST_SILENCE)
-    answer = daemon.ask("scan", line=line, units=wanted, limit_s=args.timeout, all_speeds=args.all_speeds)
-    while "found" not in answer:
-        if "progress" not in answer:
-            raise DaemonError("the gateway's answer is none to a scan")
-        tell(answer["progress"])
-        answer = daemon.next_answer()
-    return {key: answer[key] for key in ("asked", "found", "known", "is_answered") if key in answer}
+    for step in daemon.answers(SCAN, ToScan(line, wanted, args.timeout, args.all_speeds)):
+        if step.found is not None:
+            return step
+        if step.progress is not None:
+            tell(step.progress)
+    raise DaemonError("the gateway's answer has no result of a scan in it")
 
 
 def _units(words: Sequence[str]) -> list[str] | None:
@@ -130,36 +126,40 @@ def _units(words: Sequence[str]) -> list[str] | None:
         raise WrongUsageError(str(wrong), wrong.remedy or "write units such as 1-32 or 1,5") from wrong
 
 
-def _how_far(progress: _Row) -> str:
-    found = ", ".join(map(str, progress["found"])) or "none yet"
-    left = "almost done" if progress["left_s"] < 1 else f"{show_duration(round(progress['left_s']))} left"
-    return f"{progress['asked']} of {progress['of']} at {progress['baud']} baud, {left}, found: {found}"
+def _how_far(progress: Progress) -> str:
+    found = ", ".join(map(str, progress.found)) or "none yet"
+    left = "almost done" if progress.left_s < 1 else f"{show_duration(round(progress.left_s))} left"
+    return f"{progress.asked} of {progress.of} at {progress.baud} baud, {left}, found: {found}"
 
 
-def _as_text(answer: _Row, *, several_rates: bool) -> str:
-    found, asked = answer["found"], answer["asked"]
-    silent = asked - len({row["unit"] for row in found})
+def _as_json(result: ScanStep, args: argparse.Namespace) -> dict[str, Any]:
+    more = {} if args.port else {"known": result.known, "is_answered": result.is_answered}
+    return {"asked": result.asked, "found": [asdict(each) for each in result.found or ()], **more}
+
+
+def _as_text(result: ScanStep, found: Sequence[Found], args: argparse.Namespace) -> str:
+    silent = result.asked - len({each.unit for each in found})
     parts = []
     if found:
-        headings = ("UNIT", "RESULT", "ANSWER", "PROFILE", *(("BAUD",) if several_rates else ()))
-        parts.append(align([headings, *(_cells(row, several_rates=several_rates) for row in found)]))
+        headings = ("UNIT", "RESULT", "ANSWER", "PROFILE", *(("BAUD",) if args.all_speeds else ()))
+        parts.append(align([headings, *(_cells(each, several_rates=args.all_speeds) for each in found)]))
     if silent:
-        parts.append(f"{silent} of {asked} {'unit' if asked == 1 else 'units'} did not answer.")
-    if answer.get("known"):
-        parts.append(f"In the config or in use, so not asked: {answer['known']}.")
-    garbled = [str(row["unit"]) for row in found if row["result"] == "garbled"]
+        parts.append(f"{silent} of {result.asked} {'unit' if result.asked == 1 else 'units'} did not answer.")
+    if result.known:
+        parts.append(f"In the config or in use, so not asked: {result.known}.")
+    garbled = [str(each.unit) for each in found if each.result == "garbled"]
     if garbled:
         parts.append(f"Garbled ({', '.join(garbled)}): two devices may have this address, or rate or format are wrong.")
-    if not found and not answer.get("is_answered"):
-        others = "" if several_rates else " --all-speeds tries other rates."
+    if not found and not result.is_answered:
+        others = "" if args.all_speeds else " --all-speeds tries other rates."
         parts.append(f"If no unit of this line answers: are wiring, rate, format and mode right?{others}")
     return "\n\n".join(parts)
 
 
-def _cells(row: _Row, *, several_rates: bool) -> tuple[str, ...]:
-    result = f"exception {row['code']:02X}" if row["result"] == "exception" else str(row["result"])
-    if row["answers_from"] is not None:
-        result += f" as {row['answers_from']}"
-    answer = "-" if row["answer_ms"] is None else f"{row['answer_ms']:.1f} ms"
-    rate = (str(row["baud"]),) if several_rates else ()
-    return (str(row["unit"]), result, answer, row["profile"] or "-", *rate)
+def _cells(each: Found, *, several_rates: bool) -> tuple[str, ...]:
+    result = f"exception {each.code:02X}" if each.code is not None and each.result == "exception" else each.result
+    if each.answers_from is not None:
+        result += f" as {each.answers_from}"
+    answer = "-" if each.answer_ms is None else f"{each.answer_ms:.1f} ms"
+    rate = (str(each.baud),) if several_rates else ()
+    return (str(each.unit), result, answer, each.profile or "-", *rate)

@@ -7,8 +7,9 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import BinaryIO, Final
 
 from gateway import __version__
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
@@ -17,8 +18,9 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.trace_rows import rows
 from gateway.config.values.duration import parse_duration
 from gateway.errors import DaemonError
-from gateway.operator.answers.trace import TracedLine
+from gateway.operator.answers.trace import Fact
 from gateway.operator.capture import description, packets
+from gateway.operator.operations import TRACE, WHY, ToExplain, Traced
 from gateway.operator.stories import told
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import MOST_STORIES
@@ -108,8 +110,8 @@ def _refuse_what_does_not_fit(args: argparse.Namespace) -> None:
 
 
 def _tell_why(daemon: Conversation, args: argparse.Namespace) -> int:
-    answer = daemon.ask("why", who=args.why, count=args.count or _STORIES, **_line(args))
-    stories = answer["stories"]
+    answer = daemon.ask(WHY, ToExplain(args.why, args.count or _STORIES, args.line))
+    stories = answer.stories
     if args.json:
         for story in stories:
             print(json.dumps(story, ensure_ascii=False))
@@ -118,7 +120,7 @@ def _tell_why(daemon: Conversation, args: argparse.Namespace) -> int:
         print("\n\n".join(told(story, width) for story in reversed(stories)))
     if stories:
         return FINE
-    clients = answer.get("clients_that_failed") or []
+    clients = answer.clients_that_failed
     others = (
         f"; requests of these clients failed: {', '.join(clients)}"
         if clients
@@ -170,14 +172,13 @@ class _Follower:
 
     def __init__(self, daemon: Conversation, args: argparse.Namespace) -> None:
         self._daemon = daemon
-        self._chosen = {**_line(args), **({} if args.unit is None else {"unit": _unit(args.unit)})}
+        self._chosen = Traced(line=args.line, unit=None if args.unit is None else _unit(args.unit))
         self._count: int | None = args.count
-        lines = daemon.ask("trace", after=0, **self._chosen, lines=True)["lines"]
-        told = [TracedLine(**line) for line in lines]
-        self.modes = {line.name: line.mode for line in told}
-        self.descriptions = {line.name: description(line) for line in told}
+        lines = daemon.ask(TRACE, replace(self._chosen, after=0, lines=True)).lines
+        self.modes = {line.name: line.mode for line in lines}
+        self.descriptions = {line.name: description(line) for line in lines}
 
-    def facts(self, since: float | None, *, from_the_beginning: bool = False) -> Iterator[dict[str, Any]]:
+    def facts(self, since: float | None, *, from_the_beginning: bool = False) -> Iterator[Fact]:
         """Those of the last `since` seconds and no more, or the last ones of these.
 
         Without `since` the last few, and then until Ctrl-C; or the next ones.
@@ -193,26 +194,20 @@ class _Follower:
             if number == self._count:
                 return
 
-    def _pages(self, since: float | None, *, is_live: bool) -> Iterator[dict[str, Any]]:
-        asked: dict[str, Any] = {} if since is None else {"since": since}
-        is_first = True
+    def _pages(self, since: float | None, *, is_live: bool) -> Iterator[Fact]:
+        asked = replace(self._chosen, since=since)
         while True:
-            answer = self._daemon.ask("trace", **asked, **self._chosen)
-            missed, reaches_back = answer.get("missed", 0), answer.get("reaches_back_s", 0.0)
-            if is_first and not is_live and since is not None and reaches_back < since:
-                print(f"the records in memory go back {reaches_back:.0f} s only", file=sys.stderr)
-            elif missed:
-                print(f"{missed} records were gone before they could be fetched", file=sys.stderr)
-            yield from answer["facts"]
-            asked, is_first = {"after": answer["next"]}, False
-            if answer["is_all"]:
+            page = self._daemon.ask(TRACE, asked)
+            if asked.since is not None and not is_live and page.reaches_back_s < asked.since:
+                print(f"the records in memory go back {page.reaches_back_s:.0f} s only", file=sys.stderr)
+            elif page.missed:
+                print(f"{page.missed} records were gone before they could be fetched", file=sys.stderr)
+            yield from page.facts
+            asked = replace(self._chosen, after=page.next)
+            if page.is_all:
                 if not is_live:
                     return
                 time.sleep(_STEP)
-
-
-def _line(args: argparse.Namespace) -> dict[str, str]:
-    return {} if args.line is None else {"line": args.line}
 
 
 def _unit(text: str) -> int | str:

@@ -35,12 +35,8 @@ class BenchResult:
     busy_share: float = 0.0
     last_failure: str = ""
     left_out: list[str] = field(default_factory=list)
-    expected_per_second: float | None = field(init=False)
+    expected_per_second: float | None = None
     measured_per_second: float = 0.0
-
-    def __post_init__(self) -> None:
-        time = sum(one.line_time_ms for one in self.reads)
-        self.expected_per_second = round(1000 * len(self.reads) / time, 3) if time else None
 
 
 @dataclass(frozen=True, slots=True)

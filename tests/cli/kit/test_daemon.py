@@ -9,7 +9,7 @@ import pytest
 
 from gateway import __version__
 from gateway.cli.kit import daemon
-from gateway.cli.kit.daemon import Meant, ask
+from gateway.cli.kit.daemon import Conversation, Meant
 from gateway.errors import DaemonError
 
 SERVICE = Path("/run/modbus-gateway/control.sock")
@@ -25,13 +25,13 @@ def test_a_user_without_the_right_is_told_who_has_it(gateway, remedy, monkeypatc
     monkeypatch.setattr(socket.socket, "connect", refused)
     told = f"^only root, the gateway's user and its group may use {gateway}: {remedy}$"
     with pytest.raises(DaemonError, match=told):
-        ask("status", Meant(gateway))
+        Conversation(Meant(gateway))
 
 
 def test_a_gateway_that_does_not_run_is_asked_for(tmp_path, monkeypatch):
     monkeypatch.setattr(daemon, "SYSTEM_SOCKET", tmp_path / "none")
     with pytest.raises(DaemonError, match=r"control\.sock: No such file or directory\); --control PATH"):
-        ask("status", Meant(tmp_path / "control.sock"))
+        Conversation(Meant(tmp_path / "control.sock"))
 
 
 def test_where_the_gateway_of_the_service_runs_its_socket_is_named(tmp_path, monkeypatch):
@@ -39,12 +39,12 @@ def test_where_the_gateway_of_the_service_runs_its_socket_is_named(tmp_path, mon
     with pytest.raises(
         DaemonError, match=rf"--config FILE names another one, and --control {tmp_path} that of the service$"
     ):
-        ask("status", Meant(tmp_path / "control.sock"))
+        Conversation(Meant(tmp_path / "control.sock"))
 
 
 def test_a_path_that_is_too_long_for_a_socket_is_said_to_be(tmp_path):
     with pytest.raises(DaemonError, match=r"/x{200}: AF_UNIX path too long\); "):
-        ask("status", Meant(tmp_path / ("x" * 200)))
+        Conversation(Meant(tmp_path / ("x" * 200)))
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,27 @@
 """How far a long command is, as its terminal shows it."""
 
 import io
-from pathlib import Path
-from typing import Self
 
 import pytest
 
 from gateway.cli.kit.progress import progress
 from gateway.cli.main import FINE, main
 from gateway.cli.verbs import bench
+from kit.control import telling
 
 RESULT = {
     "line": "hall",
-    "reads": [{"unit": 41, "name": "silo", "area": "holding", "address": 0, "items": 10, "line_time_ms": 30.0}],
+    "reads": [
+        {
+            "unit": 41,
+            "name": "silo",
+            "area": "holding",
+            "address": 0,
+            "items": 10,
+            "line_time_ms": 30.0,
+            "answer_time_known": True,
+        }
+    ],
     "seconds": 2.0,
     "answered": 60,
     "exceptions": 0,
@@ -26,30 +35,8 @@ RESULT = {
 }
 
 
-class FakeGateway:
-    """Stands in for `Conversation`: it tells twice how far a measurement is, then its result."""
-
-    def __init__(self) -> None:
-        self._steps = [{"progress": {"elapsed_s": at, "reads": 30 * at}} for at in (1, 2)] + [{"bench": RESULT}]
-
-    def __call__(self, _gateway: Path) -> "FakeGateway":
-        return self
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def wait_for(self, seconds: float) -> None:
-        assert seconds > 2
-
-    def ask(self, verb: str, **details: object) -> dict[str, object]:
-        assert (verb, details["progress"]) == ("bench", True)
-        return self.next_answer()
-
-    def next_answer(self) -> dict[str, object]:
-        return self._steps.pop(0)
+#: It is told twice how far a measurement is, then its result.
+STEPS = [*({"progress": {"elapsed_s": at, "reads": 30 * at}} for at in (1, 2)), {"bench": RESULT}]
 
 
 class Terminal(io.StringIO):
@@ -70,7 +57,7 @@ def test_a_line_is_written_again_and_again_and_taken_away(monkeypatch: pytest.Mo
 def test_bench_shows_on_a_terminal_how_far_it_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(bench, "Conversation", FakeGateway())
+    monkeypatch.setattr(bench, "Conversation", telling(*STEPS))
     monkeypatch.setattr("gateway.cli.kit.progress._EVERY", 0.0)
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
@@ -82,6 +69,6 @@ def test_bench_shows_on_a_terminal_how_far_it_is(
 def test_what_is_no_terminal_gets_no_progress(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(bench, "Conversation", FakeGateway())
+    monkeypatch.setattr(bench, "Conversation", telling(*STEPS))
     assert main(["bench", "hall", "--for", "2s"]) == FINE
     assert capsys.readouterr().err == ""

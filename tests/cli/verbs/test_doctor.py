@@ -7,40 +7,26 @@ import pytest
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
 from gateway.cli.verbs import doctor
 from gateway.errors import DaemonError
+from kit.control import FakeConversation
 
 FIX = {"level": "fix", "about": "hall", "what": "nobody answers", "remedy": "gateway.toml:3: baud = 9600", "unit": ""}
 OK = {"level": "ok", "about": "hall", "what": "2 units answer", "remedy": "", "unit": ""}
 
 
-@pytest.fixture
-def daemon(monkeypatch):
+class Daemon(FakeConversation):
     """A daemon whose findings and ports the test sets."""
 
-    class Daemon:
-        pid = 1
+    def __init__(self):
+        super().__init__(lambda question: [{"findings": self.findings, "ports": self.ports}])
+        self.findings = [OK]
+        self.ports = []
 
-        def __init__(self):
-            self.findings = [OK]
-            self.ports = []
-            self.asked = None
+    def wait_for(self, seconds):
+        assert seconds > 60
 
-        def __call__(self, gateway):
-            self.gateway = gateway
-            return self
 
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-        def wait_for(self, seconds):
-            assert seconds > 60
-
-        def ask(self, verb, **details):
-            self.asked = verb, details
-            return {"findings": self.findings, "ports": self.ports}
-
+@pytest.fixture
+def daemon(monkeypatch):
     daemon = Daemon()
     monkeypatch.setattr(doctor, "Conversation", daemon)
     return daemon
@@ -63,9 +49,11 @@ def test_without_anything_to_fix_the_status_is_0(daemon):
 
 def test_the_words_of_the_command_reach_the_daemon(daemon):
     main(["doctor", "hall", "--passive"])
-    assert daemon.asked == ("doctor", {"line": "hall", "ask": False})
     main(["doctor"])
-    assert daemon.asked == ("doctor", {"line": None, "ask": True})
+    assert daemon.questions == [
+        {"verb": "doctor", "line": "hall", "ask": False},
+        {"verb": "doctor", "ask": True},
+    ]
 
 
 def test_json_has_every_finding(daemon, capsys):
@@ -89,10 +77,13 @@ def test_a_line_that_is_down_for_its_port_is_one_fault(daemon, capsys):
     assert [row.partition(": ")[0] for row in rows] == ["fix   port of hall", "fix   motion"]
 
 
-def test_a_finding_of_another_version_is_shown_as_far_as_it_is_understood(daemon, capsys):
-    daemon.findings = [{"level": "new", "about": "hall", "what": "something"}]
+def test_a_finding_of_another_version_is_shown_if_it_has_what_a_finding_needs(daemon, capsys):
+    daemon.findings = [{"level": "note", "about": "hall", "what": "something", "new": 1}]
     assert main(["doctor"]) == FINE
     assert capsys.readouterr().out == "note  hall: something\n"
+    daemon.findings = [OK, {"level": "new", "about": "hall", "what": "something"}]
+    assert main(["doctor"]) == PROBLEM_FOUND
+    assert "'findings[1].level' is none of ok, note, fix" in capsys.readouterr().err
 
 
 def config(tmp_path, text):
@@ -126,8 +117,8 @@ def test_a_problem_of_the_config_names_the_file_once(tmp_path, capsys):
 def test_the_gateway_with_this_config_is_asked_if_it_runs(daemon, tmp_path):
     file = config(tmp_path, '[[line]]\nname = "hall"\nport = "/dev/nothing"\n[control]\nsocket = "gw.sock"\n')
     assert main(["doctor", "--config", file]) == FINE
-    assert daemon.gateway.socket == tmp_path / "gw.sock"
-    assert daemon.asked == ("doctor", {"line": None, "ask": True})
+    assert daemon.meant.socket == tmp_path / "gw.sock"
+    assert daemon.questions == [{"verb": "doctor", "ask": True}]
 
 
 def test_for_a_gateway_that_is_named_no_config_of_another_one_is_looked_at(monkeypatch, tmp_path, capsys):

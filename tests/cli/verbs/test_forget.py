@@ -1,32 +1,21 @@
 """`forget`: what it prints of the daemon's answer."""
 
 import json
-from pathlib import Path
 
 import pytest
 
-from gateway.cli.kit.daemon import Conversation
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
+from kit.control import FakeConversation, telling
 
 FORGOTTEN = {"line": "hall-a", "device": "silo-1", "unit": 1, "was_at": [5], "baud": 9600, "was_baud": 9600}
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
-    """What the daemon is asked, and what it answers: `answer`."""
-    asked: dict[str, object] = {}
-
-    def ask(daemon: Conversation, verb: str, **details: object) -> dict[str, object]:
-        asked.update(details, verb=verb)
-        return {"ok": True, **asked["answer"]}
-
-    def begin(daemon: Conversation, meant: object) -> None:
-        daemon.gateway = Path("/run/x/control.sock")
-
-    monkeypatch.setattr(Conversation, "__init__", begin)
-    monkeypatch.setattr(Conversation, "__exit__", lambda *_: None)
-    monkeypatch.setattr(Conversation, "ask", ask)
-    return asked
+def daemon(monkeypatch: pytest.MonkeyPatch) -> FakeConversation:
+    """A gateway that tells FORGOTTEN."""
+    daemon = telling({"forgotten": FORGOTTEN})
+    monkeypatch.setattr("gateway.cli.verbs.forget.Conversation", daemon)
+    return daemon
 
 
 @pytest.mark.parametrize(
@@ -45,19 +34,19 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
         ),
     ],
 )
-def test_what_is_printed(asked, capsys, changes, text) -> None:
-    asked["answer"] = {"forgotten": FORGOTTEN | changes}
+def test_what_is_printed(monkeypatch, capsys, changes, text) -> None:
+    daemon = telling({"forgotten": FORGOTTEN | changes})
+    monkeypatch.setattr("gateway.cli.verbs.forget.Conversation", daemon)
     assert main(["forget", "silo-1"]) == FINE
-    assert (asked["verb"], asked["device"]) == ("forget", "silo-1")
+    assert daemon.questions == [{"verb": "forget", "device": "silo-1"}]
     printed = capsys.readouterr()
     assert printed.out.splitlines() == text
-    assert printed.err == "through /run/x/control.sock\n"
+    assert printed.err == "through /run/gw.sock\n"
 
 
-def test_a_device_can_be_named_by_its_number(asked, capsys) -> None:
-    asked["answer"] = {"forgotten": FORGOTTEN}
+def test_a_device_can_be_named_by_its_number(daemon, capsys) -> None:
     assert main(["forget", "41", "--json"]) == FINE
-    assert asked["device"] == 41
+    assert daemon.questions == [{"verb": "forget", "device": 41}]
     assert json.loads(capsys.readouterr().out)["forgotten"] == FORGOTTEN
 
 

@@ -2,14 +2,13 @@
 
 import json
 import os
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
 
 from gateway.cli.main import FINE, INTERRUPTED, PROBLEM_FOUND, main
-from gateway.cli.verbs.status import show_status
+from gateway.cli.show.status import show_status
 from gateway.lines.counts import Counts
 from gateway.operator.answers.status import (
     ClientStatus,
@@ -25,6 +24,7 @@ from gateway.operator.answers.status import (
 )
 from gateway.plant.status import BrokerStatus
 from gateway.timing.measured import Phases
+from kit.control import telling
 
 TIMES = TimesStatus(0.4, 2.0, 12.3, 45.0, 0.05, 0.18, 250.4, 0)
 UNIT = UnitStatus(
@@ -109,14 +109,14 @@ def as_told(status: Status) -> Any:
 
 def notes(**unit: Any) -> str:
     """What is noted about a unit like this."""
-    text = show_status(as_told(replace(STATUS, units=(replace(UNIT, **unit),))), 200)
+    text = show_status(replace(STATUS, units=(replace(UNIT, **unit),)), 200)
     return text.partition("Notes\n")[2].strip()
 
 
 def test_of_a_unit_that_is_silent_where_it_moved_to_it_says_how_to_ask_where_the_config_says() -> None:
     def noted(failures: int) -> str:
         moved = MovedStatus("hall-a", 41, "silo", (5,), 3, failures)
-        return show_status(as_told(replace(STATUS, moved=(moved,))), 200)
+        return show_status((replace(STATUS, moved=(moved,))), 200)
 
     said = "unit 41, silo: does not answer where it moved to; if it is at 3 again: modbus-gateway forget silo"
     assert said in noted(failures=1)
@@ -129,8 +129,7 @@ def _wide_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def shown(status: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> list[str]:
-    answer = {"ok": True, "status": status}
-    monkeypatch.setattr("gateway.cli.verbs.status.ask", lambda verb, control: answer)
+    monkeypatch.setattr("gateway.cli.verbs.status.Conversation", telling({"status": status}))
     assert main(["status"]) == FINE
     return capsys.readouterr().out.splitlines()
 
@@ -153,21 +152,26 @@ def test_the_status_of_a_daemon_of_this_version(monkeypatch, capsys) -> None:
     ]
 
 
-def test_what_an_older_daemon_does_not_tell_is_unknown(monkeypatch, capsys) -> None:
+def test_what_an_older_daemon_does_not_tell_has_its_default(monkeypatch, capsys) -> None:
     older = as_told(STATUS)
-    del older["mirrors"], older["units"][0]["longest_wait_ms"], older["units"][0]["times"]
-    del older["units"][1]
-    assert shown(older, monkeypatch, capsys) == [
-        *LINES,
-        "Units (answer times in ms)",
-        "  UNIT  AT        DEVICE  STATE    LAST   P50      P99      LIMIT    ANSWERED  MAX-WAIT",
-        "  41    hall-a/1  silo    resting  3 min  unknown  unknown  unknown  57 %      unknown",
-        "",
-        "Mirrors",
-        "  unknown",
-        "",
-        *LISTENERS[:-1],
-    ]
+    expected = shown(as_told(STATUS), monkeypatch, capsys)
+    del older["brokers"], older["site"], older["lines"][0]["counts"]["explained"]
+    assert shown(older, monkeypatch, capsys) == expected
+
+
+def test_a_status_without_what_has_no_default_is_not_understood(monkeypatch, capsys) -> None:
+    older = as_told(STATUS)
+    del older["units"][1]["longest_wait_ms"]
+    monkeypatch.setattr("gateway.cli.verbs.status.Conversation", telling({"status": older}))
+    assert main(["status"]) == PROBLEM_FOUND
+    assert "is not understood ('status.units[1].longest_wait_ms' is missing); " in capsys.readouterr().err
+
+
+def test_json_is_passed_on_as_it_is_told(monkeypatch, capsys) -> None:
+    other = {"units": 3, "new": [None]}
+    monkeypatch.setattr("gateway.cli.verbs.status.Conversation", telling({"status": other}))
+    assert main(["status", "--json"]) == FINE
+    assert json.loads(capsys.readouterr().out) == other
 
 
 def test_what_a_newer_daemon_tells_besides_is_passed_over(monkeypatch, capsys) -> None:
@@ -179,31 +183,12 @@ def test_what_a_newer_daemon_tells_besides_is_passed_over(monkeypatch, capsys) -
     assert shown(newer, monkeypatch, capsys) == before
 
 
-def _places(value: Any) -> Iterator[tuple[Any, Any]]:
-    for key, inner in list(value.items() if isinstance(value, dict) else enumerate(value)):
-        yield value, key
-        if isinstance(inner, (dict, list)):
-            yield from _places(inner)
-
-
-@pytest.mark.parametrize("instead", [None, 7, "text", [], {}, "nothing at all"])
-def test_no_key_is_missed_and_no_kind_of_value_is_relied_on(instead) -> None:
-    count = len(list(_places(as_told(STATUS))))
-    for number in range(count):
-        status = as_told(STATUS)
-        table, key = list(_places(status))[number]
-        if instead == "nothing at all":
-            del table[key]
-        else:
-            table[key] = instead
-        assert show_status(status, 80)
-
-
-@pytest.mark.parametrize("answer", [{"ok": True}, {"ok": True, "status": []}])
-def test_an_answer_without_a_status_is_a_problem_in_plain_words(monkeypatch, capsys, answer) -> None:
-    monkeypatch.setattr("gateway.cli.verbs.status.ask", lambda verb, control: answer)
-    assert main(["status"]) == PROBLEM_FOUND
-    assert "the gateway's answer has no status in it" in capsys.readouterr().err
+@pytest.mark.parametrize("answer", [{}, {"status": []}])
+@pytest.mark.parametrize("words", ["status", "status --fleet"])
+def test_an_answer_without_a_status_is_a_problem_in_plain_words(monkeypatch, capsys, answer, words) -> None:
+    monkeypatch.setattr("gateway.cli.verbs.status.Conversation", telling(answer))
+    assert main(words.split()) == PROBLEM_FOUND
+    assert "the gateway's answer is not understood ('s" in capsys.readouterr().err
 
 
 def test_long_names_are_shortened_to_80_characters_and_keep_their_ends(monkeypatch, capsys) -> None:
@@ -293,7 +278,7 @@ def test_one_request_that_failed_is_one_request() -> None:
 def test_a_line_says_why_it_is_down_and_that_it_is_too_busy(monkeypatch, capsys) -> None:
     down = replace(LINE, state="down", reason="/dev/ttyUSB0 does not exist", busy_share=None, requests_per_s=None)
     busy = replace(LINE, name="hall-b", busy_share=0.97)
-    text = show_status(as_told(replace(STATUS, lines=(down, busy), units=())), 100)
+    text = show_status((replace(STATUS, lines=(down, busy), units=())), 100)
     assert "hall-a: down: /dev/ttyUSB0 does not exist" in text
     assert "hall-b: busy for 97% of the time: poll less often or raise the baud rate" in text
     assert "  down   -     -  " in text
@@ -318,16 +303,16 @@ class Terminal:
 
 def watched(monkeypatch: pytest.MonkeyPatch, rows: int) -> str:
     """What two looks put on a terminal of so many rows."""
-    terminal, looks = Terminal(), iter([as_told(STATUS), as_told(STATUS)])
+    terminal, looks = Terminal(), iter([None])
 
-    def ask(verb: str, control: str | None) -> dict[str, Any]:
+    def look_twice(seconds: float) -> None:
         try:
-            return {"status": next(looks)}
+            next(looks)
         except StopIteration:
             raise KeyboardInterrupt from None
 
-    monkeypatch.setattr("gateway.cli.verbs.status.ask", ask)
-    monkeypatch.setattr("time.sleep", lambda seconds: None)
+    monkeypatch.setattr("gateway.cli.verbs.status.Conversation", telling({"status": STATUS}))
+    monkeypatch.setattr("time.sleep", look_twice)
     monkeypatch.setattr("sys.stdout", terminal)
     monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((80, rows)))
     assert main(["status", "-w"]) == INTERRUPTED
@@ -353,17 +338,12 @@ def test_watching_without_colour_or_terminal_has_no_codes(monkeypatch) -> None:
     assert "\x1b" not in watched(monkeypatch, 50)
 
 
-def told(status: Status) -> dict[str, Any]:
-    """As the daemon tells it."""
-    return json.loads(json.dumps(asdict(status)))
-
-
 USER = LineUserStatus("10.2.0.7", 1, "silo", 3, 0.6214, 10.5)
 
 
 def test_who_takes_a_line_up_is_shown():
     users = (USER, replace(USER, client="control", share=0.01), USER, replace(USER, client="left out"))
-    said = show_status(told(replace(STATUS, lines=(replace(LINE, users=users),))))
+    said = show_status(replace(STATUS, lines=(replace(LINE, users=users),)))
     assert "Users of the lines (of the last minute)\n" in said
     assert "  LINE    CLIENT    UNIT  DEVICE  FUNCTION  SHARE   REQ/S\n" in said
     assert "  hall-a  10.2.0.7  41    silo    3         62.1 %  10.5\n" in said
@@ -372,5 +352,5 @@ def test_who_takes_a_line_up_is_shown():
 
 def test_a_line_that_is_full_says_by_whom():
     full = replace(LINE, busy_share=0.95, users=(USER,))
-    said = " ".join(show_status(told(replace(STATUS, lines=(full,)))).split())
+    said = " ".join(show_status(replace(STATUS, lines=(full,))).split())
     assert "busy for 95% of the time (62% by 10.2.0.7: silo, function 3): poll less often" in said

@@ -2,49 +2,23 @@
 
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
 from gateway.cli.verbs import trace
-
-
-class Daemon:
-    """A gateway in which nothing has failed."""
-
-    def __call__(self, control):
-        return self
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def ask(self, verb, **_details):
-        assert verb == "why"
-        return {"stories": []}
+from kit.control import telling
 
 
 def test_that_nothing_has_failed_is_said(monkeypatch, capsys):
-    monkeypatch.setattr(trace, "Conversation", Daemon())
+    monkeypatch.setattr(trace, "Conversation", telling({"stories": [], "unit": None, "clients_that_failed": []}))
     assert main(["trace", "--why", "silo"]) == PROBLEM_FOUND
     said = "no failed request of or to silo is in memory; no other request has failed either\n"
     assert capsys.readouterr().err == said
 
 
-class Following(Daemon):
-    """A gateway that has told its lines, and has one record on each page. `asked` is what was asked for then."""
-
-    def __init__(self):
-        self.asked = []
-
-    def ask(self, verb, *, lines=False, **details):
-        if lines:
-            return {"lines": []}
-        self.asked.append(details)
-        fact = {"kind": "port", "time": 0.0, "line": "hall", "reason": ""}
-        return {"facts": [fact], "next": len(self.asked), "is_all": False}
-
-
 def test_a_count_is_of_the_next_requests_and_not_of_old_ones(monkeypatch, capsys):
-    daemon = Following()
+    """The gateway has one record on each page."""
+    fact = {"kind": "port", "time": 0.0, "line": "hall", "reason": ""}
+    page = {"facts": [fact], "next": 1, "missed": 0, "is_all": False, "reaches_back_s": 1.0}
+    daemon = telling(page)
     monkeypatch.setattr(trace, "Conversation", daemon)
     assert main(["trace", "-n", "2"]) == FINE
-    assert daemon.asked == [{"since": 0.0}, {"after": 1}]
+    _of_lines, *asked = [(each.get("after"), each.get("since")) for each in daemon.questions]
+    assert asked == [(None, 0.0), (1, None)]
     assert len(capsys.readouterr().out.splitlines()) == 2

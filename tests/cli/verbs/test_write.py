@@ -8,6 +8,7 @@ import pytest
 from gateway.cli.main import main
 from gateway.cli.units import on_unit
 from gateway.modbus.codes import Area
+from gateway.operator.answers.unit import RequestAnswer
 from gateway.profiles.point import Point
 from kit.control import FakeDaemon
 
@@ -134,7 +135,7 @@ def test_an_exception_is_told_and_what_else_to_try(daemon, capsys):
 
 
 def test_a_device_that_may_not_know_06_is_worth_another_try(daemon, capsys, monkeypatch):
-    monkeypatch.setattr(daemon, "_request", lambda unit, pdu: {"unit": 41, "pdu": "86 01", "elapsed_ms": 1.0})
+    monkeypatch.setattr(daemon, "_request", lambda unit, pdu: RequestAnswer(41, "86 01", 1.0))
     assert main(["write", "41", "holding", "3", "1", "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["area"] == "holding"
     assert main(["write", "41", "holding", "3", "1"]) == 1
@@ -145,7 +146,7 @@ def test_a_device_that_may_not_know_06_is_worth_another_try(daemon, capsys, monk
 
 def test_a_write_that_the_gateway_refuses_for_the_unit_is_nothing_that_rights_allow(daemon, capsys, monkeypatch):
     refusal = {"unit": 41, "pdu": "86 01", "elapsed_ms": 1.0, "result": "refused", "reason": "it is read-only"}
-    monkeypatch.setattr(daemon, "_request", lambda unit, pdu: refusal)
+    monkeypatch.setattr(daemon, "_request", lambda unit, pdu: RequestAnswer(**refusal))
     assert main(["write", "41", "holding", "3", "1"]) == 1
     assert capsys.readouterr().err.endswith(
         "\nsilo-1 (unit 41), holding 3: exception 01, illegal function: it is read-only\n"
@@ -154,7 +155,7 @@ def test_a_write_that_the_gateway_refuses_for_the_unit_is_nothing_that_rights_al
 
 def test_a_write_that_the_rights_forbid_is_not_to_be_sent_in_another_way(daemon, capsys, monkeypatch):
     refusal = {"unit": 41, "pdu": "86 01", "elapsed_ms": 1.0, "result": "denied", "reason": "write"}
-    monkeypatch.setattr(daemon, "_request", lambda unit, pdu: refusal)
+    monkeypatch.setattr(daemon, "_request", lambda unit, pdu: RequestAnswer(**refusal))
     assert main(["write", "41", "holding", "3", "1"]) == 1
     said = capsys.readouterr().err
     assert (

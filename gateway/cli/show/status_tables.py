@@ -1,0 +1,282 @@
+"""The tables of `status`: where their rows come from, and what stands in each column."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import ceil
+from typing import Any, Final, Generic, NamedTuple, TypeVar
+
+from gateway.cli.show.advice import count_failed, count_ok, was_asked
+from gateway.config.values.duration import show_age, show_duration
+from gateway.fleet.status import FleetStatus, SiteStatus
+from gateway.operator.answers.running import Sites
+from gateway.operator.answers.status import (
+    ClientStatus,
+    ImageStatus,
+    LeaseStatus,
+    LineStatus,
+    LineUserStatus,
+    ListenerStatus,
+    MirrorStatus,
+    ServerStatus,
+    Status,
+    UnitStatus,
+    UpstreamStatus,
+)
+from gateway.plant.status import BrokerStatus
+from gateway.state.status import StateFileStatus
+from gateway.tls.status import CertificateStatus
+
+W = TypeVar("W")
+Row = TypeVar("Row")
+
+#: The text of an empty cell.
+_NOTHING: Final = "-"
+#: At most this many users of each line are shown.
+_USERS_SHOWN: Final = 3
+
+
+@dataclass(frozen=True)
+class Table(Generic[W, Row]):
+    """A table: its title, how its `rows` are found in the whole answer, and its columns by their headings."""
+
+    title: str
+    rows: Callable[[W], Iterable[Row]]
+    columns: Mapping[str, Callable[[Row], object]]
+
+
+class _User(NamedTuple):
+    """Who uses a line, and the number of the unit for clients, which is not its address on the wire."""
+
+    line: str
+    unit: str
+    user: LineUserStatus
+
+
+def _asked_units(status: Status) -> list[UnitStatus]:
+    return [unit for unit in status.units if was_asked(unit)]
+
+
+def _users(status: Status) -> Iterator[_User]:
+    """Find who takes most of each line's time."""
+    numbers = {unit.name: str(unit.unit) for unit in status.units}
+    for line in status.lines:
+        for user in line.users[:_USERS_SHOWN]:
+            if user.share:
+                yield _User(line.name, numbers.get(user.device, _NOTHING), user)
+
+
+def _speed(line: LineStatus | ServerStatus) -> str:
+    return f"{line.baud} {line.format}"
+
+
+def _answered(unit: UnitStatus) -> str:
+    """Give the share of requests that were answered; 100 % only if all were."""
+    ok, failed = count_ok(unit.counts), count_failed(unit.counts)
+    return _NOTHING if not ok + failed else f"{100 * ok // (ok + failed)} %"
+
+
+def _ages(mirror: MirrorStatus) -> str:
+    return ", ".join(f"{each.addresses}: {_age_of_values(each.age_ms)}" for each in mirror.ranges)
+
+
+def _age_of_values(age: float | None) -> str:
+    return "not known" if age is None else f"{age / 1000:.1f} s"
+
+
+def _age(age: float | None) -> str:
+    return _NOTHING if age is None else show_age(age)
+
+
+def _milliseconds(value: float | None) -> str:
+    return _NOTHING if value is None else f"{value:.1f}" if value < 10 else f"{value:.0f}"
+
+
+def _share(share: float | None) -> str:
+    return _NOTHING if share is None else f"{100 * share:.0f} %"
+
+
+def _per_second(rate: float | None) -> str:
+    return _NOTHING if rate is None else f"{rate:.1f}"
+
+
+SITES: Final = Table[Sites, SiteStatus](
+    "Sites",
+    lambda sites: sites.sites,
+    {
+        "SITE": lambda site: site.site,
+        "STATE": lambda site: site.state,
+        "FOR": lambda site: show_age(1000 * site.for_s),
+        "HOST": lambda site: site.host,
+        "LINES UP": lambda site: site.lines,
+        "DOWN": lambda site: ", ".join(site.lines_down) or _NOTHING,
+        "UNITS": lambda site: site.units,
+        "VERSION": lambda site: site.version,
+    },
+)
+
+TABLES: Final[tuple[Table[Status, Any], ...]] = (
+    Table[Status, StateFileStatus](
+        "State directory",
+        lambda status: status.state_files,
+        {"FILE": lambda file: file.file, "STATE": lambda file: file.state, "REASON": lambda file: file.reason},
+    ),
+    Table[Status, LineStatus](
+        "Lines (busy and requests/s: of the last minute)",
+        lambda status: status.lines,
+        {
+            "NAME": lambda line: line.name,
+            "PORT": lambda line: line.port,
+            "SPEED": _speed,
+            "STATE": lambda line: line.state,
+            "BUSY": lambda line: _share(line.busy_share),
+            "REQ/S": lambda line: _per_second(line.requests_per_s),
+            "WAITING": lambda line: line.queue,
+            "ERRORS": lambda line: count_failed(line.counts),
+        },
+    ),
+    Table[Status, _User](
+        "Users of the lines (of the last minute)",
+        _users,
+        {
+            "LINE": lambda row: row.line,
+            "CLIENT": lambda row: row.user.client,
+            "UNIT": lambda row: row.unit,
+            "DEVICE": lambda row: row.user.device,
+            "FUNCTION": lambda row: row.user.function,
+            "SHARE": lambda row: f"{100 * row.user.share:.1f} %",
+            "REQ/S": lambda row: f"{row.user.requests_per_s:.1f}",
+        },
+    ),
+    Table[Status, UnitStatus](
+        "Units (answer times in ms)",
+        _asked_units,
+        {
+            "UNIT": lambda unit: unit.unit,
+            "AT": lambda unit: f"{unit.line}/{unit.on_the_wire}",
+            "DEVICE": lambda unit: unit.name,
+            "STATE": lambda unit: unit.state,
+            "LAST": lambda unit: _age(unit.last_answer_ms),
+            "P50": lambda unit: _milliseconds(unit.times.answer_p50_ms),
+            "P99": lambda unit: _milliseconds(unit.times.answer_p99_ms),
+            "LIMIT": lambda unit: _milliseconds(unit.times.limit_ms),
+            "ANSWERED": _answered,
+            "MAX-WAIT": lambda unit: show_duration(ceil(unit.longest_wait_ms / 10) / 100),
+        },
+    ),
+    Table[Status, CertificateStatus](
+        "Certificates",
+        lambda status: status.certificates,
+        {
+            "USED BY": lambda one: one.used_by,
+            "KEY": lambda one: one.key,
+            "FILE": lambda one: one.file,
+            "SUBJECT": lambda one: one.subject,
+            "UNTIL": lambda one: one.until,
+        },
+    ),
+    Table[Status, UpstreamStatus](
+        "Upstreams",
+        lambda status: status.upstreams,
+        {
+            "NAME": lambda upstream: upstream.name,
+            "ADDRESS": lambda upstream: upstream.to,
+            "STATE": lambda upstream: upstream.state,
+            "WAITING": lambda upstream: upstream.queue,
+            "OK": lambda upstream: count_ok(upstream.counts),
+            "ERRORS": lambda upstream: count_failed(upstream.counts),
+        },
+    ),
+    Table[Status, BrokerStatus](
+        "Broker",
+        lambda status: status.brokers,
+        {
+            "ADDRESS": lambda broker: broker.broker,
+            "STATE": lambda broker: broker.state,
+            "DOWN FOR": lambda broker: _age(broker.down_ms),
+            "REASON": lambda broker: broker.reason or broker.unsteady,
+            "DEVICES": lambda broker: f"{broker.available} of {broker.devices}",
+            "MESSAGES": lambda broker: broker.messages,
+            "REFUSED": lambda broker: broker.refused_messages,
+            "COMMANDS": lambda broker: broker.commands,
+            "POLLS": lambda broker: broker.polls,
+            "FAILED": lambda broker: broker.failed_polls,
+        },
+    ),
+    Table[Status, LeaseStatus](
+        "Leases",
+        lambda status: status.leases,
+        {
+            "LEASE": lambda lease: lease.name,
+            "LINE": lambda lease: lease.line,
+            "HELD HERE": lambda lease: "yes" if lease.is_held else "no",
+            "HOLDER": lambda lease: lease.holder,
+            "TAKEN": lambda lease: lease.taken,
+            "NATS": lambda lease: lease.trouble or "answers",
+        },
+    ),
+    Table[Status, FleetStatus](
+        "Fleet",
+        lambda status: status.fleets,
+        {
+            "NATS": lambda fleet: fleet.server,
+            "SITE": lambda fleet: fleet.site,
+            "STATE": lambda fleet: fleet.state,
+            "DOWN FOR": lambda fleet: _age(fleet.down_ms),
+            "REASON": lambda fleet: fleet.reason,
+            "REQUESTS": lambda fleet: fleet.requests,
+            "RESPONSES": lambda fleet: fleet.responses,
+            "EXPIRED": lambda fleet: fleet.expired,
+        },
+    ),
+    Table[Status, ServerStatus](
+        "Server lines",
+        lambda status: status.servers,
+        {
+            "NAME": lambda server: server.name,
+            "PORT": lambda server: server.port,
+            "SPEED": _speed,
+            "STATE": lambda server: server.state,
+            "ANSWERED": lambda server: server.counts.responses,
+        },
+    ),
+    Table[Status, ImageStatus](
+        "Images",
+        lambda status: status.images,
+        {
+            "UNIT": lambda image: image.unit,
+            "NAME": lambda image: image.name,
+            "REQUESTS": lambda image: image.requests,
+            "EXCEPTIONS": lambda image: image.exceptions,
+        },
+    ),
+    Table[Status, MirrorStatus](
+        "Mirrors",
+        lambda status: status.mirrors,
+        {
+            "UNIT": lambda mirror: mirror.unit,
+            "NAME": lambda mirror: mirror.name,
+            "OF": lambda mirror: mirror.of,
+            "REQUESTS": lambda mirror: mirror.requests,
+            "AGES": _ages,
+        },
+    ),
+    Table[Status, ListenerStatus](
+        "Listeners",
+        lambda status: status.listeners,
+        {
+            "NAME": lambda listener: listener.name,
+            "ADDRESS": lambda listener: listener.address,
+            "CLIENTS": lambda listener: listener.clients,
+            "REJECTED": lambda listener: listener.rejected,
+        },
+    ),
+    Table[Status, ClientStatus](
+        "Clients",
+        lambda status: status.clients,
+        {
+            "CLIENT": lambda client: client.client,
+            "LISTENER": lambda client: client.listener,
+            "LAST": lambda client: _age(client.asked_ms),
+        },
+    ),
+)

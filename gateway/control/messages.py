@@ -1,0 +1,43 @@
+"""What stands in the JSON objects of the control socket: the question and the answers of an operation."""
+
+from collections.abc import Mapping
+from typing import Any, Final, TypeVar
+
+from gateway.operator.operation import Operation
+from gateway.operator.parameters import fields_of
+from gateway.operator.results import NotUnderstoodError, read_result
+
+P = TypeVar("P")
+R = TypeVar("R")
+
+#: The last of several answers, which has nothing in it.
+END: Final[Mapping[str, Any]] = {"end": True}
+
+
+def question_of(operation: Operation[P, R], asked: P) -> dict[str, Any]:
+    """Make the object that asks. What is not said is left out: an earlier version may not know it."""
+    return {"verb": operation.name, **{name: value for name, value in fields_of(asked).items() if value is not None}}
+
+
+def answer_of(operation: Operation[P, R], result: R) -> Mapping[str, Any]:
+    """Make the object that answers. In one of several answers, what it does not have is left out."""
+    if operation.key:
+        return {operation.key: result}
+    told = fields_of(result)
+    return {name: each for name, each in told.items() if each is not None} if operation.is_repeated else told
+
+
+def result_in(operation: Operation[P, R], answer: Mapping[str, Any]) -> R:
+    """Read the result in an answer.
+
+    Raises:
+        NotUnderstoodError: it is not there, or has another form.
+    """
+    if not operation.key:
+        return read_result(operation.result, answer)
+    if operation.key not in answer:
+        raise NotUnderstoodError("is missing", operation.key)
+    try:
+        return read_result(operation.result, answer[operation.key])
+    except NotUnderstoodError as wrong:
+        raise wrong.inside(operation.key) from None

@@ -1,0 +1,118 @@
+"""Results of operations, from JSON back to what they were."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import pytest
+
+from gateway.control.messages import answer_of, result_in
+from gateway.control.server import _line
+from gateway.modbus.codes import Area
+from gateway.operator.operations import BY_NAME, OPERATIONS
+from gateway.operator.results import NotUnderstoodError, read_result
+from kit.asking import answers
+from kit.device import SimulatedDevice, SimulatedLine
+from kit.gateway_bench import gateway_bench
+
+
+@dataclass(frozen=True, slots=True)
+class Inner:
+    """Part of a result."""
+
+    state: Literal["up", "down"]
+    share: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Outer:
+    """A result with a field of each kind."""
+
+    name: Annotated[str, "a note"]
+    parts: tuple[Inner, ...]
+    counts: Mapping[int, Inner] = field(default_factory=dict)
+    areas: dict[Area, list[int]] = field(default_factory=dict)
+    span: tuple[int, int] = (0, 0)
+    names: Sequence[str] = ()
+    who: int | str = 0
+    last: Inner | None = None
+    is_fine: bool = True
+
+
+WHOLE = Outer(
+    "hall", (Inner("up"), Inner("down", 1)), {3: Inner("up")}, {Area.COILS: [1]}, (1, 2), ["a"], "silo", Inner("up")
+)
+
+
+def told(result):
+    return json.loads(_line({"of": result}))["of"]
+
+
+def test_what_was_told_is_what_it_was():
+    assert read_result(Outer, told(WHOLE)) == WHOLE
+
+
+def test_what_is_missing_has_its_default_and_what_is_new_is_ignored():
+    assert read_result(Outer, {"name": "hall", "parts": [{"state": "up", "new": 1}], "new": 1}) == Outer(
+        "hall", (Inner("up"),)
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"name": 3}, "'name' is not a text"),
+        ({"parts": [{"state": "up"}, {}]}, "'parts[1].state' is missing"),
+        ({"parts": [{"state": "new"}]}, "'parts[0].state' is none of up, down"),
+        ({"parts": {}}, "'parts' is not a list"),
+        ({"counts": {"3": {"state": "up", "share": "all"}}}, "'counts.3.share' is not a number"),
+        ({"counts": {"three": {"state": "up"}}}, "'counts.three' is not a number"),
+        ({"areas": {"tables": []}}, "'areas.tables' is none of coils, discrete, input, holding"),
+        ({"span": [1, 2, 3]}, "'span' does not have 2 values"),
+        ({"who": None}, "'who' is not a text"),
+        ({"last": True}, "'last' is not an object"),
+        ({"is_fine": 1}, "'is_fine' is not true or false"),
+        ({"span": [True, 1]}, "'span' is not a whole number"),
+    ],
+)
+def test_what_is_wrong_is_named(change, said):
+    with pytest.raises(NotUnderstoodError) as error:
+        read_result(Outer, {**told(WHOLE), **change})
+    assert str(error.value) == said
+
+
+def test_a_result_that_is_no_object():
+    with pytest.raises(NotUnderstoodError, match=r"^it is not an object$"):
+        read_result(Outer, [])
+
+
+CONFIG = """
+[[line]]
+name = "hall"
+port = "/dev/hall"
+devices = [{ unit = 1, as = 41, name = "silo-1", profile = "weigher" }]
+"""
+QUESTIONS = {
+    "status": {},
+    "unit": {"unit": 41},
+    "request": {"unit": 41, "pdu": "03 00 00 00 01"},
+    "doctor": {},
+    "trace": {"since": 600, "lines": True},
+    "why": {"who": "silo-1"},
+    "bench": {"line": "hall", "seconds": 1.0, "progress": True},
+    "times": {"unit": 41},
+    "scan": {"line": "hall", "units": "7-8"},
+}
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
+async def test_each_result_of_a_gateway_is_read_as_what_it_was(name):
+    """What a field holds is what its type says."""
+    operation = BY_NAME[name]
+    async with gateway_bench(CONFIG) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
+        for answer in await answers(bench.running, {"verb": name, **QUESTIONS[name]}):
+            result = result_in(operation, told(answer))
+            assert told(answer_of(operation, result)) == told(answer)
+    assert set(QUESTIONS) | {"which", "fleet", "reload", "forget"} == {each.name for each in OPERATIONS}
