@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from gateway import __version__
+from gateway.operator.operations import BY_NAME
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port
 from kit.process import PATIENCE, GatewayProcess, command
@@ -155,9 +156,7 @@ def test_a_listener_that_changes_keeps_its_address(tmp_path: Path, config: str) 
             assert asked(again) == RIGHT
 
 
-VERBS = (
-    '"verb" must be one of status, fleet, reload, unit, request, forget, doctor, trace, why, which, bench, times, scan'
-)
+VERBS = f'"verb" must be one of {", ".join(BY_NAME)}'
 
 
 @pytest.mark.parametrize(
