@@ -17,6 +17,7 @@ from argparse_manpage.manpage import Manpage
 from gateway.cli.kit.examples import EXAMPLES
 from gateway.cli.main import VERBS, parser_of_all
 from gateway.cli.verbs.completion import SCRIPTS
+from gateway.operator.operations import BY_NAME
 
 _CHECKOUT: Final = Path(__file__).parents[1]
 MANUAL: Final = _CHECKOUT / "deploy" / "man" / "modbus-gateway.1"
@@ -38,8 +39,9 @@ def command_files() -> dict[Path, str]:
 
 def completion(shell: str) -> str:
     """Make the script that completes our commands in `shell`, under both names of the program."""
-    parser, _ = parser_of_all()
+    parser, verbs = parser_of_all()
     _mark_files(parser)
+    _offer_operations(verbs["ask"])
     script = str(shtab.complete(parser, shell))
     if shell == "zsh":
         return script.replace("#compdef modbus-gateway", "#compdef modbus-gateway mbgw", 1) + "\n"
@@ -57,6 +59,12 @@ def _mark_files(parser: argparse.ArgumentParser) -> None:
                 _mark_files(each)
         elif (name := action.metavar or action.dest) in _FILES:
             action.complete = _FILES[name]
+
+
+def _offer_operations(parser: argparse.ArgumentParser) -> None:
+    for action in parser._actions:  # noqa: SLF001 - as above
+        if action.metavar == "NAME":
+            action.choices = tuple(BY_NAME)
 
 
 def manual() -> str:

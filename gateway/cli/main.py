@@ -41,6 +41,7 @@ VERBS: Final[Mapping[str, str]] = {
     "doctor": "find what is wrong with ports, lines, units and clients",
     "read": "read coils and registers of a unit",
     "write": "write coils and registers of a unit",
+    "ask": "ask the running gateway anything that it can be asked",
     "forget": "ask a device that moved where the config says again",
     "scan": "find the units that answer on a line",
     "calibrate": "measure how long a device needs to respond",

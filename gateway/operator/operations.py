@@ -14,9 +14,10 @@ from gateway.trace.records import MOST_STORIES
 if TYPE_CHECKING:
     from gateway.operator.answers.bench import BenchStep
     from gateway.operator.answers.doctor import Examination
+    from gateway.operator.answers.fleet import Sites
     from gateway.operator.answers.forgotten import Forgotten
     from gateway.operator.answers.measured import Measured
-    from gateway.operator.answers.running import Reloaded, Sites, Which
+    from gateway.operator.answers.running import Reloaded, Which
     from gateway.operator.answers.scan import ScanStep
     from gateway.operator.answers.status import Status
     from gateway.operator.answers.trace import Stories, TracePage
@@ -135,7 +136,7 @@ WHICH: Final[Operation[Nothing, "Which"]] = Operation(
 FLEET: Final[Operation[Nothing, "Sites"]] = Operation(
     "fleet",
     Nothing,
-    "gateway.operator.answers.running:Sites",
+    "gateway.operator.answers.fleet:Sites",
     "reading",
     "The sites of the fleet",
     by="gateway.operator.running:tell_sites",

@@ -33,10 +33,23 @@ class Parameter:
     within: Within | None
     is_required: bool
 
+    def takes(self, value: object) -> bool:
+        """Tell whether the parameter may be this value of JSON."""
+        if isinstance(value, bool):
+            return bool in self.types
+        if not isinstance(value, int | float):
+            return isinstance(value, self.types)
+        fits = isinstance(value, self.types) or float in self.types
+        return fits and (self.within is None or self.within.least <= value <= self.within.most)
 
-@cache
+
 def parameters_of(kind: Any) -> tuple[Parameter, ...]:
     """List the parameters that a dataclass describes: `Annotated[int, Within(1, 50), "a number from 1 to 50"]`."""
+    return _parameters_of(kind)
+
+
+@cache
+def _parameters_of(kind: Any) -> tuple[Parameter, ...]:
     hints = get_type_hints(kind, include_extras=True)
     return tuple(_parameter(each, hints[each.name]) for each in fields(kind))
 
@@ -88,15 +101,7 @@ def read_parameters(kind: Callable[..., P], given: Mapping[str, object], *, is_t
 
 
 def _checked(parameter: Parameter, value: object) -> object:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if isinstance(value, bool):
-        fits = bool in parameter.types
-    elif isinstance(value, int):
-        fits = int in parameter.types or float in parameter.types
-    else:
-        fits = isinstance(value, parameter.types)
-    within = parameter.within
-    if not fits or (within is not None and is_number and not within.least <= float(str(value)) <= within.most):
+    if not parameter.takes(value):
         raise _wrong(parameter)
     return value
 

@@ -4,12 +4,12 @@ The gateway may be of another version. What it tells in addition is ignored; wha
 its field. So a field that is added later has a default.
 """
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from enum import Enum
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, Final, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 R = TypeVar("R")
 _Read = Callable[[Any], Any]
@@ -43,8 +43,12 @@ def read_result(kind: type[R], told: object) -> R:
     Raises:
         NotUnderstoodError: a field is missing, or holds something else; the message names it.
     """
-    result: R = _reader(cast("Hashable", kind))(told)
+    result: R = _reader_of(kind)(told)
     return result
+
+
+def _reader_of(kind: Any) -> _Read:
+    return _reader(kind)
 
 
 @cache

@@ -4,7 +4,8 @@ import asyncio
 from dataclasses import asdict
 
 from gateway.errors import FleetError, WrongQuestion
-from gateway.operator.answers.running import Reloaded, Sites, Which
+from gateway.operator.answers.fleet import Sites
+from gateway.operator.answers.running import Reloaded, Which
 from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
 

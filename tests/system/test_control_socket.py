@@ -19,7 +19,7 @@ from gateway.errors import DaemonError
 from gateway.events import Event, PartFailed
 from gateway.operator.operation import Nothing
 from gateway.operator.operator import Operator
-from kit.operations import STATUS_AND_DEFECT, Told
+from kit.operations import SEVERAL, STATUS_AND_DEFECT, Told
 from kit.process import PATIENCE
 
 STATUS = b'{"verb": "status"}\n'
@@ -56,7 +56,7 @@ def ask(path: Path) -> Told:
 @asynccontextmanager
 async def control(folder: Path) -> AsyncIterator[Open]:
     it = Open(folder / "control.sock")
-    async with control_open(it.path, Operator(None, None), it.events.append, STATUS_AND_DEFECT):
+    async with control_open(it.path, Operator(None, None), it.events.append, {**STATUS_AND_DEFECT, "several": SEVERAL}):
         yield it
 
 
@@ -125,6 +125,16 @@ async def test_one_client_too_many_hears_so_and_the_others_are_served(tmp_path: 
             while len(asyncio.all_tasks()) > 1:  # noqa: ASYNC110 - a conversation that ends tells nobody
                 await asyncio.sleep(0.002)
         assert await asyncio.to_thread(ask, it.path) == Told("fine")
+
+
+async def test_several_answers_have_an_end_and_the_next_question_is_answered(tmp_path: Path) -> None:
+    def hear(path: Path) -> list[Told]:
+        with Conversation(Meant(path)) as conversation:
+            begun_and_done = list(conversation.answers(SEVERAL, Nothing()))
+            return [*begun_and_done, conversation.ask(STATUS_AND_DEFECT["status"], Nothing())]
+
+    async with control(tmp_path) as it:
+        assert await asyncio.to_thread(hear, it.path) == [Told("begun"), Told("done"), Told("fine")]
 
 
 @contextmanager

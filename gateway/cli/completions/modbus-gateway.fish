@@ -50,7 +50,7 @@ function _shtab_modbus_gateway_using
   test "$_shtab_modbus_gateway_cmdpath" = "$argv"
 end
 
-set -g _shtab_modbus_gateway_commands demo run check reload status trace doctor read write forget scan calibrate bench profile ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
+set -g _shtab_modbus_gateway_commands demo run check reload status trace doctor read write ask forget scan calibrate bench profile ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
 set -g _shtab_modbus_gateway_opts_with_value --at --baud --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --silent-unit --since --slow --swap --tcp --timeout --unit --weight --why --write --write-profile -i -n
 
 complete -c modbus-gateway -e
@@ -135,6 +135,11 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using write' -l mode -xka "
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using write' -l tcp -x -d 'use this Modbus TCP server (default port 502)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using write' -l timeout -x -d 'time limit (default 1s; 10s with --tcp)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using write' -l profile -x -d 'the kind of device, for its points: mint, v80, weigher'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a ask -d 'Ask the running gateway anything that it can be asked.'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask' -s h -l help -d 'show this help message and exit'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config of the gateway that is meant, which says where its control socket is'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask; and test $_shtab_modbus_gateway_npos -eq 0' -ka "status which fleet reload unit request forget doctor trace why bench times scan" -d 'the operation (default: list all)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a forget -d 'Ask a device that moved where the config says again.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using forget' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using forget' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'

@@ -6,7 +6,6 @@ import os
 import socket
 import struct
 import sys
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -92,6 +91,8 @@ def _tables(text: str) -> Mapping[str, Any]:
     Raises:
         ValueError, RecursionError: it is no TOML.
     """
+    import tomllib  # noqa: PLC0415 - only for --config
+
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError):

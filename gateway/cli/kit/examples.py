@@ -29,6 +29,10 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("write press register-40136 926 --show", "write a point, and show the old value and the new one"),
         ("write 17 coils 172 on", "switch a coil"),
     ),
+    "ask": (
+        ("ask", "all that a gateway can be asked, with the parameters"),
+        ("ask why who=silo-1 count=3", "the answer as JSON, for a script"),
+    ),
     "forget": (("forget silo-1", "it was replaced, or set back by hand: it is at the address in the config"),),
     "scan": (("scan hall-a", "ask which units are on a line, in its idle time"),),
     "trace": (("trace hall-a --since 5min", "the frames of the last five minutes"),),

@@ -6,7 +6,7 @@ from typing import Any, Final, TypeVar
 from gateway.cli.kit.columns import align, narrow
 from gateway.cli.show.advice import notes, was_asked
 from gateway.cli.show.status_tables import SITES, TABLES, Table
-from gateway.operator.answers.running import Sites
+from gateway.operator.answers.fleet import Sites
 from gateway.operator.answers.status import Status
 
 W = TypeVar("W")

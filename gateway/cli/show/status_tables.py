@@ -8,7 +8,7 @@ from typing import Any, Final, Generic, NamedTuple, TypeVar
 from gateway.cli.show.advice import count_failed, count_ok, was_asked
 from gateway.config.values.duration import show_age, show_duration
 from gateway.fleet.status import FleetStatus, SiteStatus
-from gateway.operator.answers.running import Sites
+from gateway.operator.answers.fleet import Sites
 from gateway.operator.answers.status import (
     ClientStatus,
     ImageStatus,

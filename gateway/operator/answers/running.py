@@ -1,8 +1,7 @@
-"""Which gateway answers, what its reload has changed, and the other sites of its fleet."""
+"""Which gateway answers, and what its reload has changed."""
 
 from dataclasses import dataclass
 
-from gateway.fleet.status import SiteStatus
 from gateway.runtime.outcome import Outcome
 
 
@@ -19,10 +18,3 @@ class Reloaded(Outcome):
 
     ok: bool = True
     file: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Sites:
-    """The sites of a fleet, by name."""
-
-    sites: tuple[SiteStatus, ...]

@@ -113,6 +113,7 @@ def test_a_shell_can_read_its_script(shell):
         ("modbus-gateway check --j", {"--json"}),
         ("modbus-gateway profile --mode a", {"ascii"}),
         ("modbus-gateway import ", {"mbusd", "modbus-proxy"}),
+        ("modbus-gateway ask tr", {"trace"}),
         ("modbus-gateway certificates rev", {"revoke"}),
         ("modbus-gateway user add --role ", {"viewer", "operator"}),
         ("modbus-gateway check my", {"my.toml"}),

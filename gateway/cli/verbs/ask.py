@@ -1,0 +1,114 @@
+"""`ask`: any operation of a running gateway by its name, with its answer as JSON; alone, all operations."""
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any, Final
+
+from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_which, which_gateway
+from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere, tell_wrong_usage
+from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.cli.show.operations import show_operations, show_parameters
+from gateway.config.problem import did_you_mean
+from gateway.errors import WrongQuestion
+from gateway.operator.operation import Operation
+from gateway.operator.operations import BY_NAME
+from gateway.operator.parameters import Parameter, parameters_of, read_parameters
+
+#: How long the gateway may take, in seconds: a measurement may last an hour, and says nothing meanwhile.
+_PATIENCE: Final = 3700.0
+
+_EXAMPLES: Final = """\
+examples:
+  modbus-gateway ask                       all operations, with what each must be told
+  modbus-gateway ask status
+  modbus-gateway ask unit unit=silo-1
+  modbus-gateway ask why who=silo-1 count=3
+  modbus-gateway ask scan line=hall-a units=1-32
+
+A VALUE is JSON where the parameter can have such a value, else text. The answer
+is what the gateway tells, as JSON; of an operation with several answers each is on
+a line of its own.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `ask`."""
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("name", nargs="?", metavar="NAME", help="the operation (default: list all)")
+    parser.add_argument("values", nargs="*", metavar="KEY=VALUE", help="its parameters")
+    add_control_argument(parser)
+    let_options_stand_anywhere(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask and print the answer; 1 if it says that something is wrong.
+
+    Raises:
+        DaemonError: no gateway answers, or it refuses.
+    """
+    if args.name is None:
+        print(show_operations(BY_NAME.values()))
+        return FINE
+    try:
+        operation = _find(args.name)
+        asked = _read(operation, args.values)
+    except WrongUsageError as wrong:
+        return tell_wrong_usage(wrong)
+    with Conversation(which_gateway(args)) as daemon:
+        if operation.right == "operator":
+            tell_which(daemon.gateway)
+        daemon.wait_for(_PATIENCE)
+        if operation.is_repeated:
+            for answer in daemon.answers_in_json(operation, asked):
+                print(json.dumps(_told(operation, answer), ensure_ascii=False), flush=True)
+            return FINE
+        answer = daemon.ask_for_json(operation, asked)
+        print(json.dumps(_told(operation, answer), indent=2, ensure_ascii=False))
+        return FINE if answer.get("ok") is True else PROBLEM_FOUND
+
+
+def _find(name: str) -> Operation[Any, Any]:
+    if name not in BY_NAME:
+        remedy = did_you_mean(name, BY_NAME) or "modbus-gateway ask lists them"
+        raise WrongUsageError(f'there is no operation "{name}"', remedy)
+    return BY_NAME[name]
+
+
+def _read(operation: Operation[Any, Any], words: Sequence[str]) -> Any:
+    """Read the parameters.
+
+    Raises:
+        WrongUsageError: they are not those of the operation.
+    """
+    known = {each.name: each for each in parameters_of(operation.parameters)}
+    remedy = show_parameters(operation)
+    given: dict[str, object] = {}
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not equals or key not in known:
+            wrong = f'{operation.name} has no parameter "{key}"' if equals else f'"{word}" is not KEY=VALUE'
+            raise WrongUsageError(wrong, remedy)
+        given[key] = _value(known[key], text)
+    try:
+        return read_parameters(operation.parameters, given)
+    except WrongQuestion as wrong:
+        raise WrongUsageError(str(wrong), remedy) from None
+
+
+def _value(parameter: Parameter, text: str) -> object:
+    try:
+        value: object = json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+    return value if parameter.takes(value) or str not in parameter.types else text
+
+
+def _told(operation: Operation[Any, Any], answer: Mapping[str, Any]) -> Any:
+    """Take the result out of an answer."""
+    if operation.key:
+        return answer.get(operation.key)
+    of_the_socket = {"version", "ok"} - {each.name for each in fields(operation.result)}
+    return {name: each for name, each in answer.items() if name not in of_the_socket}
