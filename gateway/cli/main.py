@@ -86,7 +86,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def module_of(verb: str) -> Any:
-    """The module of a verb. Words of Python itself have an underscore behind them there."""
+    """Load the module of a verb. If the verb is a keyword of Python, its module has an underscore at the end."""
     return import_module(f"gateway.cli.verbs.{verb}_" if iskeyword(verb) else f"gateway.cli.verbs.{verb}")
 
 
@@ -99,7 +99,7 @@ class _Help(argparse.HelpFormatter):
 
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser for these words: of the verb that they begin with, or of all verbs; only theirs has its arguments."""
+    """Make the parser for these words: of the verb that they begin with, or of all; only theirs has its arguments."""
     if words and words[0] in VERBS:
         parser, _ = _parsers(words[:1], with_arguments=words[:1])
         return parser
@@ -119,7 +119,7 @@ def parser_of_all() -> tuple[argparse.ArgumentParser, Mapping[str, argparse.Argu
 def _parsers(
     names: Collection[str], *, with_arguments: Collection[str]
 ) -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
-    """The whole parser, and those of the verbs with these names."""
+    """Make the whole parser, and those of the verbs with these names."""
     parser = argparse.ArgumentParser(
         prog="modbus-gateway",
         description="Modbus gateway: TCP, UDP and serial clients on one side, serial lines on the other.",

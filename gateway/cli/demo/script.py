@@ -94,7 +94,7 @@ IMAGE: Final = '[[image]]\nunit = 200\nname = "shift-data"\nholding = 100\n'
 
 
 def _quote(unit: int, about: str, request: str, response: str, shows: str = "") -> DemoRequest:
-    """A question made of the frames in a manual: unit identifier, PDU, CRC."""
+    """Make a question of the frames in a manual: unit identifier, PDU, CRC."""
     return DemoRequest(unit, about, request[3:-6], response[3:-6], shows, (request, response))
 
 
@@ -160,7 +160,7 @@ CHAPTERS: Final = (
 
 
 def reading(shows: str, answer: bytes) -> str:
-    """The values in a response, read as `shows` says, or its exception."""
+    """Show the values in a response, read as `shows` says, or its exception."""
     if answer[0] & 0x80:
         return f"exception {answer[1]:02X}"
     if shows == "float32":

@@ -169,7 +169,7 @@ class Stage:
         print("\nCtrl-C ends everything.", flush=True)
 
     async def _exchange(self, question: DemoRequest) -> tuple[bytes, bytes, bool]:
-        """The request and response as TCP ADUs, and whether both are right, on the line too."""
+        """Return request and response as TCP ADUs, and whether both are right, on the line too."""
         self._transaction += 1
         request = mbap.encode(self._transaction, question.unit, bytes.fromhex(question.request))
         self._hops.clear()
@@ -200,7 +200,7 @@ class Stage:
 
 
 def _frame(mode: str, unit: int, pdu: bytes) -> str:
-    """A frame as documents print it: hexadecimal bytes in RTU, characters in ASCII."""
+    """Show a frame as documents print it: hexadecimal bytes in RTU, characters in ASCII."""
     if mode == "ascii":
         return ascii_framing.encode(unit, pdu).decode().strip()
     return rtu.encode(unit, pdu).hex(" ").upper()

@@ -46,12 +46,12 @@ def make_certificates(folder: Path) -> Path:
 
 
 def tls_config(tls: Path, port: int) -> str:
-    """The listener, and the rights of roles."""
+    """Write the listener and the rights of roles for the config."""
     return _CONFIG.format(folder=tls, port=port)
 
 
 def invitation(tls: Path, address: str) -> str:
-    """How to connect, and to write 7 to register 0 of unit 200: the response to a viewer is exception 01."""
+    """Say how to connect, and how to write 7 to register 0 of unit 200: the response to a viewer is exception 01."""
     place = address.removeprefix("tls://")
     return (
         f"\nThe same units with certificates, at {address}. A viewer may not write: his request is\n"

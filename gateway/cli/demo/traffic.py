@@ -46,7 +46,7 @@ PANEL_PAUSE: Final = 0.6
 
 @asynccontextmanager
 async def traffic(address: str, panel: Panel) -> AsyncIterator[None]:
-    """In its context the pollers ask the gateway at `address`, and `panel` asks it over its serial line."""
+    """Ask the gateway inside the context: the pollers at `address`, and `panel` over its serial line."""
     host, port = address.removeprefix("tcp://").rsplit(":", 1)
     tasks = [asyncio.create_task(_poll(each, host, int(port)), name=f"demo {each.name}") for each in POLLERS]
     tasks.append(asyncio.create_task(_panel_polls(panel), name="demo panel"))

@@ -10,14 +10,14 @@ _NARROWEST = 8
 
 
 def align(rows: Sequence[Sequence[str]], indent: str = "") -> str:
-    """The rows as text with aligned columns; the first row has the headings. A cell is one line, whatever is in it."""
+    """Align the columns of `rows`; the first row has the headings. A cell is one line, whatever is in it."""
     rows = [[printable(cell).replace("\n", r"\n") for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(indent + _BETWEEN.join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
 
 def narrow(rows: Sequence[Sequence[str]], flexible: Collection[int], width: int) -> list[list[str]]:
-    """The rows with the `flexible` columns shortened until each row fits into `width` characters.
+    """Shorten the `flexible` columns until each row fits into `width` characters.
 
     Where that is not enough nothing is shortened: the rows are too long in any case.
     """
@@ -34,7 +34,7 @@ def narrow(rows: Sequence[Sequence[str]], flexible: Collection[int], width: int)
 
 
 def shorten(text: str, width: int) -> str:
-    """`text` in at most `width` characters; the middle is cut out."""
+    """Shorten `text` to at most `width` characters by cutting out its middle."""
     if len(text) <= width:
         return text
     end = (width - 1) * 2 // 3

@@ -55,7 +55,7 @@ class Meant(NamedTuple):
 
 
 def which_gateway(args: argparse.Namespace, environment: Mapping[str, str] = os.environ) -> Meant:
-    """The gateway that the arguments mean. No other one is asked, whether this one answers or not.
+    """Find which gateway the arguments mean. No other one is asked, whether this one answers or not.
 
     Raises:
         DaemonError: the config that should name it cannot be read.
@@ -68,12 +68,12 @@ def which_gateway(args: argparse.Namespace, environment: Mapping[str, str] = os.
 
 
 def usual_socket(environment: Mapping[str, str] = os.environ) -> Path:
-    """The control socket of the gateway that is meant where nobody has named one."""
+    """Return the control socket of the gateway that is meant where none is named."""
     return Path(environment.get(CONTROL_VARIABLE) or control_path(Path(DEFAULT_CONFIG), environment))
 
 
 def _gateway_of(file: Path, environment: Mapping[str, str]) -> Meant:
-    """The gateway with this config. Without a socket in it, another one may be at the usual place."""
+    """Find the gateway with this config. Without a socket in it, another one may be at the usual place."""
     try:
         text = read_file_text(file)
         config = _tables(text)
@@ -86,7 +86,7 @@ def _gateway_of(file: Path, environment: Mapping[str, str]) -> Meant:
 
 
 def _tables(text: str) -> Mapping[str, Any]:
-    """The tables of a config; none if it is no TOML, which its gateway may be asked to say, but surely has no socket.
+    """Parse a config. One that is no TOML and names no socket has no tables: its gateway can say what is wrong.
 
     Raises:
         ValueError, RecursionError: it is no TOML.
@@ -154,7 +154,7 @@ class Conversation:
 
     @property
     def _advice(self) -> str:
-        """What to do about an answer that is not understood."""
+        """Say what to do about an answer that is not understood."""
         if self._version == __version__:
             return f"both have version {__version__}: please report this defect"
         return f"the gateway has version {self._version}, this command {__version__}: restart the service"
@@ -166,7 +166,7 @@ class Conversation:
 
     @property
     def pid(self) -> int:
-        """The process of the gateway."""
+        """Return the process of the gateway."""
         pid, _user, _group = _PEER.unpack(self._sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
         return int(pid)
 
@@ -229,7 +229,7 @@ def _compare_versions(daemon: object) -> None:
 
 
 def _connect(path: Path) -> socket.socket:
-    """A connection to the gateway at this socket.
+    """Connect to the gateway at this socket.
 
     Raises:
         DaemonError: it does not answer there.
@@ -245,7 +245,7 @@ def _connect(path: Path) -> socket.socket:
 
 
 def _why_not(path: Path, error: OSError) -> str:
-    """Why no gateway answers at a socket, and how another one is named."""
+    """Say why no gateway answers at a socket, and how another one is named."""
     if isinstance(error, PermissionError):
         remedy = "use sudo" if path == SYSTEM_SOCKET else f"use sudo, with --control {path}"
         return f"only root, the gateway's user and its group may use {path}: {remedy}"

@@ -71,6 +71,6 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
 
 
 def examples_text(verb: str) -> str:
-    """The examples of a command as its `--help` shows them; empty if there are none."""
+    """Show the examples of a command as in its `--help`; empty if there are none."""
     lines = [f"  modbus-gateway {words}\n      {what}" for words, what in EXAMPLES.get(verb, ())]
     return "\n".join([f"example{'' if len(lines) == 1 else 's'}:", *lines]) if lines else ""

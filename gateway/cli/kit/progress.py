@@ -39,7 +39,7 @@ class Progress:
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """A line that is taken away at the end of the context."""
+    """Provide a line that is taken away at the end of the context."""
     line = Progress()
     try:
         yield line

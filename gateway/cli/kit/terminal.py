@@ -37,7 +37,7 @@ class _Escaping:
 
 @contextmanager
 def no_control_characters() -> Iterator[None]:
-    """In its context what is printed has none; `unescaped` is for our own."""
+    """Escape control characters in what is printed inside the context; `unescaped` is for our own."""
     with ExitStack() as stack:
         if sys.stdout is not None:
             stack.enter_context(redirect_stdout(cast("TextIO", _Escaping(sys.stdout))))
@@ -47,7 +47,7 @@ def no_control_characters() -> Iterator[None]:
 
 
 def unescaped(stream: TextIO) -> TextIO:
-    """The stream for text of ours that moves the cursor."""
+    """Return the stream for text of ours that moves the cursor."""
     return stream.inner if isinstance(stream, _Escaping) else stream
 
 

@@ -26,7 +26,7 @@ def tell_wrong_usage(wrong: WrongUsageError) -> int:
 
 
 def parsed_by(parse: Callable[[object], Any]) -> Callable[[str], Any]:
-    """A `type` for argparse from a function that parses values of the config."""
+    """Make a `type` for argparse from a function that parses values of the config."""
 
     def argument(text: str) -> Any:
         try:
@@ -39,7 +39,7 @@ def parsed_by(parse: Callable[[object], Any]) -> Callable[[str], Any]:
 
 
 def count(text: str) -> int:
-    """A `type` for argparse: how many, at least 1.
+    """Parse how many times, at least 1: a `type` for argparse.
 
     Raises:
         argparse.ArgumentTypeError: it is no such number.
@@ -50,7 +50,7 @@ def count(text: str) -> int:
 
 
 def baud(text: str) -> int:
-    """A `type` for argparse: the rate of a line.
+    """Parse the rate of a line: a `type` for argparse.
 
     Raises:
         argparse.ArgumentTypeError: it is no such number.

@@ -1,1 +1,11 @@
-"""What `check`, `status` and `trace` print."""
+"""What commands print.
+
+- status, status_tables, advice    `status`: tables, and the notes below them
+- check    `check`: all of it; the parts of a config are in the modules below
+- listeners, rights, lines, line_load, servers, sites, images, published    parts of a config
+- limits    time limits and longest waits, for `check` and `profile`
+- trace_rows    `trace`
+- bench    `bench`
+- calibration, measured_profile    `calibrate`
+- operations    `ask`
+"""

@@ -12,7 +12,7 @@ _CLOSE: Final = 0.03
 
 
 def show_bench(result: BenchResult) -> str:
-    """The measurement as tables and notes."""
+    """Show a measurement as tables and notes."""
     reads = [
         (str(one.unit), one.name, f"{one.area} {one.address}", str(one.items), _ms(one.line_time_ms))
         for one in result.reads
@@ -51,7 +51,7 @@ def _notes(result: BenchResult) -> Iterator[str]:
 
 
 def _rate(per_second: float | None) -> tuple[str, str]:
-    """Reads in a second, and the time of one."""
+    """Show reads in a second, and the time of one."""
     each = _ms(1000 / per_second) if per_second else "-"
     return "-" if per_second is None else f"{per_second:.2f}", each
 

@@ -11,7 +11,7 @@ from gateway.images.polls import MirrorSettings
 
 
 def images_as_text(plan: Plan) -> list[str]:
-    """A table of the images and one of the mirrors, if there are any."""
+    """Show a table of the images and one of the mirrors, if there are any."""
     images = [(str(one.unit), one.name, one.profile.name, one.persist, _areas(one)) for one in plan.images]
     mirrors = [(str(one.unit), one.name, one.of, show_duration(one.stale), _polls(one)) for one in plan.mirrors]
     tables = (
@@ -23,7 +23,7 @@ def images_as_text(plan: Plan) -> list[str]:
 
 
 def images_as_json(plan: Plan) -> list[dict[str, Any]]:
-    """The images."""
+    """Make the images for programs."""
     return [
         {
             "unit": one.unit,
@@ -37,7 +37,7 @@ def images_as_json(plan: Plan) -> list[dict[str, Any]]:
 
 
 def mirrors_as_json(plan: Plan) -> list[dict[str, Any]]:
-    """The mirrors; times in milliseconds."""
+    """Make the mirrors for programs; times are in milliseconds."""
     return [
         {
             "unit": one.unit,

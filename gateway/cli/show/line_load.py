@@ -10,7 +10,7 @@ from gateway.config.values.duration import show_duration
 
 
 def polls_as_text(line: LinePlan, plan: Plan) -> Iterator[str]:
-    """A table of the declared polls of a line, if it has any."""
+    """Show a table of the declared polls of a line, if it has any."""
     load = load_of(line, plan)
     if load:
         rows = [(one.poll.by, one.poll.of.name, one.poll.what, show_duration(one.poll.every), _time(one.time),
@@ -20,7 +20,7 @@ def polls_as_text(line: LinePlan, plan: Plan) -> Iterator[str]:
 
 
 def rates_as_text(rates: Sequence[ReadRate], of: str) -> Iterator[str]:
-    """How often the devices that `of` names can be read at most."""
+    """Show how often the devices that `of` names can be read at most."""
     rows = [(str(one.items), _time(one.time), _rate(one.alone), _rate(one.in_turn)) for one in rates]
     if rates:
         area, has_time = rates[0].area, rates[0].has_time
@@ -30,7 +30,7 @@ def rates_as_text(rates: Sequence[ReadRate], of: str) -> Iterator[str]:
 
 
 def polls_as_json(load: Iterable[PollLoad]) -> list[dict[str, Any]]:
-    """The declared polls; times in milliseconds, shares of the line's time."""
+    """Make the declared polls for programs: times in milliseconds, and shares of the line's time."""
     return [
         {
             "by": one.poll.by,
@@ -45,7 +45,7 @@ def polls_as_json(load: Iterable[PollLoad]) -> list[dict[str, Any]]:
 
 
 def rates_as_json(rates: Iterable[ReadRate]) -> list[dict[str, Any]]:
-    """How often a device can be read at most, alone and with all devices of its line in turn."""
+    """Make for programs how often a device can be read at most, alone and with all devices of its line in turn."""
     return [
         {
             "area": one.area,

@@ -12,7 +12,7 @@ _MARGIN: Final = re.compile(r"^margin\s*=.*\n", re.MULTILINE)
 
 
 def profile_text(profile: str, timing: str, margin: float, origin: str) -> str:
-    """The TOML table of the profile `NAME-measured`, with a `timing` key as text, and where that comes from."""
+    """Write the TOML table of the profile `NAME-measured`, with a `timing` key as text, and where that comes from."""
     name = f"{profile}-measured"
     key = f"{timing}\nmargin    = {margin:g}\n"
     if profile not in BUILTIN_PROFILES:

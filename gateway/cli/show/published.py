@@ -10,7 +10,7 @@ from gateway.profiles.published import PublishedDevice
 
 
 def published_as_text(plan: Plan) -> list[str]:
-    """A table of the devices, if any are published."""
+    """Show a table of the devices, if any are published."""
     mqtt = plan.mqtt
     if mqtt is None:
         return []
@@ -20,7 +20,7 @@ def published_as_text(plan: Plan) -> list[str]:
 
 
 def published_as_json(plan: Plan) -> dict[str, Any] | None:
-    """The broker and the devices; None if nothing is published."""
+    """Make the broker and the devices for programs; None if nothing is published."""
     mqtt = plan.mqtt
     if mqtt is None:
         return None
@@ -66,7 +66,7 @@ def _set(device: PublishedDevice) -> list[str]:
 
 
 def _names(names: list[str]) -> str:
-    """As many names as fit into a line of a terminal."""
+    """Show as many names as fit into a line of a terminal."""
     if not names:
         return "none"
     shown = ", ".join(names[:3])

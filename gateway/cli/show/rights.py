@@ -15,7 +15,7 @@ from gateway.routing.access import DEFAULT_ROWS
 
 
 def rights_as_text(plan: Plan) -> str:
-    """The table of rights, with rules that are not rows."""
+    """Show the table of rights, with rules that are not rows."""
     rows = [("FROM", "THROUGH", "UNITS", "RIGHTS"), *(row[:4] for row in rows_in_words(plan))]
     silent = [f"  Through {name} (UDP) clients only read, as no row names it." for name in unnamed_datagrams(plan)]
     silent += [f"  Through {name} (TLS) {_by_certificate(plan)}." for name in unnamed_certified(plan)]
@@ -29,7 +29,7 @@ def _by_certificate(plan: Plan) -> str:
 
 
 def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
-    """The table of rights; null means all."""
+    """Make the table of rights for programs; null means all."""
     return [
         {
             "from": None if row.networks is None else [*map(str, row.networks), *sorted(row.sites)],

@@ -11,7 +11,7 @@ from gateway.ports.port import SiteSettings
 
 
 def sites_as_text(plan: Plan) -> list[str]:
-    """A table of the shortest `timeout` that other sites need for each line and upstream, if there are other sites."""
+    """Show the shortest `timeout` that other sites need for each line and upstream, if there are other sites."""
     rows = [(name, show_duration(timeout)) for name, timeout in _timeouts(plan).items()]
     if plan.fleet is None or not rows:
         return []
@@ -20,18 +20,18 @@ def sites_as_text(plan: Plan) -> list[str]:
 
 
 def sites_as_json(plan: Plan) -> list[dict[str, Any]]:
-    """The same; times in milliseconds."""
+    """Make the same for programs; times are in milliseconds."""
     return [{"units_of": name, "timeout_ms": round(1000 * timeout)} for name, timeout in _timeouts(plan).items()]
 
 
 def timeout_advice(plan: UpstreamPlan) -> list[str]:
-    """Where somebody finds how long `timeout` must be, if units of another site are asked."""
+    """Say where to find how long `timeout` must be, if units of another site are asked."""
     if not isinstance(plan.port, SiteSettings):
         return []
     return [f"  check at {plan.port.site} prints which timeout its units need."]
 
 
 def _timeouts(plan: Plan) -> dict[str, float]:
-    """Rounded up to tenths of seconds."""
+    """Calculate the shortest time-outs, rounded up to tenths of seconds."""
     timeouts = {} if plan.fleet is None else least_timeouts_at_other_sites(plan)
     return {name: ceil(10 * timeout) / 10 for name, timeout in timeouts.items()}

@@ -19,13 +19,13 @@ class TraceRow(NamedTuple):
     text: str
 
     def show(self, widths: tuple[int, int]) -> str:
-        """The row, with so much room for line and unit."""
+        """Show the row, with so much room for line and unit."""
         line, unit = widths
         return f"{clock(self.time)}  {self.line:{line}}  {self.way} {self.unit:>{unit}}  {self.text}"
 
 
 def rows(fact: Fact) -> Iterator[TraceRow]:
-    """The rows of one fact. Of a kind that this version does not know, there are none."""
+    """Make the rows of one fact; none of a kind that this version does not know."""
     kind = fact.get("kind")
     if kind == "exchange":
         yield from _exchange(fact)
@@ -66,7 +66,7 @@ def _exchange(fact: Fact) -> Iterator[TraceRow]:
 
 
 def _answered(fact: Fact) -> Iterator[TraceRow]:
-    """What the gateway answers itself: from an image, or on a line where it is the server."""
+    """Show what the gateway answers itself: from an image, or on a line where it is the server."""
     request, unit = bytes.fromhex(fact["request"]), str(fact["unit"])
     where, came, went = (fact["line"], "<", ">") if fact["line"] else (fact["name"], ">", "<")
     who = "" if fact["line"] else f"  [{fact['client']}]"

@@ -39,7 +39,7 @@ class _Questions:
         self.failures = 0
 
     def ask(self, pdu: bytes) -> bytes | None:
-        """The response; None if it is an exception, of the device or the gateway."""
+        """Send a request, and return its response; None if it is an exception, of the device or the gateway."""
         answer = self._unit.ask(pdu)
         for _ in range(MOST_PAUSES):
             if answer.result != "overdue":
@@ -53,7 +53,7 @@ class _Questions:
 
 
 def parse_registers(value: object) -> Span:
-    """Holding registers that may be written: `10` or `10-40`.
+    """Parse which holding registers may be written: `10` or `10-40`.
 
     Raises:
         WrongValue: they are none.
@@ -86,7 +86,7 @@ def ask_actively(unit: DaemonUnit, registers: Span | None, seconds: float | None
 
 
 def _sizes_of(questions: _Questions, unit: DaemonUnit, area: Area) -> list[Span]:
-    """What can be read of a table in one request, in several sizes; nothing if the device does not have it."""
+    """Find what can be read of a table in one request, in several sizes; nothing if the device does not have it."""
     function, most = READERS[area]
     if unit.functions is not None and function not in unit.functions:
         return []
@@ -100,7 +100,7 @@ def _sizes_of(questions: _Questions, unit: DaemonUnit, area: Area) -> list[Span]
 
 
 def _readable(questions: _Questions, span: Span) -> int:
-    """How many items of a span can be read in one request, 0 if none can."""
+    """Find how many items of a span can be read in one request, 0 if none can."""
 
     def can_be(count: int) -> bool:
         return questions.ask(read_request(Span(span.area, span.start, count))) is not None
@@ -122,7 +122,7 @@ def _readable(questions: _Questions, span: Span) -> int:
 
 
 def _spread(span: Span) -> list[Span]:
-    """Spans of several sizes, from one item to all, that begin where `span` does."""
+    """Make spans of several sizes, from one item to all, that begin where `span` does."""
     sizes = {1 + (span.count - 1) * step // (SIZES - 1) for step in range(SIZES)}
     return [Span(span.area, span.start, size) for size in sorted(sizes)]
 

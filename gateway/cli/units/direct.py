@@ -86,7 +86,7 @@ class DirectUnit:
         return Answer(answer, round(elapsed * 1000, 1), "", frames.get(True, b""), frames.get(False, b""))
 
     def _what_came(self, pdu: bytes) -> str:
-        """What came in place of the response to this request."""
+        """Say what came in place of the response to this request."""
         came = self._frames.get(False, b"")
         if not came:
             return "no response"
@@ -181,7 +181,7 @@ def _socket_client(address: Address, framer: FramerType, place: _Place, open_par
 
 
 def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack) -> _Client:
-    """A client for a device server, or for a serial port, opened in the same way as the gateway does."""
+    """Make a client for a device server, or for a serial port, opened in the same way as the gateway does."""
     try:
         port = parse_port(args.port)
         format_ = DEFAULT_FORMATS[place.mode] if args.format is None else parse_format(args.format)

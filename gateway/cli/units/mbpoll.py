@@ -53,7 +53,7 @@ def refuse_habits(verb: str, args: argparse.Namespace) -> None:
 
 
 def _translate(verb: str, args: argparse.Namespace, habits: Mapping[str, Any]) -> str:
-    """The command that mbpoll's options mean, as far as they say; mbpoll counts from 1 unless -0 is given."""
+    """Translate mbpoll's options into a command, as far as they say it; mbpoll counts from 1 unless -0 is given."""
     number, _, kind = str(habits.get("-t", "4")).partition(":")
     area, data_type = _AREAS.get(number, Area.HOLDING), _TYPES.get(kind, "")
     values = [word for word in args.words if word not in ("-0", "-1")]

@@ -28,7 +28,7 @@ class Command:
     swap: str = "none"
 
     def like(self, *words: object) -> str:
-        """The command with other words."""
+        """Write the command with other words."""
         return " ".join(["modbus-gateway", self.verb, self.unit, *map(str, words)])
 
 
@@ -40,7 +40,7 @@ class Assignment(NamedTuple):
 
 
 def find_points(command: Command, words: Sequence[str]) -> list[Point]:
-    """The points to read: all points of the unit, some of them, or values at addresses.
+    """Find the points to read: all points of the unit, some of them, or values at addresses.
 
     Raises:
         WrongUsageError: the words cannot be understood.
@@ -58,7 +58,7 @@ def find_points(command: Command, words: Sequence[str]) -> list[Point]:
 
 
 def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]:
-    """What to write: a value to a point, or values from an address on.
+    """Find what to write: a value to a point, or values from an address on.
 
     Raises:
         WrongUsageError: the words cannot be understood, or the place cannot be written.
@@ -109,7 +109,7 @@ def _assign_to_addresses(command: Command, words: Sequence[str]) -> list[Assignm
 
 
 def _place(command: Command, words: Sequence[str]) -> tuple[tuple[int, int | None], str]:
-    """The addresses and the type after an area."""
+    """Parse the addresses and the type after an area."""
     area = Area(words[0])
     if len(words) < 2:
         raise WrongUsageError(f"{area} of which address? It is missing", command.like(area, "0"))
@@ -122,7 +122,7 @@ def _place(command: Command, words: Sequence[str]) -> tuple[tuple[int, int | Non
 
 
 def _addresses(command: Command, words: Sequence[str]) -> tuple[int, int | None]:
-    """First and last address; None if there is only one."""
+    """Parse first and last address; None if there is only one."""
     area, text, rest = words[0], words[1], words[2:]
     match = _ADDRESSES.fullmatch(text)
     if match is None:
@@ -159,7 +159,7 @@ def _value(command: Command, area: Area, address: int, data_type: str, size: int
 
 
 def _size(data_type: str, values: Sequence[str]) -> int:
-    """How many registers each value needs; text as many as the longest one."""
+    """Count the registers that each value needs; each text needs as many as the longest one."""
     if data_type == "string":
         return max((len(text.encode()) + 1) // 2 for text in values)
     return registers_of(data_type)
@@ -190,7 +190,7 @@ def _require_readable(point: Point, command: Command) -> Point:
 
 
 def _find_point(command: Command, word: str, words: Sequence[str]) -> Point:
-    """The point with this name."""
+    """Find the point with this name."""
     point = next((point for point in command.points if point.name == word), None)
     if point is not None:
         return point

@@ -19,7 +19,7 @@ _SLACK = 40.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `bench`."""
+    """Add the arguments of `bench`."""
     add = parser.add_argument
     add("line", metavar="LINE", help="name of the line")
     add("--unit", metavar="UNIT", help="read one unit, by number or name (default: all of the line in turn)")

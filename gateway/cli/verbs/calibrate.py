@@ -4,27 +4,22 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from datetime import datetime
-from math import ceil
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from gateway.cli.kit.columns import align
 from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_which, which_gateway
 from gateway.cli.kit.progress import progress
 from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.cli.main import FINE, PROBLEM_FOUND
-from gateway.cli.show.measured_profile import profile_text
+from gateway.cli.show.calibration import Calibration, measured_profile
 from gateway.cli.units.active_calibration import ask_actively, parse_registers
 from gateway.cli.units.unit import DaemonUnit
 from gateway.config.values.duration import parse_duration, show_duration
 from gateway.errors import GatewayError
 from gateway.operator.answers.measured import Measured
 from gateway.operator.operations import TIMES, OneUnit
-from gateway.timing.proposal import MeasuredTimes, Proposal
-from gateway.timing.verdict import ENOUGH_TO_SHORTEN
+from gateway.timing.proposal import MeasuredTimes
 
 #: How often the gateway is asked for new times, in seconds, and how many are kept for one row here.
 _STEP: Final = 1.0
@@ -43,7 +38,7 @@ read, and the same values are written back.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `calibrate`."""
+    """Add the arguments of `calibrate`."""
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     add = parser.add_argument
@@ -118,7 +113,7 @@ def _show(source: "Source", args: argparse.Namespace) -> int:
     more = "a longer --for" if args.active else "--active"
     table = Calibration(source.about, rows, more)
     if args.write_profile:
-        _write_new(args.write_profile, _profile(table))
+        _write_new(args.write_profile, measured_profile(table))
         print(f"{args.write_profile} is written: add it to the config, and name it in the device", file=sys.stderr)
     print(json.dumps(table.picture(), indent=2) if args.json else table.text())
     return FINE
@@ -164,105 +159,21 @@ class Source:
         return self.about
 
     def forget(self) -> None:
-        """Only what comes from now on counts."""
+        """Forget what was gathered: only what comes from now on counts."""
         self._gathered.clear()
 
     @property
     def count(self) -> int:
-        """How many responses came."""
+        """Count the responses."""
         return sum(each.count for each in self._gathered.values())
 
     def rows(self) -> list[MeasuredTimes]:
-        """The times by function and number of items."""
+        """List the times by function and number of items."""
         return [
             MeasuredTimes(*key, tuple(each.times), *self._limits[key], each.longest, each.count)
             for key, each in sorted(self._gathered.items())
             if each.times
         ]
-
-
-class Calibration(Proposal):
-    """The proposal for the device that `about` describes, as text and as JSON. `more` is what brings more responses."""
-
-    def __init__(self, about: Measured, rows: list[MeasuredTimes], more: str) -> None:
-        super().__init__(rows, about.margin)
-        self.more = more
-        self.about = about
-
-    @property
-    def count(self) -> int:
-        """How many responses came."""
-        return sum(row.count for row in self.rows)
-
-    @property
-    def timing_text(self) -> str:
-        """The table as a key of a profile."""
-        rows = [
-            f'  {{ fc = {function}, items = {items}, time = "{_duration(seconds)}" }},'
-            for function, items, seconds in self.timing
-        ]
-        return "\n".join(["timing = [", *rows, "]"])
-
-    def text(self) -> str:
-        """All of it for a reader."""
-        about = self.about
-        where = f"{about.mode} {about.baud} {about.format}"
-        parts = [
-            f"{about.name} (unit {about.unit}), profile {about.profile}, {where}: {self.count} responses",
-            align([_HEADINGS, *map(self._cells, self.rows)]),
-            f"For the profile, with margin = {self.margin:g}:\n\n{self.timing_text}",
-            *self._notes(),
-        ]
-        return "\n\n".join(parts)
-
-    def picture(self) -> dict[str, Any]:
-        """All of it for a program."""
-        keys = ("unit", "name", "profile", "mode", "baud", "format")
-        rows = [
-            {
-                "function": row.function,
-                "items": row.items,
-                "count": row.count,
-                "p50_ms": _ms(row.quantile(0.5)),
-                "p99_ms": _ms(row.quantile(0.99)),
-                "max_ms": _ms(row.slowest),
-                "fit_ms": _ms(self.fitted(row)),
-                "allowed_ms": row.allowed_ms,
-                "limit_ms": row.limit_ms,
-            }
-            for row in self.rows
-        ]
-        timing = [{"fc": function, "items": items, "time_ms": _ms(time)} for function, items, time in self.timing]
-        return {
-            **{key: getattr(self.about, key) for key in keys},
-            "rows": rows,
-            "timing": timing,
-            "margin": self.margin,
-        }
-
-    def _cells(self, row: MeasuredTimes) -> tuple[str, ...]:
-        times = (row.quantile(0.5), row.quantile(0.99), row.slowest, self.fitted(row), row.limit_ms / 1000)
-        return (str(row.function), str(row.items), str(row.count), *(show_duration(each) for each in times))
-
-    def _notes(self) -> Iterator[str]:
-        single = [function for function in self.fits if [each[0] for each in self.timing].count(function) == 1]
-        several = [function for function in single if function not in _ONE_ITEM]
-        if several:
-            functions = ", ".join(map(str, several))
-            yield f"Only one number of items was seen with function {functions}: --active measures others."
-        if self.margin > self.about.margin:
-            yield "Some responses take much longer than others: hence the margin."
-        kept = max((len(row.times) for row in self.rows if row.count > len(row.times)), default=0)
-        if kept:
-            yield f"P50 and P99 are those of the last responses only: of {kept} of each kind at most."
-        if self.count < ENOUGH_TO_SHORTEN:
-            responses = "1 response is" if self.count == 1 else f"{self.count} responses are"
-            yield f"{responses} too few for a time limit: take at least {ENOUGH_TO_SHORTEN}, with {self.more}."
-
-
-_HEADINGS: Final = ("FUNCTION", "ITEMS", "RESPONSES", "P50", "P99", "MAX", "FIT", "LIMIT NOW")
-#: Functions whose requests have one item always.
-_ONE_ITEM: Final = frozenset({5, 6, 22})
 
 
 def _wait(source: Source, seconds: float) -> None:
@@ -273,14 +184,6 @@ def _wait(source: Source, seconds: float) -> None:
             line.show(f"{source.count} responses, {show_duration(max(1, round(left)))} left")
             time.sleep(min(_STEP, left))
             source.look()
-
-
-def _profile(table: Calibration) -> str:
-    about, count = table.about, table.count
-    where = f"{about.mode} {about.baud} {about.format}"
-    today = datetime.now().astimezone().date()
-    origin = f"Measured by modbus-gateway calibrate {about.name}, {today}: {count} responses, {where}."
-    return profile_text(about.profile, table.timing_text, table.margin, origin)
 
 
 def _write_new(file: Path, text: str) -> None:
@@ -294,14 +197,3 @@ def _write_new(file: Path, text: str) -> None:
             new.write(text)
     except OSError as error:
         raise GatewayError(f"{file}: {error.strerror}") from error
-
-
-def _ms(seconds: float) -> float:
-    return round(seconds * 1000, 2)
-
-
-def _duration(seconds: float) -> str:
-    """Rounded up to three figures: a limit may be longer than the device needs, not shorter."""
-    milliseconds = max(seconds * 1000, 1.0)
-    step = 0.01 if milliseconds < 10 else 0.1 if milliseconds < 100 else 1.0
-    return show_duration(ceil(round(milliseconds / step, 6)) * step / 1000)

@@ -36,7 +36,7 @@ gateway accepts: keep it on another machine.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `certificates`."""
+    """Add the arguments of `certificates`."""
     parser.epilog = f"{examples_text('certificates')}\n\n{_ABOUT}"
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     verbs = parser.add_subparsers(dest="what", metavar="authority|server|client|revoke|list", required=True)
@@ -111,7 +111,7 @@ def _client(folder: Path, args: argparse.Namespace) -> None:
 
 
 def _tell_replaced(folder: Path, stem: str) -> None:
-    """What was replaced can still be used by whoever has its key."""
+    """Say that what was replaced can still be used by anybody who has its key."""
     last = max(find_replaced(folder, stem), key=lambda each: each.certificate.not_after, default=None)
     if last is not None:
         at_folder = "" if str(folder) == DEFAULT_FOLDER else f" --folder {folder}"
@@ -133,7 +133,7 @@ def _revoke(folder: Path, args: argparse.Namespace) -> None:
 
 
 def _meant(folder: Path, args: argparse.Namespace) -> list[Issued]:
-    """The certificates that are to be revoked."""
+    """Find the certificates that are to be revoked."""
     if args.name.endswith(".crt"):
         file = Path(args.name)
         return [Issued(file, read_certificates(file)[0])]

@@ -51,7 +51,7 @@ class DemoError(GatewayError):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `demo`."""
+    """Add the arguments of `demo`."""
     parser.add_argument(
         "--once", action="store_true", help="exit after the script, with status 0 if every response was correct"
     )
@@ -120,7 +120,7 @@ async def _play(stage: Stage, panel: Panel) -> int:
 
 @asynccontextmanager
 async def _simulators(lines: Iterable[DemoLine], folder: Path) -> AsyncIterator[None]:
-    """A process for each line, with its devices behind a virtual serial port in `folder`."""
+    """Start a process for each line, with its devices behind a virtual serial port in `folder`."""
     processes: dict[str, asyncio.subprocess.Process] = {}
     try:
         for line in lines:
@@ -153,7 +153,7 @@ async def _simulator(line: DemoLine, folder: Path) -> asyncio.subprocess.Process
 
 @asynccontextmanager
 async def _starting(what: str) -> AsyncIterator[None]:
-    """What starts here has a deadline."""
+    """Give what starts inside the context a deadline."""
     try:
         async with asyncio.timeout(_STARTING_DEADLINE):
             yield
@@ -177,19 +177,19 @@ def _write_config(folder: Path, lines: Sequence[DemoLine], certificates: Path | 
 
 
 def _port(wanted: int) -> int:
-    """A port that nobody listens on: this one, else any."""
+    """Find a port that nobody listens on: this one, else any."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         return wanted if probe.connect_ex(("127.0.0.1", wanted)) != 0 else 0
 
 
 def _can_serve_pages() -> bool:
-    """Whether the extra `web` is installed."""
+    """Tell whether the extra `web` is installed."""
     return all(find_spec(name) for name in ("aiohttp", "jinja2", "prometheus_client"))
 
 
 def _control(folder: Path) -> Path:
-    """The control socket: the default path, unless another gateway uses it."""
+    """Choose the control socket: the default path, unless another gateway uses it."""
     usual = usual_socket()
     with socket.socket(socket.AF_UNIX) as probe:
         try:
@@ -207,7 +207,7 @@ def _may_write(folder: Path) -> bool:
 
 
 def _plan(config: Path) -> tuple[Plan, str]:
-    """The plan of a file, and its text."""
+    """Load the plan of a file, and its text."""
     loaded = load(config)
     if loaded.config is None:
         raise DemoError("\n".join(map(str, loaded.problems)))
@@ -216,7 +216,7 @@ def _plan(config: Path) -> tuple[Plan, str]:
 
 @asynccontextmanager
 async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIterator[tuple[Running, Operator]]:
-    """The gateway of `plan`, ready; its events go to `stage`."""
+    """Run the gateway of `plan`; its events go to `stage`."""
     ready = asyncio.Event()
 
     def tell(event: events.Event) -> None:

@@ -11,9 +11,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
+from gateway.cli.doctor.report_arguments import add_report_arguments
 from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, add_control_argument, which_gateway
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
-from gateway.cli.verbs.report_arguments import add_report_arguments
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import with_ports
 from gateway.errors import DaemonError
@@ -45,7 +45,7 @@ formats, for at most 30 s. It never writes. A note tells what was sent.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `doctor`."""
+    """Add the arguments of `doctor`."""
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("line", nargs="?", metavar="LINE", help="the name of a line (default: all)")
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         ReportError: the port to report on cannot be opened.
     """
     if args.hardware_report:
-        from gateway.cli.verbs.hardware_report import make_report  # noqa: PLC0415 - opens a port in an event loop
+        from gateway.cli.doctor.hardware_report import make_report  # noqa: PLC0415 - opens a port in an event loop
 
         return make_report(args)
     findings = _findings(args)
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def table(findings: Iterable[Finding], width: int) -> str:
-    """A row for each finding, and below it the remedy."""
+    """Show a row for each finding, and below it the remedy."""
     return "\n".join(line for finding in findings for line in _row(finding, width))
 
 
@@ -101,10 +101,10 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
 
 
 def _in_config(args: argparse.Namespace) -> list[Finding]:
-    """What the config says whose gateway does not answer: the one that is named, or that of the service, if any."""
+    """Look at the config whose gateway does not answer: the one that is named, or that of the service, if any."""
     if not args.config and not Path(DEFAULT_CONFIG).exists():
         return []
-    from gateway.cli.verbs.config_doctor import look_at_config  # noqa: PLC0415 - only here a config is read
+    from gateway.cli.doctor.config import look_at_config  # noqa: PLC0415 - only here a config is read
 
     return look_at_config(Path(args.config or DEFAULT_CONFIG), args.line)
 

@@ -14,7 +14,7 @@ _PROGRAMS: Final = ("mbusd", "modbus-proxy")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `import`."""
+    """Add the arguments of `import`."""
     parser.add_argument("program", choices=_PROGRAMS, help="the program whose config it is")
     parser.add_argument("files", nargs="+", metavar="FILE", help="its config; mbusd has one for each serial port")
 

@@ -11,7 +11,7 @@ _HEADINGS = ("PORT", "DEVICE", "ADAPTER", "DRIVER", "STATE")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `ports`."""
+    """Add the arguments of `ports`."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 

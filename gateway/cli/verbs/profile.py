@@ -10,7 +10,7 @@ from typing import Any, Final
 from gateway.cli.kit.columns import align
 from gateway.cli.kit.usage import baud
 from gateway.cli.main import FINE, PROBLEM_FOUND, WRONG_USAGE
-from gateway.cli.verbs.check import limits_as_json, limits_table, milliseconds
+from gateway.cli.show.limits import limits_as_json, limits_table, milliseconds
 from gateway.config.load import load
 from gateway.config.plan.areas import places_of
 from gateway.config.plan.forecast import FunctionLimits, function_limits
@@ -32,7 +32,7 @@ _WRITING: Final[Mapping[str, str]] = {"no": "no", "yes": "yes", "only": "only, n
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `profile`."""
+    """Add the arguments of `profile`."""
     parser.add_argument("name", nargs="?", help="name of the profile (default: list all)")
     parser.add_argument("--baud", type=baud, default=19200, metavar="N", help="baud rate of the line (default 19200)")
     parser.add_argument("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
@@ -77,7 +77,7 @@ def _format(text: str) -> CharacterFormat:
 
 
 def _tables(config: str | None) -> Mapping[str, ProfileTable] | None:
-    """The built-in profiles and those of a config file, or None if that has errors."""
+    """Load the built-in profiles and those of a config file; None if that has errors."""
     if config is None:
         return builtin_profiles()
     loaded = load(config)
@@ -136,7 +136,7 @@ def _timing_table(profile: Profile) -> str:
 
 
 def _points_table(points: Iterable[PointTable]) -> str:
-    """One row for each table of the config: a range of points is one row."""
+    """Show one row for each table of the config: a range of points is one row."""
     rows = [
         (table.name, area, _span(addresses), type_of(table, area), table.unit, _WRITING[table.write])
         for table in points

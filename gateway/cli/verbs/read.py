@@ -38,7 +38,7 @@ uint32, int32, uint64, int64, float32, float64 or string.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `read`."""
+    """Add the arguments of `read`."""
     parser.usage = (
         "modbus-gateway read UNIT [POINT ...] [options]\n"
         "       modbus-gateway read UNIT AREA ADDRESS[-ADDRESS] [TYPE] [options]"

@@ -17,7 +17,7 @@ _CHANGES: Final = ("new", "gone", "changed", "takes effect after a restart")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `reload`."""
+    """Add the arguments of `reload`."""
     add_control_argument(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 

@@ -12,7 +12,7 @@ from gateway.readconfig.process import ConfigProcess
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `run`."""
+    """Add the arguments of `run`."""
     parser.add_argument("--control", metavar="PATH", help="path of the control socket; overrides the config")
     parser.add_argument("config", nargs="?", default=DEFAULT_CONFIG, help=f"the config file (default {DEFAULT_CONFIG})")
 
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _dump_no_core() -> None:
-    """A core dump would have private keys and passwords in it; the service's unit forbids it too."""
+    """Forbid core dumps, which would have private keys and passwords in them; the service's unit forbids them too."""
     soft, hard = resource.getrlimit(resource.RLIMIT_CORE)
     if soft:
         resource.setrlimit(resource.RLIMIT_CORE, (0, hard))

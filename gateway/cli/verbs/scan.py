@@ -43,7 +43,7 @@ most one request of the scan. With --port, no gateway may have the port open.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `scan`."""
+    """Add the arguments of `scan`."""
     parser.usage = (
         "modbus-gateway scan LINE [UNITS] [options]\n       modbus-gateway scan [UNITS] --port PORT [options]"
     )
@@ -114,7 +114,7 @@ def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: Callable[[Prog
 
 
 def _units(words: Sequence[str]) -> list[str] | None:
-    """The unit set that the words name; None for all.
+    """Parse the unit set that the words name; None for all.
 
     Raises:
         WrongUsageError: they name none.

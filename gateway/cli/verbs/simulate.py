@@ -46,7 +46,7 @@ class _Group(NamedTuple):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `simulate`."""
+    """Add the arguments of `simulate`."""
     add = parser.add_argument
     add("profile", nargs="+", type=_group, metavar="PROFILE[:UNITS]", help=f"{', '.join(KINDS)}; several share a line")
     add("--port", required=True, type=Path, metavar="PATH", help="path of the virtual serial port")
@@ -111,7 +111,7 @@ async def _serve(line: SimulatedLine, introduction: str, end: asyncio.Event) -> 
 
 
 def _devices(groups: list[_Group], args: argparse.Namespace) -> list[Device]:
-    """The devices that the arguments name.
+    """Make the devices that the arguments name.
 
     Raises:
         ValueError: they cannot be on one line.
@@ -136,7 +136,7 @@ def _device(kind: str, unit: int, args: argparse.Namespace) -> Device:
 
 
 def _print_frames(mode: Mode, end: asyncio.Event) -> Tell:
-    """A function that prints each frame with its starting time; ends the simulation if the output is closed."""
+    """Make a function that prints each frame with its starting time, and sets `end` if the output is closed."""
 
     def tell(sender: Sender, data: bytes) -> None:
         text = data.hex(" ").upper() if mode == "rtu" else ascii(data.decode("latin-1"))[1:-1]
@@ -150,12 +150,12 @@ def _print_frames(mode: Mode, end: asyncio.Event) -> Tell:
 
 
 def _name_groups(groups: list[_Group]) -> str:
-    """The devices as text: `weigher 1-2, v80 6`."""
+    """Name the devices: `weigher 1-2, v80 6`."""
     return ", ".join(f"{group.kind} {show_units(group.units)}" for group in groups)
 
 
 def _write_line(groups: list[_Group], args: argparse.Namespace, mode: Mode, format_: CharacterFormat) -> str:
-    """The `[[line]]` table for these devices, with this rate or the usual one."""
+    """Write the `[[line]]` table for these devices, with this rate or the usual one."""
     port = args.port.absolute()
     baud = _shown_baud(groups, args)
     rows = [
@@ -173,12 +173,12 @@ def _write_line(groups: list[_Group], args: argparse.Namespace, mode: Mode, form
 
 
 def _is_manuals(groups: list[_Group], args: argparse.Namespace) -> bool:
-    """Whether the rate in the config that is shown is that of a manual, and the devices have none."""
+    """Tell whether the rate in the config that is shown is that of a manual, and the devices have none."""
     return args.baud is None and groups[0].kind in _USUAL_BAUD
 
 
 def _shown_baud(groups: list[_Group], args: argparse.Namespace) -> int:
-    """The rate in the config that is shown."""
+    """Choose the rate in the config that is shown."""
     return args.baud or _USUAL_BAUD.get(groups[0].kind, _DEFAULT_BAUD)
 
 

@@ -49,7 +49,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `trace`."""
+    """Add the arguments of `trace`."""
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     add = parser.add_argument
@@ -179,7 +179,7 @@ class _Follower:
         self.descriptions = {line.name: description(line) for line in lines}
 
     def facts(self, since: float | None, *, from_the_beginning: bool = False) -> Iterator[Fact]:
-        """Those of the last `since` seconds and no more, or the last ones of these.
+        """Give those of the last `since` seconds and no more, or the last ones of these.
 
         Without `since` the last few, and then until Ctrl-C; or the next ones.
         """

@@ -42,7 +42,7 @@ sessions of users that were changed or removed.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `user`."""
+    """Add the arguments of `user`."""
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     verbs = parser.add_subparsers(dest="what", metavar="add|remove|list|password", required=True)
@@ -122,7 +122,7 @@ def _known(name: str, users: dict[str, User]) -> User:
 
 
 def _new_password(name: str) -> str:
-    """A password from the terminal, typed twice, or the first line of standard input."""
+    """Ask for a password, twice, or read the first line of standard input."""
     if sys.stdin.isatty():
         password = getpass.getpass(f"Password for {name}: ")
         if password != getpass.getpass("Again: "):
@@ -135,7 +135,7 @@ def _new_password(name: str) -> str:
 
 
 def _file_of_config() -> str:
-    """The file that the service's config names; empty if it names none."""
+    """Find the file that the service's config names; empty if it names none."""
     file = Path(DEFAULT_CONFIG)
     try:
         config = tomllib.loads(read_file_text(file))

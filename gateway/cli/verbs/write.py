@@ -39,7 +39,7 @@ asking.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of `write`."""
+    """Add the arguments of `write`."""
     parser.usage = (
         "modbus-gateway write UNIT POINT VALUE [options]\n"
         "       modbus-gateway write UNIT AREA ADDRESS VALUE ... [TYPE] [options]"

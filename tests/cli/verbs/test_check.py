@@ -8,7 +8,7 @@ from textwrap import dedent
 import pytest
 
 from gateway.cli.main import main
-from gateway.cli.verbs.check import _round_up
+from gateway.cli.show.limits import round_up
 from gateway.readconfig.file_troubles import with_file_troubles
 from kit.pty import VirtualPort
 
@@ -694,7 +694,7 @@ def test_a_file_that_the_service_may_not_read_is_a_warning(config, capsys, monke
     ("seconds", "shown"), [(0.0, "at once"), (0.004, "10 ms"), (1.001, "1.01 s"), (21.12, "21.2 s"), (101.1, "102 s")]
 )
 def test_the_longest_wait_is_never_shown_too_short(seconds, shown):
-    assert _round_up(seconds) == shown
+    assert round_up(seconds) == shown
 
 
 def test_the_unit_of_the_gateway_itself_is_shown(config, capsys):

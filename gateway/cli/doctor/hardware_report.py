@@ -55,7 +55,7 @@ def make_report(args: argparse.Namespace) -> int:
 
 
 def _by_hand(settings: SerialSettings, unit: int | None, *, asks: bool) -> Iterator[ReportRow]:
-    """What only a person can do: it is asked for, or named as not done."""
+    """Ask for what only a person can do, or name it as not done."""
     if asks and _agrees(f"When you are told to: {_UNPLUG}."):
         yield run_exactly(wait_for_loss(make_opener, settings, lambda: _say("Unplug the adapter now.")))
         _say("Plug it in again.")
@@ -81,7 +81,7 @@ def _say(text: str) -> None:
 
 
 def as_text(sections: list[Section]) -> str:
-    """The report for people."""
+    """Show the report for people."""
     width = max(len(row.what) for _, rows in sections for row in rows)
     lines = [f"Hardware report of modbus-gateway. {_PROMISE}"]
     for title, rows in sections:
@@ -90,6 +90,6 @@ def as_text(sections: list[Section]) -> str:
 
 
 def as_json(sections: list[Section]) -> str:
-    """The report for programs."""
+    """Make the report for programs."""
     picture = [{"title": title, "rows": [row._asdict() for row in rows]} for title, rows in sections]
     return json.dumps({"sections": picture}, indent=2, ensure_ascii=False)

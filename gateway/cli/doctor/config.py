@@ -20,7 +20,7 @@ _LEVELS: Final[Mapping[str, Level]] = {"error": "fix", "warning": "note"}
 
 
 def look_at_config(file: Path, line: str | None) -> list[Finding]:
-    """What is wrong with the file, and with the ports that it names; of one line, if one is named.
+    """Find what is wrong with the file, and with the ports that it names; of one line, if one is named.
 
     Raises:
         DaemonError: the file has no such line.
@@ -37,7 +37,7 @@ def look_at_config(file: Path, line: str | None) -> list[Finding]:
 
 
 def _told(problem: Problem) -> str:
-    """The problem without the file, which the row names."""
+    """Show the problem without the file, which the row names."""
     return str(replace(problem, remedy="")).removeprefix(problem.file).removeprefix(":").lstrip()
 
 

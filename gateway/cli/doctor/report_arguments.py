@@ -11,7 +11,7 @@ from gateway.timing.characters import CharacterFormat
 
 
 def unit_number(text: str) -> int:
-    """A `type` for argparse: a unit on a serial line.
+    """Parse a unit on a serial line: a `type` for argparse.
 
     Raises:
         argparse.ArgumentTypeError: it is none.
@@ -22,7 +22,7 @@ def unit_number(text: str) -> int:
 
 
 def add_report_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the report."""
+    """Add the arguments of the report."""
     group: Any = parser.add_argument_group("a report about an adapter")
     add = group.add_argument
     add("--hardware-report", metavar="PORT", help="test the adapter of this serial port, and print a report")

@@ -1,0 +1,124 @@
+"""All that `check` prints of a config: its problems, and its effect."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import zip_longest
+from typing import Any, Final
+
+from gateway.cli.show.images import images_as_json, images_as_text, mirrors_as_json
+from gateway.cli.show.lines import line_as_json, line_as_text
+from gateway.cli.show.listeners import listeners_as_json, listeners_as_text
+from gateway.cli.show.published import published_as_json, published_as_text
+from gateway.cli.show.rights import rights_as_json, rights_as_text
+from gateway.cli.show.servers import server_as_json, server_as_text, upstream_as_json, upstream_as_text
+from gateway.cli.show.sites import sites_as_json, sites_as_text
+from gateway.config.load import Loaded
+from gateway.config.plan.settings import Plan
+from gateway.config.problem import Problem, dotted
+from gateway.errors import StateError
+from gateway.events import AddressRemembered, BaudRemembered
+from gateway.runtime.remembered import in_force
+from gateway.state.memory import read_memory, state_folder
+
+_LONGEST_WAIT: Final = "Longest wait = max_wait + gap + longest request on the wire + its time limit."
+_LONGEST_WAIT_FOR_REPEATS: Final = "With retries it is max_wait + gap + retry_within, if that is longer."
+_ADVICE: Final = """\
+Set each client's time-out above the longest wait of the units that it polls.
+The longest wait is valid for up to in_flight requests at once per connection;
+further requests are read later."""
+
+
+def check_as_text(loaded: Loaded, plan: Plan | None) -> str:
+    """Show problems and effect for people; `plan` is None if there are errors."""
+    parts = ["\n".join(map(str, _with_help_once(loaded.problems)))] if loaded.problems else []
+    if plan is None:
+        return "\n".join([*parts, _verdict(loaded.problems)])
+    parts += [listeners_as_text(plan.listeners), rights_as_text(plan)]
+    parts += [line_as_text(line, plan) for line in plan.lines]
+    parts += [upstream_as_text(upstream, plan) for upstream in plan.upstreams]
+    parts += sites_as_text(plan)
+    parts += [server_as_text(server, plan) for server in plan.servers]
+    parts += images_as_text(plan)
+    parts += published_as_text(plan)
+    parts += _remembered(plan)
+    if plan.lines or plan.upstreams:
+        parts.append(_advice(plan))
+    return "\n\n".join([*parts, _verdict(loaded.problems)])
+
+
+def _advice(plan: Plan) -> str:
+    repeats = [_LONGEST_WAIT_FOR_REPEATS] if any(line.line.retries for line in plan.lines) else []
+    return "\n".join([_LONGEST_WAIT, *repeats, _ADVICE])
+
+
+def _with_help_once(problems: tuple[Problem, ...]) -> Iterator[Problem]:
+    """Give the problems; of those that are the same in several places, the last one has the help."""
+    for problem, following in zip_longest(problems, problems[1:]):
+        is_alike = following is not None and (following.what, following.remedy) == (problem.what, problem.remedy)
+        yield replace(problem, remedy="") if is_alike else problem
+
+
+def _verdict(problems: tuple[Problem, ...]) -> str:
+    errors = sum(problem.severity == "error" for problem in problems)
+    warnings = len(problems) - errors
+    return f"{_count(errors, 'error')}, {_count(warnings, 'warning')}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+
+
+def _remembered(plan: Plan) -> list[str]:
+    """Show the values that the gateway uses instead of the config, if the same user runs it."""
+    try:
+        rows = [f"  {each.line}: {_describe_remembered(each)}; {each.advice}" for each in _in_force(plan)]
+    except StateError as error:
+        rows = [f"  {error}"]
+    return ["\n".join(["Remembered from an earlier run", *rows])] if rows else []
+
+
+def _remembered_as_json(plan: Plan) -> list[dict[str, Any]] | None:
+    """Make the remembered values for programs; None if the file cannot be read."""
+    try:
+        return [each.fields() for each in _in_force(plan)]
+    except StateError:
+        return None
+
+
+def _in_force(plan: Plan) -> Iterator[AddressRemembered | BaudRemembered]:
+    return in_force(plan, read_memory(state_folder()))
+
+
+def _describe_remembered(each: AddressRemembered | BaudRemembered) -> str:
+    if isinstance(each, AddressRemembered):
+        return f"{each.device} is polled at {each.unit}, the config says {each.configured}"
+    return f"{each.baud} baud, the config says {each.configured}"
+
+
+def check_as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
+    """Make the same for programs."""
+    picture: dict[str, Any] = {"problems": [_problem_as_json(problem) for problem in loaded.problems]}
+    if plan is not None:
+        picture["listeners"] = listeners_as_json(plan.listeners)
+        picture["rights"] = rights_as_json(plan)
+        picture["lines"] = [line_as_json(line, plan) for line in plan.lines]
+        picture["remembered"] = _remembered_as_json(plan)
+        picture["upstreams"] = [upstream_as_json(upstream, plan) for upstream in plan.upstreams]
+        picture["other_sites"] = sites_as_json(plan)
+        picture["servers"] = [server_as_json(server, plan) for server in plan.servers]
+        picture["images"] = images_as_json(plan)
+        picture["mirrors"] = mirrors_as_json(plan)
+        picture["published"] = published_as_json(plan)
+    return picture
+
+
+def _problem_as_json(problem: Problem) -> dict[str, Any]:
+    return {
+        "severity": problem.severity,
+        "file": problem.file,
+        "line": problem.line or None,
+        "column": problem.column or None,
+        "path": dotted(problem.path),
+        "what": problem.what,
+        "help": problem.remedy,
+    }
