@@ -1,7 +1,7 @@
-"""The event loop of the gateway: its timers are exact to microseconds, and a ready descriptor is a call, no more.
+"""The event loop of the gateway, with timers exact to microseconds, and one plain call for a ready descriptor.
 
-It is asyncio's loop on a selector that calls what waits for descriptors itself (`clock/waiter.py`), and returns only
-when there is something else to do. What that gains: docs/performance.md
+It is asyncio's loop on a selector that calls the callbacks of ready descriptors itself (`clock/waiter.py`), and returns
+only when the loop has something else to do. Measurements: docs/performance.md
 """
 
 import asyncio
@@ -20,12 +20,12 @@ T = TypeVar("T")
 
 #: The private names of Python's library that are used here.
 _NAMES: Final = (
-    (selectors.EpollSelector, "_selector_cls"),  # which makes its `_selector`
+    (selectors.EpollSelector, "_selector_cls"),  # makes its `_selector`
     *((asyncio.Handle, name) for name in ("_context", "_callback", "_args")),
 )
 #: The kernel may let a thread sleep this many nanoseconds longer, by default 50 000 (proc(5)).
 _SLACK: Final = Path("/proc/self/timerslack_ns")
-#: How long a thread that computes (one that makes a page) may keep the loop waiting, in seconds; by default 5 ms.
+#: How long a computing thread, such as one that makes a page, may keep the loop waiting, in seconds; by default 5 ms.
 _HAND_OVER: Final = 0.0005
 
 
@@ -37,7 +37,7 @@ def run_exactly(main: Coroutine[Any, Any, T]) -> T:
 
 def new_exact_loop() -> asyncio.AbstractEventLoop:
     """Make an event loop with exact timers, for the main thread."""
-    with suppress(OSError):  # timers are 50 us later then
+    with suppress(OSError):  # timers are 50 us late then
         _SLACK.write_text("1")
     sys.setswitchinterval(_HAND_OVER)
     if all(hasattr(owner, name) for owner, name in _NAMES):
@@ -45,11 +45,11 @@ def new_exact_loop() -> asyncio.AbstractEventLoop:
         with suppress(AttributeError):
             return ExactLoop(selector)
         selector.close()
-    return asyncio.SelectorEventLoop()  # a Python to come: timers are 1 ms late then
+    return asyncio.SelectorEventLoop()  # a future Python without these names: timers are 1 ms late
 
 
 class ExactSelector(selectors.EpollSelector):
-    """Waits as a Waiter does, for the loop below, which registers pairs of callbacks, to read and to write."""
+    """A selector that waits with a Waiter. Its loop registers pairs of handles: one to read, one to write."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -57,19 +57,19 @@ class ExactSelector(selectors.EpollSelector):
         self.select = self.waiter.wait  # type: ignore[assignment,method-assign]  # for its loop
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        """See selectors.BaseSelector."""
+        """Register the handles in `data`, with the waiter too."""
         key = super().register(fileobj, events, data)
         self.waiter.register(key.fd, data)
         return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:
-        """See selectors.BaseSelector."""
+        """Unregister a descriptor, from the waiter too."""
         key = super().unregister(fileobj)
         self.waiter.unregister(key.fd)
         return key
 
     def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        """See selectors.BaseSelector."""
+        """Replace the handles by those in `data`, in the waiter too."""
         key = super().modify(fileobj, events, data)
         self.waiter.register(key.fd, data)
         return key
@@ -92,12 +92,12 @@ class ExactLoop(asyncio.SelectorEventLoop):
     def call_at(
         self, when: float, callback: Callable[..., object], *args: object, context: Context | None = None
     ) -> asyncio.TimerHandle:
-        """See asyncio."""
+        """Call `callback` at `when`, as asyncio does; a wait in progress ends in time for it."""
         self._waiter.end_by(when)
         return super().call_at(when, callback, *args, context=context)
 
     def stop(self) -> None:
-        """See asyncio."""
+        """Stop the loop, as asyncio does; a wait in progress ends."""
         self._waiter.end_by(0.0)
         super().stop()
 

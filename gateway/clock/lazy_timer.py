@@ -10,8 +10,8 @@ from gateway.clock.exact_loop import ExactLoop
 class LazyTimer:
     """Calls back once a deadline has passed, never before. Deadlines are `loop.time()`, in seconds.
 
-    A line changes its deadline several times in a transaction, to a later one and back. The loop is asked for a call
-    only if none is to come as early, and none is taken back: one that comes before the deadline is no more than a look.
+    A line changes its deadline several times in a transaction, to a later one and back. So the loop is asked for a call
+    only if no pending one is as early, and calls are not cancelled: one before the deadline only checks the time.
     """
 
     __slots__ = ("_call_at", "_callback", "_calls", "_deadline", "_time")
@@ -23,7 +23,7 @@ class LazyTimer:
         self._time = loop.time
         self._callback: Callable[[], None] | None = callback
         self._deadline = inf
-        #: When the loop is going to call, the next time last.
+        #: The times of pending calls, the next one last.
         self._calls: list[float] = []
 
     def set(self, deadline: float | None) -> None:

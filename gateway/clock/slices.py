@@ -6,12 +6,12 @@ from typing import Final, TypeVar
 
 T = TypeVar("T")
 
-#: The lines never wait longer than this for a part of a reading, in seconds.
+#: The lines get a turn each time this many seconds have passed.
 _SLICE: Final = 0.0005
 
 
 async def in_slices(parts: Iterable[T]) -> list[T]:
-    """The parts, each of which is made when it is its turn."""
+    """Collect `parts`, which the iterable makes one by one; meanwhile the event loop gets its turns."""
     now = asyncio.get_running_loop().time
     made: list[T] = []
     until = now() + _SLICE

@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 class ThreadPerCall(Executor):
-    """Runs each call in a new thread, named after its purpose.
+    """An executor that runs each call in a new thread, named after its purpose.
 
     Not a pool: a driver that hangs would take a worker from other lines, and Python waits for a pool's workers before
     it exits.
@@ -32,7 +32,7 @@ def _run(job: Callable[[], T], outcome: Future[T]) -> None:
     outcome.set_running_or_notify_cancel()
     try:
         result = job()
-    except BaseException as error:  # noqa: BLE001 - whatever it is, it is raised again where the outcome is awaited
+    except BaseException as error:  # noqa: BLE001 - raised again where the future is awaited
         outcome.set_exception(error)
     else:
         outcome.set_result(result)

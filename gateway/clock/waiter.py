@@ -1,7 +1,7 @@
-"""What the event loop does most of the time: it waits, and calls what waits for a descriptor or for a time. Compiled.
+"""The waiting of the event loop, with calls for ready descriptors and due times. Compiled (ADR 12).
 
-asyncio waits in `epoll_wait`, which counts in milliseconds. Above 19200 baud, t3.5 is 1.75 ms, so that a millisecond is
-a tenth of what a fast line can carry. `select` counts in microseconds, and can wait for the descriptor of an epoll. Why
+asyncio waits in `epoll_wait`, which counts in milliseconds. Above 19200 baud, t3.5 is 1.75 ms, so a millisecond is a
+tenth of what a fast line can carry. `select` counts in microseconds, and can wait for the descriptor of an epoll. Why
 not a timer descriptor for each line: docs/adr/0009-exact-timers.md
 """
 
@@ -23,33 +23,34 @@ SELECTABLE: Final = 1024
 _BATCH: Final = 64
 #: The longest wait in seconds, a day as in asyncio: `epoll` takes no more than 24 days.
 _LONGEST: Final = 86400.0
-#: To look these up in their module costs as much as to call them.
+#: Looking these up in their module would cost as much as calling them.
 _now: Final = monotonic
 _INF: Final = inf
-#: What epoll reports: that a descriptor can be read from, and that it can be written to.
+#: Events of epoll: a descriptor can be read from, or written to.
 _READABLE: Final = select.EPOLLIN
 _WRITABLE: Final = select.EPOLLOUT
 
 
 class Callback:
-    """What is called when a descriptor is ready: what a handle of asyncio calls, without the handle."""
+    """The callback of an asyncio handle, as one call without the handle."""
 
     def __init__(self, handle: asyncio.Handle) -> None:
         self.handle = handle
         self.call: Callable[[], object] = partial(handle._context.run, handle._callback, *handle._args)  # type: ignore[attr-defined]  # noqa: SLF001
-        #: Whether the handle waits no more. To ask it costs an attribute of a class that is not compiled.
+        #: Whether the handle waits no more. Asking the handle would be slower: its class is not compiled.
         self.is_over = False
 
 
-#: What waits to read from a descriptor, and what to write to it.
+#: The callbacks of a descriptor: to read, and to write.
 Callbacks = tuple[Callback | None, Callback | None]
 
 
 class Waiter:
-    """Waits with `epoll`, which has this `descriptor`, and calls `callbacks`, by their descriptors, and what is due.
+    """Waits with `epoll`, whose own descriptor is `descriptor`, and calls what is ready or due.
 
-    Of the loop that it serves, `ready` are the callbacks that the loop calls itself, `call_soon` adds one to them, and
-    `failed` reports errors. Those that were in `ready` before come first, as in asyncio.
+    `callbacks` has a descriptor as key. The loop that it serves sets three attributes: `ready`, the handles that the
+    loop calls itself; `call_soon`, which adds a callback to them; and `failed`, which takes the error of a callback.
+    Handles that are in `ready` when a wait begins are called first, as in asyncio.
     """
 
     def __init__(self, epoll: select.epoll, descriptor: int) -> None:
@@ -60,17 +61,17 @@ class Waiter:
         self._epoll = epoll
         self._descriptor = descriptor
         self._masked: set[int] = set()
-        #: What is to be called when; numbers keep the order of equal times.
+        #: Times and callbacks; the number between them keeps the order of equal times.
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._number = 0
         self._ends_at = 0.0
-        #: Whether what there is to call comes after what is in `ready`.
+        #: Whether callbacks are added to `ready` instead of called, because others are there already.
         self._is_behind = False
 
     def wait(self, timeout: float | None = None) -> list[asyncio.Handle]:
-        """Wait and call what there is to call until `timeout` has passed, or the loop has something to do.
+        """Wait, and call what is ready or due, for `timeout` seconds or until the loop has something to do.
 
-        Nothing of it is left to the loop: the list is empty.
+        Returns an empty list: the loop has no events to process.
         """
         self._is_behind = bool(self.ready)
         now = _now()
@@ -85,7 +86,7 @@ class Waiter:
                 return []
 
     def wake_at(self, when: float, callback: Callable[[], None]) -> None:
-        """Call back at `when`. This costs much less than a timer of the loop, and cannot be cancelled."""
+        """Call `callback` at `when`. This costs much less than a timer of the loop, and cannot be cancelled."""
         self._number += 1
         heappush(self._due, (when, self._number, callback))
 
@@ -111,9 +112,9 @@ class Waiter:
         self._masked.discard(descriptor)
 
     def mask(self, descriptor: int, *, is_masked: bool) -> None:
-        """Read nothing from a descriptor for a while, but notice when what is behind it is lost; or read again.
+        """Stop reading from a descriptor, but notice when its connection is lost; unless `is_masked`, read again.
 
-        To remove what reads and to register it anew takes five times as long.
+        This takes a fifth of the time of unregistering and registering.
         """
         reader, writer = self.callbacks[descriptor]
         if is_masked:
@@ -124,13 +125,13 @@ class Waiter:
         self._epoll.modify(descriptor, reading if writer is None else reading | _WRITABLE)
 
     def _end(self, descriptor: int, *going_on: asyncio.Handle | None) -> None:
-        """Stop calling what waits for the descriptor, even if that is ready, except these handles."""
+        """End the callbacks of a descriptor, even those that are ready, except for the handles `going_on`."""
         for callback in self.callbacks.get(descriptor) or ():
             if callback is not None and callback.handle not in going_on:
                 callback.is_over = True
 
     def _poll(self, timeout: float) -> None:
-        """Wait once."""
+        """Wait once, for `timeout` seconds or less, and call what is ready."""
         if timeout <= 0.0:
             self._call_ready(0.0)
         elif self._descriptor >= SELECTABLE:
@@ -141,9 +142,9 @@ class Waiter:
             self._call_ready(0.0)
 
     def _call_ready(self, wait: float) -> None:
-        """Call those that are ready within `wait` seconds, unless another one of them has just cancelled it.
+        """Call the callbacks that are ready within `wait` seconds, except those that another one has just ended.
 
-        If they are behind others, the loop calls them.
+        If others must be called first, leave them to the loop.
         """
         ready = []
         for descriptor, events in self._epoll.poll(wait, _BATCH):
@@ -162,7 +163,7 @@ class Waiter:
                 self._call(callback.call)
 
     def _call_due(self, now: float) -> None:
-        """Call what is due, but not yet what these calls add: descriptors come between."""
+        """Call what is due, but not yet what these calls add: ready descriptors come first."""
         last = self._number
         while self._due and self._due[0][0] <= now and self._due[0][1] <= last:
             callback = heappop(self._due)[2]
@@ -181,5 +182,5 @@ class Waiter:
 
 
 def _serves_no_loop(_: object) -> None:
-    """Stand in for a loop until there is one."""
+    """Raise RuntimeError: there is no loop yet."""
     raise RuntimeError("the waiter serves no loop yet")
