@@ -2,6 +2,6 @@
 
 - daemon       the log, the state, signals, and what is open while it runs
 - supervisor   start, ready, serve, drain, stop
-- systemd, watchdog    what systemd is told
-- hang_up      what SIGHUP means
+- systemd, watchdog    notifications to systemd
+- hang_up      the meaning of SIGHUP
 """

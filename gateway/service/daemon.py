@@ -53,7 +53,7 @@ def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None) ->
 
     Raises:
         ListenError: a listener's address cannot be used.
-        StateError: what was remembered cannot be read.
+        StateError: the remembered state cannot be read.
         TlsError: a certificate or a key cannot be used.
     """
     try:
@@ -70,7 +70,7 @@ def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None) ->
 
 
 def tell_journal(rejected: events.ConfigRejected) -> None:
-    """Log it to systemd's journal too: what the command prints has no priority and no fields there."""
+    """Log it to the journal too, if stderr goes there: what the command prints has no priority and no fields."""
     if leads_to_journal(2):
         with open_log("error", "journald") as emit:
             emit(rejected)
@@ -122,12 +122,12 @@ async def _run(
 
 
 def _web_pages(plan: WebPlan | None, *parts: Any) -> AbstractAsyncContextManager[None]:
-    """See gateway.web.front.opening, which is loaded only for a [web]."""
+    """Make the context of the web pages. Without [web], nothing of them is imported."""
     return nullcontext() if plan is None else import_module("gateway.web.front.opening").web_pages(plan, *parts)
 
 
 def _reload_or_stop(reloader: Reloader, stop: Stop, hang_up: HangUp) -> None:
-    """SIGHUP: stop if the terminal was closed; reload the config as a daemon."""
+    """Handle SIGHUP: stop if the terminal was closed, else reload the config."""
     if hang_up.is_end:
         stop.order("SIGHUP")
     else:

@@ -1,4 +1,4 @@
-"""What SIGHUP means: the terminal was closed, or the config is to be read again."""
+"""The meaning of SIGHUP: the terminal was closed, or the config must be read again."""
 
 import os
 import signal
@@ -6,7 +6,7 @@ import sys
 
 
 class HangUp:
-    """Made at the start: after a terminal was closed, nothing tells any more that there was one."""
+    """The terminal of this process as found at its start: once it is closed, nothing shows that there was one."""
 
     def __init__(self) -> None:
         outlives = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN  # nohup
@@ -15,12 +15,12 @@ class HangUp:
 
     @property
     def is_end(self) -> bool:
-        """Whether a SIGHUP that came now ends the gateway: its log is on a terminal, or its terminal is gone."""
+        """Whether a SIGHUP now ends the gateway: it logs to a terminal, or its terminal is gone."""
         return self._logs_to_terminal or (self._had_terminal and not _has_terminal())
 
 
 def _has_terminal() -> bool:
-    """Whether a terminal controls this process: when it is closed, SIGHUP is sent."""
+    """Tell whether a terminal controls this process; closing it sends SIGHUP."""
     try:
         os.close(os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY))
     except OSError:

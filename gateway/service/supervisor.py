@@ -17,7 +17,7 @@ from gateway.service.watchdog import watch
 
 
 class Stop:
-    """The order to stop: after the first one, requests in progress are finished; a second one ends that."""
+    """The order to stop: requests in progress are finished first; a second order ends them."""
 
     def __init__(self) -> None:
         self.reason = ""
@@ -25,7 +25,7 @@ class Stop:
         self._asked = asyncio.Event()
 
     def order(self, reason: str) -> None:
-        """Order a stop, or an immediate one."""
+        """Order a stop; the second time, an immediate one."""
         self.at_once = self._asked.is_set()
         self.reason = self.reason or reason
         self._asked.set()
@@ -47,8 +47,7 @@ async def serve(
     """Run a gateway until `stop`. It is ready when clients can connect and every line was tried once.
 
     `pages` are entered after the addresses of all listeners are bound. `control` is the path of the control socket, for
-    the log. No reload of `reloader` outlasts the order to
-    stop.
+    the log. The order to stop ends a reload of `reloader`.
 
     Raises:
         ListenError: an address cannot be used.
@@ -108,7 +107,7 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier, control:
 
 
 async def _complete_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:
-    """Whether `step` finished before the order to stop; if not, it is cancelled. Raises what `step` raises."""
+    """Run `step`, which the order to stop cancels; tell whether it finished. Raises what `step` raises."""
     doing, asked = asyncio.create_task(step, name="start"), asyncio.create_task(stop.wait(), name="stop")
     await asyncio.wait((doing, asked), return_when=asyncio.FIRST_COMPLETED)
     asked.cancel()

@@ -1,6 +1,6 @@
 """The systemd protocol of a service: readiness, status and watchdog messages; inherited sockets.
 
-See sd_notify(3), sd_watchdog_enabled(3) and sd_listen_fds(3). Without systemd nothing is done.
+See sd_notify(3), sd_watchdog_enabled(3) and sd_listen_fds(3). Without systemd nothing happens.
 """
 
 import os
@@ -30,16 +30,16 @@ class Notifier:
         return bool(self._address)
 
     def ready(self, status: str) -> None:
-        """Clients can connect, or a reload is over."""
+        """Tell that clients can connect, or that a reload is over, with a `status`."""
         self._step("READY=1")
         self.status(status)
 
     def reloading(self) -> None:
-        """The config is being read again; `ready` follows."""
+        """Tell that the config is being read again; `ready` must follow."""
         self._step("RELOADING=1")
 
     def status(self, text: str) -> None:
-        """What `systemctl status` shows. One that is longer than 4096 bytes is not taken."""
+        """Set the text that `systemctl status` shows. systemd ignores one that is longer than 4096 bytes."""
         self._repeat_step()
         self._tell(f"STATUS={text}")
 
@@ -49,7 +49,7 @@ class Notifier:
         self._tell("WATCHDOG=1")
 
     def stopping(self) -> None:
-        """The service is stopping."""
+        """Tell that the service is stopping."""
         self._step("STOPPING=1")
 
     def _step(self, step: str) -> None:
@@ -75,7 +75,7 @@ class Notifier:
 
 
 def take_inherited_sockets(environment: Mapping[str, str] = os.environ) -> list[socket.socket]:
-    """The sockets that systemd has opened for this process (socket activation)."""
+    """Take over the sockets that systemd has opened for this process (socket activation). Call it once."""
     if environment.get("LISTEN_PID") != str(os.getpid()):
         return []
     count = int(environment.get("LISTEN_FDS", "0"))

@@ -17,7 +17,7 @@ _STATUS_PERIOD: Final = 1.0
 
 
 async def watch(running: Running, notifier: Notifier) -> None:
-    """Notify systemd until cancelled."""
+    """Update the status, and notify systemd while nothing is late, until cancelled."""
     loop = asyncio.get_running_loop()
     period = min(notifier.watchdog / _SIGNS or _STATUS_PERIOD, _STATUS_PERIOD)
     while True:
@@ -30,5 +30,5 @@ async def watch(running: Running, notifier: Notifier) -> None:
 
 
 def stuck(gateway: Gateway, now: float) -> list[str]:
-    """The lines and upstreams that are late by LATE seconds or more."""
+    """List the names of the lines and upstreams that are late by LATE seconds or more."""
     return [part.name for part in gateway.parts if part.driver.overdue(now) >= LATE]
