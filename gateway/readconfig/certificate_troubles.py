@@ -1,4 +1,4 @@
-"""What `check` finds in the files that TLS needs."""
+"""Warnings of `check` about the files that TLS needs."""
 
 import os
 import time
@@ -14,7 +14,7 @@ from gateway.tls.settings import Secured, ServerTls
 
 
 def certificate_troubles(config: Config, file: str) -> Iterator[Problem]:
-    """A warning for each file that cannot be used, or not for long. Credentials are known to the service only."""
+    """Yield a warning for each file that cannot be used, or not for long. Only the service can see credentials."""
     plan = resolve(config)
     besides = (one for part in plan.add_ons.values() for one in part.secured)
     for one in (*plan.secured, *besides):

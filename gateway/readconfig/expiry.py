@@ -1,4 +1,4 @@
-"""Sees early that a certificate, or a revocation list, will not be valid any more."""
+"""Warns early of certificates and revocation lists that will expire."""
 
 import asyncio
 import time
@@ -13,14 +13,15 @@ from gateway.tls.contexts import find_too_early
 from gateway.tls.status import CertificateStatus
 from gateway.tls.store import TlsStore
 
-#: From how many days before its end on it is said, once a day. It is looked for every hour: a reload may bring others.
+#: Warnings begin this many days before the end, one a day. Files are looked at every hour (STEP, in seconds): a reload
+#: may bring others.
 EARLY: Final = 30.0
 STEP: Final = 3600.0
 DAY: Final = 86_400.0
 
 
 def certificates(contexts: TlsStore, now: float) -> Iterator[CertificateStatus]:
-    """Every certificate and revocation list in use; `now` in seconds since 1970."""
+    """Yield every certificate and revocation list in use; `now` is in seconds since 1970."""
     for secured, expiry in contexts.expiries():
         until = datetime.fromtimestamp(expiry.at, UTC).strftime("%Y-%m-%d")
         left = round((expiry.at - now) / DAY, 1)
@@ -28,11 +29,11 @@ def certificates(contexts: TlsStore, now: float) -> Iterator[CertificateStatus]:
 
 
 async def keep_looking(contexts: Callable[[], TlsStore], emit: Emit) -> None:
-    """Tell what will expire until cancelled."""
+    """Emit CertificateExpires once a day for each file that expires soon, until cancelled."""
     loop = asyncio.get_running_loop()
     told_at: dict[tuple[str, str, str], float] = {}
     while True:
-        now, passed = time.time(), loop.time()  # by a clock that is never set
+        now, passed = time.time(), loop.time()  # the loop's clock is never set
         for each in certificates(contexts(), now):
             place = each.file, each.subject, each.until
             if each.days_left < EARLY and passed - told_at.get(place, -inf) >= DAY:
@@ -42,7 +43,7 @@ async def keep_looking(contexts: Callable[[], TlsStore], emit: Emit) -> None:
 
 
 def about_certificates(contexts: TlsStore, now: float) -> Iterator[Finding]:
-    """What doctor says about them: what is not valid yet, what expires soon, or when the first one does."""
+    """Yield findings for `doctor`: what is not valid yet, what expires soon, or when the first one does."""
     for secured, expiry in contexts.expiries():
         for said in find_too_early([expiry], now):
             remedy = (

@@ -1,4 +1,4 @@
-"""What is wrong with the files that a config names, and with its own: what `check` says beside what stands in it."""
+"""Warnings of `check` about the files that a config names, and about its own file, but not about its content."""
 
 import os
 import stat
@@ -25,12 +25,12 @@ from gateway.readconfig.page_users import Users, read_users
 from gateway.readconfig.password import read_password, read_secret, read_token
 from gateway.tls.settings import SecretFile
 
-#: Rights that others than the owner and the group have, and writing by the group.
+#: All rights of others, and the right of the group to write.
 _EXPOSED: Final = stat.S_IRWXO | stat.S_IWGRP
 
 
 def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG) -> Loaded:
-    """The same with what is wrong with files; `folder` is that of the service's config."""
+    """Add the troubles with files to the problems of `loaded`; `folder` is that of the service's config."""
     config = loaded.config
     if config is None:
         return loaded
@@ -44,7 +44,7 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
 
 
 def _about_files(config: Config, folder: Path) -> Iterator[Problem]:
-    """Warn of what single keys name. Those of TLS are in certificate_troubles, ports in config.machine."""
+    """Warn of files that keys name. Files of TLS are in certificate_troubles, ports in config.machine."""
     for add_on in ADD_ONS:
         table = add_on.table(config)
         if table is not None:
@@ -55,7 +55,7 @@ def _about_files(config: Config, folder: Path) -> Iterator[Problem]:
 
 
 def _about_file(table: Table, key: str, loss: str, folder: Path) -> Iterator[Problem]:
-    """Warn of the file that a key of an add-on names: without it, there is a `loss`."""
+    """Warn of the file that a key of an add-on names. `loss` says what happens without it."""
     path, named = (*table.path, key), getattr(table, key)
     match key:
         case "password":
@@ -80,7 +80,7 @@ def _about_libraries(config: Config) -> Iterator[Problem]:
 def _about_secret(
     path: ProblemPath, secret: SecretFile, read: Callable[[SecretFile], object], loss: str, folder: Path
 ) -> Iterator[Problem]:
-    """Warnings about what the gateway logs in with, and the `loss` without it. Only the service has credentials."""
+    """Warn of a file that the gateway logs in with, and of the `loss` without it. Only the service has credentials."""
     if secret.is_credential and "CREDENTIALS_DIRECTORY" not in os.environ:
         return
     try:
@@ -93,10 +93,10 @@ def _about_secret(
 
 
 def _read_credentials(secret: SecretFile) -> None:
-    """See that they can be used.
+    """Check that credentials can be used.
 
     Raises:
-        FleetError: the file cannot be read, or is of no use.
+        FleetError: the file cannot be read, its content is not valid, or PyNaCl is missing.
     """
     text = read_secret(secret, FleetError)
     try:
@@ -108,14 +108,14 @@ def _read_credentials(secret: SecretFile) -> None:
 
 
 def _unreadable(path: ProblemPath, file: str, loss: str, reason: str, cause: BaseException | None) -> Problem:
-    """The warning about a file that cannot be read: perhaps only by who looks at it."""
+    """Make the warning about a file that cannot be read, perhaps only by the user who runs this command."""
     if isinstance(cause, PermissionError) and cause.strerror == os.strerror(EACCES):
         return warning(path, f"{file} cannot be read by the user who runs this command", "run it as root")
     return warning(path, f"{loss}: {reason}")
 
 
 def _about_users(path: ProblemPath, file: str, loss: str, folder: Path, *, may_write: bool) -> Iterator[Problem]:
-    """Warn of the file with the users, of whom some may write."""
+    """Warn of the file with the users. With `may_write`, it should have an operator."""
     try:
         if Path(file).stat().st_mode & _EXPOSED:
             remedy = f"chmod o=,g-w {file}; the service must be able to read it: chgrp dialout, 640"
@@ -147,7 +147,7 @@ def _about_token(path: ProblemPath, name: str, loss: str, folder: Path) -> Itera
 
 
 def _about_socket(path: ProblemPath, socket: Path) -> Iterator[Problem]:
-    """Warnings about the control socket: the gateway runs without it if it cannot be made."""
+    """Warn of a control socket that cannot be made: the gateway runs without it."""
     try:
         if socket.is_socket():  # of a gateway that runs
             return
@@ -159,7 +159,7 @@ def _about_socket(path: ProblemPath, socket: Path) -> Iterator[Problem]:
 
 
 def _no_folder(file: Path) -> str:
-    """Why the folder of a file cannot be made, or the file not made there; empty if both can."""
+    """Say why `file` or its folder cannot be made; empty if both can."""
     there = next(each for each in file.absolute().parents if each.exists())
     if not there.is_dir():
         return f"{there} is not a folder"
@@ -168,7 +168,7 @@ def _no_folder(file: Path) -> str:
 
 
 def _about_access(path: ProblemPath, file: str, folder: Path) -> Iterator[Problem]:
-    """The service has a user of its own, which reads what root owns only through a group."""
+    """Warn of a file of root that the service cannot read: its own user needs the rights of a group."""
     status = Path(file).stat()
     is_of_no_group = status.st_gid == 0 or not status.st_mode & stat.S_IRGRP
     if Path(file).parent == folder and status.st_uid == 0 and is_of_no_group:

@@ -1,4 +1,4 @@
-"""Libraries that only some tables of the config need: they come with an extra of the package, named as the table."""
+"""Libraries that only some tables of the config need. Each table has an extra of the package with its name."""
 
 from collections.abc import Mapping
 from importlib.util import find_spec
@@ -14,11 +14,11 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def missing_library(extra: str) -> str | None:
-    """The first module of an extra that is not there; None if all are."""
+    """Return the first module of an extra that is not installed; None if all are."""
     return next((module for module in _MODULES[extra] if find_spec(module) is None), None)
 
 
 def not_installed(module: str | None, extra: str) -> str:
-    """What is said where a module of an extra is missing."""
+    """Say that a module of an extra is missing, and how to install it."""
     wheel = f"./dist/mbgw-{__version__}-py3-none-any.whl[web,mqtt,fleet,yaml]"
     return f"{module} is not installed: the wheel was installed without [{extra}]; pipx install --force '{wheel}'"

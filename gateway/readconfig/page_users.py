@@ -1,9 +1,9 @@
-"""The file with the users of the web page: a line for each, with the role and what is kept of the password.
+"""The file with the users of the web page: a line for each, with the role and the hash of the password.
 
 anna:operator:$scrypt$ln=14,r=8,p=5$SALT$HASH
 
-The password itself is nowhere. What is kept costs 16 MiB and some tenths of a second for each guess (RFC 7914; the
-numbers are those that OWASP recommends for 16 MiB).
+The password itself is not stored. A guess costs 16 MiB and some tenths of a second (RFC 7914, with the parameters that
+OWASP recommends for 16 MiB).
 """
 
 import binascii
@@ -32,7 +32,7 @@ LONGEST_PASSWORD: Final = 1024
 #: The largest file that is read, in bytes.
 MOST_READ: Final = 1024 * 1024
 
-#: log2 of the cost, block size, parallelization. Larger ones in a file are refused: a guess would cost too much here.
+#: log2 of the cost, block size, parallelization; and the highest ones accepted from a file: a login must not cost more.
 _COST: Final = (14, 8, 5)
 _HIGHEST_COST: Final = (17, 16, 16)
 _MEMORY: Final = 512 * 1024 * 1024
@@ -44,7 +44,7 @@ _HASH: Final = re.compile(r"\$scrypt\$ln=(\d{1,2}),r=(\d{1,2}),p=(\d{1,2})\$([A-
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """Somebody who may log in. `hash` is what is kept of the password."""
+    """A user who may log in, and the hash of the password."""
 
     name: str
     role: Role
@@ -58,12 +58,12 @@ Users = Mapping[str, User]
 
 
 def is_user_name(name: str) -> bool:
-    """Whether somebody can be called so: 1 to 64 letters, digits, and . _ @ - behind the first."""
+    """Tell whether a user may have this name: 1 to 64 letters and digits, and . _ @ - after the first."""
     return _NAME.fullmatch(name) is not None
 
 
 def password_trouble(password: str) -> str:
-    """Why a password cannot be used; empty if it can."""
+    """Say why a password cannot be used; empty if it can."""
     if len(password) < SHORTEST_PASSWORD:
         return f"it must have {SHORTEST_PASSWORD} characters at least"
     if len(password.encode(errors="surrogateescape")) > LONGEST_PASSWORD:
@@ -72,37 +72,37 @@ def password_trouble(password: str) -> str:
 
 
 def hashed(password: str) -> str:
-    """What is kept of a password. It takes some tenths of a second."""
+    """Hash a password for the file, with a new salt. Takes some tenths of a second."""
     salt = secrets.token_bytes(_SALT)
     log_n, r, p = _COST
     return f"$scrypt$ln={log_n},r={r},p={p}${_text(salt)}${_text(_scrypt(password, salt, _COST))}"
 
 
 def is_password(password: str, user: User | None) -> bool:
-    """Whether it is the password of `user`. It takes as long for nobody, so it does not tell who exists."""
+    """Tell whether `user` has this password. It takes as long for None, so as not to reveal which users exist."""
     match = _HASH.fullmatch(_NOBODY if user is None else user.hash)
-    assert match is not None  # noqa: S101 - whoever has read the file has seen to that
+    assert match is not None  # noqa: S101 - parse_users accepts no other hash
     cost = (int(match[1]), int(match[2]), int(match[3]))
     is_equal = hmac.compare_digest(_scrypt(password, b64decode(match[4]), cost), b64decode(match[5]))
     return is_equal and user is not None
 
 
 def read_users(path: Path) -> Users:
-    """The users in a file, by name.
+    """Read the users in a file, by name.
 
     Raises:
         OSError: it cannot be read.
-        UsersError: a line of it is none of a user.
+        UsersError: a line is not a user, or a name occurs twice.
     """
     with path.open("rb") as file:
         return parse_users(file.read(MOST_READ).decode("utf-8", "replace"), str(path))
 
 
 def parse_users(text: str, file: str) -> Users:
-    """The users in `text`, which stands in `file`. Empty lines, and those that begin with #, mean nothing.
+    """Parse the users in `text`, by name; messages name `file`. Empty lines and lines that begin with # are ignored.
 
     Raises:
-        UsersError: a line is none of a user, or a name is there twice. It does not repeat what is in the line.
+        UsersError: a line is not a user, or a name occurs twice. The message does not quote the line.
     """
     users: dict[str, User] = {}
     for number, line in enumerate(text.splitlines(), 1):
@@ -121,13 +121,13 @@ def parse_users(text: str, file: str) -> Users:
 
 @contextmanager
 def changing_users(path: Path) -> Iterator[dict[str, User]]:
-    """In its context the users of a file, to be changed; at its end the file is replaced as a whole.
+    """Yield the users of a file, by name, to be changed; at the end the file is replaced as a whole.
 
-    A new file is for its owner only: that is whoever owns the folder. Others that change it meanwhile wait.
+    Only the owner can read a new file; if root makes it, the folder's owner owns it. Other processes wait to change it.
 
     Raises:
         OSError: it cannot be read or written.
-        UsersError: a line of it is none of a user.
+        UsersError: a line is not a user, or a name occurs twice.
     """
     path = Path(os.path.realpath(path))
     with _locked(path.parent):
@@ -152,7 +152,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _replace(path: Path, text: str) -> None:
-    """Put a new file in the place of the old one, with its owner and rights; a power cut leaves one of the two."""
+    """Replace the file by one with its owner and rights; a power cut leaves the old or the new one."""
     try:
         old, mode = path.stat(), stat.S_IMODE(path.stat().st_mode) & ~stat.S_IRWXO & ~stat.S_IWGRP
     except FileNotFoundError:
@@ -197,5 +197,5 @@ def _text(data: bytes) -> str:
     return b64encode(data).decode()
 
 
-#: What is compared with if there is no such user: it costs the same.
+#: The hash to compare with if there is no such user: it costs the same.
 _NOBODY: Final = "$scrypt$ln={},r={},p={}${}${}".format(*_COST, _text(bytes(_SALT)), _text(bytes(32)))

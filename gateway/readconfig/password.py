@@ -1,4 +1,4 @@
-"""Passwords and credentials for a broker or for NATS, and the token of the page, as their files have them."""
+"""Reads passwords and credentials for a broker or for NATS, and the token of the page, from their files."""
 
 from errno import EINVAL
 from pathlib import Path
@@ -17,7 +17,7 @@ def read_password(file: SecretFile, kind: type[GatewayError] = BrokerError) -> s
     """Read a password: the first line of its file.
 
     Raises:
-        GatewayError: it cannot be read, or is none. It is one of this `kind`.
+        GatewayError: of this `kind`; the file cannot be read, or the password is too long or not UTF-8.
     """
     line = _read(file, kind, _LONGEST_PASSWORD + 1).partition(b"\n")[0].rstrip(b"\r")
     if len(line) > _LONGEST_PASSWORD:
@@ -26,10 +26,10 @@ def read_password(file: SecretFile, kind: type[GatewayError] = BrokerError) -> s
 
 
 def read_token(file: str) -> str:
-    """Read what programs send to the page.
+    """Read the token that programs send to the page.
 
     Raises:
-        OSError: others may read the file, or this process may not, or it is empty.
+        OSError: others may read the file, this process may not, or it is empty.
     """
     path = Path(file)
     refuse_if_exposed(path)
@@ -40,10 +40,10 @@ def read_token(file: str) -> str:
 
 
 def read_secret(file: SecretFile, kind: type[GatewayError]) -> str:
-    """Read a whole file.
+    """Read a file as text, up to 64 KiB.
 
     Raises:
-        GatewayError: it cannot be read, or is no text. It is one of this `kind`.
+        GatewayError: of this `kind`; the file cannot be read, or is not UTF-8.
     """
     return _decode(_read(file, kind, _LONGEST_SECRET), file, kind, "it")
 

@@ -1,7 +1,7 @@
 """Reads a config in a process of its own, which ends once the plan is made.
 
-What reads and checks a config takes a third of the gateway's memory, and nothing of it is needed later (ADR 24).
-This module is imported before almost everything else: the gateway loads itself while its config is read.
+The code that reads and checks a config takes a third of the gateway's memory, and is not needed later (ADR 24). This
+module is imported before almost everything else: the gateway loads the rest while its config is read.
 """
 
 import pickle
@@ -28,8 +28,8 @@ _ENDING_TIME: Final = 1.0
 #: The last line of its standard error goes to the log, up to this many characters.
 _MOST_SAID: Final = 200
 
-#: Imports the modules that this process would, which may be newer by now. Its last argument is `sys.path`. It ends
-#: before collecting garbage would be worth its time.
+#: Imports from this process's `sys.path`, its last argument; the modules there may be newer by now. It ends before
+#: collecting garbage would be worth its time.
 _PROGRAM: Final = f"""\
 import gc, sys
 gc.disable()
@@ -44,7 +44,7 @@ main()
 
 @dataclass(frozen=True, slots=True)
 class ConfigRead:
-    """What a file says: its plan if it has no error, its problems in the order of the file, and its text."""
+    """A file that was read: its plan if it has no error, its problems in the order of the file, and its text."""
 
     plan: "Plan | None"
     problems: tuple[Problem, ...]
@@ -52,15 +52,15 @@ class ConfigRead:
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """Why there is no plan, as text."""
+        """The problems that are errors, as text: the reasons why there is no plan."""
         return errors_in(self.problems)
 
 
 class ReadConfig(Protocol):
-    """Reads a file. With `look_around`, what `check` says of other files and of this machine is among the problems."""
+    """Reads a file. With `look_around`, its problems include those of other files and of this machine."""
 
     def __call__(self, file: Path, *, look_around: bool = False) -> ConfigRead:
-        """Read it. Blocks."""
+        """Read `file`. Blocks."""
         ...
 
 
@@ -68,13 +68,13 @@ def read_config(file: Path, *, look_around: bool = False) -> ConfigRead:
     """Read `file` in a process of its own. Blocks for at most READING_TIME.
 
     Raises:
-        ConfigError: the process could not do it; the message says why.
+        ConfigError: the process cannot be started, fails, or takes too long; the message says which.
     """
     return ConfigProcess(file, look_around=look_around).result()
 
 
 class ConfigProcess:
-    """The process that reads `file`, from now on.
+    """A process that reads `file`, started at once.
 
     Raises:
         ConfigError: it cannot be started.
@@ -100,10 +100,10 @@ class ConfigProcess:
             pthread_sigmask(SIG_SETMASK, before)
 
     def result(self) -> ConfigRead:
-        """Wait for what was read.
+        """Wait for what was read, for at most READING_TIME.
 
         Raises:
-            ConfigError: the process did not come to its end; the message says why.
+            ConfigError: the process fails, or takes too long; the message says why.
         """
         process = self._process
         try:
@@ -116,7 +116,7 @@ class ConfigProcess:
                 process.communicate(timeout=_ENDING_TIME)
         if process.returncode:
             raise ConfigError(f"{self._file} was not read: {_explain(process.returncode, said)}")
-        read: ConfigRead = pickle.loads(answer)  # noqa: S301 - of our own process, by a pipe that nobody else has
+        read: ConfigRead = pickle.loads(answer)  # noqa: S301 - from our own process, through its pipe
         return read
 
 

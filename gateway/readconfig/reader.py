@@ -1,4 +1,4 @@
-"""The program of the process that reads a config: it hands over the plan, and ends. See readconfig.process."""
+"""The program of the process that reads a config: it writes the plan to stdout, and ends. See readconfig.process."""
 
 import os
 import pickle
@@ -34,16 +34,16 @@ def packed(read: ConfigRead) -> bytes:
 
 
 def main() -> None:
-    """Read the file that the arguments name, in the way that they say, and write the result to stdout."""
+    """Read the file that the arguments name, write the pickled ConfigRead to stdout, and exit."""
     file, kind = sys.argv[1:]
-    signal.alarm(int(READING_TIME) + 1)  # if the gateway has gone: a file on a disk that hangs is waited for
+    signal.alarm(int(READING_TIME) + 1)  # ends this process if the disk hangs and the gateway is gone
     sys.stdout.buffer.write(packed(read_here(Path(file), look_around=kind == "look-around")))
     sys.stdout.flush()
-    os._exit(0)  # taking apart what was imported takes a tenth of the time
+    os._exit(0)  # to unload the modules would take a tenth of the time
 
 
 class _Pickler(pickle.Pickler):
-    """Takes dataclasses by their fields: those of compiled modules cannot be pickled in the usual way."""
+    """A pickler of dataclasses by their fields: those of compiled modules cannot be pickled in the usual way."""
 
     def reducer_override(self, value: Any) -> Any:
         if not is_dataclass(value) or isinstance(value, type):
