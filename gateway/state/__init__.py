@@ -4,5 +4,5 @@
 - page_log, pages    values of images (ADR 8)
 - database     SQLite with a sum for each row
 - files        how files are opened, locked and replaced
-- troubles, status    what is told of a folder that cannot be written
+- troubles, status    files and folders that cannot be written
 """

@@ -1,7 +1,7 @@
 """An SQLite database with one table in the state folder, for one process at a time.
 
 Each row has a checksum, because SQLite does not detect a bit that a worn flash card has flipped. A file that is damaged
-or from another program is moved aside as it is, never overwritten; what can still be read of it is kept.
+or from another program is moved aside as it is, never overwritten; rows that can still be read are kept.
 
 All calls block.
 """
@@ -37,8 +37,8 @@ Row = tuple[Any, ...]
 class Table:
     """The one table of a database: name and SQL type of its `columns`, the first `keys` of which are the primary key.
 
-    `check_sum` is that of a row, which is kept beside it. `application` and `version` are in the header of the file.
-    `needed_by` says in messages what the file is for.
+    `check_sum` computes the checksum that is kept beside a row. `application` and `version` are in the header of the
+    file. `needed_by` says in messages what the file is for, in the plural.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Table:
 
     @property
     def set_up(self) -> str:
-        """Make the statements that turn an empty file into this database."""
+        """The statements that turn an empty file into this database."""
         columns = ", ".join(f"{name} {kind} NOT NULL" for name, kind in (*self.columns, ("check_sum", "INTEGER")))
         return f"""
             BEGIN IMMEDIATE;
@@ -63,17 +63,17 @@ class Table:
 
     @property
     def select(self) -> str:
-        """Make the statement that reads all of it."""
+        """The statement that reads all rows, with their checksums."""
         return f"SELECT {self._names()}, check_sum FROM {self.name}"  # noqa: S608 - the names are those of the program
 
     @property
     def insert(self) -> str:
-        """Make the statement that writes a row."""
+        """The statement that writes a row and its checksum."""
         return f"INSERT OR REPLACE INTO {self.name} VALUES ({', '.join('?' * (len(self.columns) + 1))})"  # noqa: S608
 
     @property
     def delete(self) -> str:
-        """Make the statement that deletes a row by its key."""
+        """The statement that deletes a row by its key."""
         keys = " AND ".join(f"{name} = ?" for name, _ in self.columns[: self.keys])
         return f"DELETE FROM {self.name} WHERE {keys}"  # noqa: S608 - as above
 
@@ -82,7 +82,7 @@ class Table:
 
 
 class Database:
-    """An open file. No second process can open it meanwhile."""
+    """An open database, which no second process can open."""
 
     def __init__(self, connection: sqlite3.Connection, table: Table) -> None:
         self._connection = connection
@@ -136,7 +136,7 @@ def open_table(file: Path, table: Table) -> Opened:
 def is_damage(error: BaseException) -> bool:
     """Tell whether a file is damaged or from another program, not just in use, without permission, or on a full disk.
 
-    Where the name of its table or of a column is damaged, SQLite finds none of that name, or tells one that is no text.
+    If the name of the table or of a column is damaged, SQLite finds no such name, or reports one that is not UTF-8.
     """
     if isinstance(error, sqlite3.OperationalError):
         return getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_ERROR
@@ -175,7 +175,7 @@ def _open(file: Path, table: Table) -> Opened:
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             if not is_damage(error):
                 raise
-            # Before it is closed: SQLite writes the log of a file into it at the end, but not if it was moved.
+            # Moved before it is closed: then SQLite does not write the log into it at the end.
             damage = f"{error}; it is now {_move_aside(file)}"
         else:
             unless_used.pop_all()
@@ -205,6 +205,7 @@ def _load(file: Path, table: Table, rows: list[Row], unless_used: ExitStack) -> 
     Raises:
         sqlite3.DatabaseError: it is damaged, or from another program, as `is_damage` tells; `rows` has what could be
             read. Or it cannot be opened at the moment.
+        StateError: a later version has written it.
         UnicodeDecodeError: it is damaged.
     """
     if file.exists() and not file.stat().st_size:
@@ -224,7 +225,12 @@ def _load(file: Path, table: Table, rows: list[Row], unless_used: ExitStack) -> 
 
 
 def _is_new(connection: sqlite3.Connection, file: Path, table: Table) -> bool:
-    """Tell whether the file is still empty. Otherwise it must be of this program and version."""
+    """Tell whether the database is still empty; if not, check its program and version.
+
+    Raises:
+        StateError: a later version has written it.
+        sqlite3.DatabaseError: it is from another program.
+    """
     application, version, tables = (
         connection.execute(question).fetchone()[0]
         for question in ("PRAGMA application_id", "PRAGMA user_version", "SELECT count(*) FROM sqlite_master")

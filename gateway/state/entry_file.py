@@ -1,8 +1,8 @@
 """A JSON file of one gateway in the state folder: entries by key, each written as soon as it changes.
 
 A change that cannot be written is tried again until it succeeds. A damaged file is moved aside, and its copy is used,
-else what can be read of both: without its entry, a device that moved is asked where another one may be by now. Each
-entry has a checksum, beside them all: an address with a flipped bit would be that of another device.
+else what can be read of both: without its entry, a device that moved is asked at its old address, where another one may
+be by now. Each entry has a checksum: with a flipped bit, an address could belong to another device.
 """
 
 import json
@@ -18,8 +18,8 @@ from zlib import crc32
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.state import files
 
-#: How long stopping waits for a change to be written, in seconds, counted from the change: files that were
-#: changed together are waited for together.
+#: How long `close` waits for a change to be written, in seconds from the change: files that were changed together are
+#: waited for together.
 CLOSING_DEADLINE: Final = 1.0
 #: The pause before a failed write is repeated, in seconds.
 PAUSE: Final = 2.0
@@ -42,8 +42,8 @@ class Content(NamedTuple):
 class EntryFile:
     """Entries by key; `is_entry` says whether one is well-formed.
 
-    A thread writes the changes, those that arrive meanwhile together. Trouble is told when it begins and when it
-    ends.
+    A thread writes the changes; those that arrive during a write are written together. An event tells when writing
+    begins to fail, and when it succeeds again.
     """
 
     def __init__(self, file: Path, is_entry: IsEntry, emit: Emit) -> None:
@@ -84,7 +84,7 @@ class EntryFile:
                 self._writer.start()
 
     def close(self) -> None:
-        """Wait until all changes are written, but not for a disk that hangs. Failed ones are tried once more."""
+        """Wait until all changes are written, for CLOSING_DEADLINE at most. Failed ones are tried once more."""
         with self._guard:
             writer, since = self._writer, time.monotonic() if self._fails else self._changed_at
             self._closing = True
@@ -123,7 +123,7 @@ class EntryFile:
             return False
 
     def _replace(self, changes: Entries) -> None:
-        """Write the changes into the file; an entry that was taken out there by hand stays out.
+        """Write the changes into the file; an entry that was removed from it by hand stays removed.
 
         Raises:
             OSError: it cannot be read or written.
@@ -158,7 +158,7 @@ class EntryFile:
 
 
 def read_content(file: Path, is_entry: IsEntry) -> Content:
-    """Read a file, and where it is damaged its copy too; empty if it does not exist.
+    """Read a file, and its copy if the file is damaged; empty if it does not exist.
 
     Raises:
         OSError: it cannot be read.

@@ -69,7 +69,7 @@ def lock(file: Path) -> IO[bytes]:
         OSError: it cannot be opened for writing.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
-    stream = open(open_plainly(file, os.O_WRONLY | os.O_CREAT), "wb")  # noqa: SIM115 - who holds the lock closes it
+    stream = open(open_plainly(file, os.O_WRONLY | os.O_CREAT), "wb")  # noqa: SIM115 - the holder of the lock closes it
     try:
         flock(stream, LOCK_EX | LOCK_NB)
     except BaseException:

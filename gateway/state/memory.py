@@ -3,8 +3,8 @@
     {"/dev/ttyS1 silo-1": {"configured": 1, "now": 5}, "/dev/ttyS1": {"configured": 9600, "now": 19200}}
     {"/dev/ttyS1 silo-1": {"configured": 1, "now": 1, "maybe": [5]}}
 
-In the second one a change to 5 was sent, and nothing shows yet whether it has happened. An entry applies as long as the
-configured value is the same: an edited config has priority.
+In the second one a change to 5 was sent, and it is not known yet whether it took effect. An entry applies as long as
+the configured value is the same: an edited config has priority.
 """
 
 import os
@@ -21,7 +21,7 @@ _HIGHEST_RATE: Final = 100_000_000
 
 
 def state_folder(environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0) -> Path:
-    """The state folder: set by systemd, in /var/lib for root, else in the user's own state folder."""
+    """Return the state folder: set by systemd, in /var/lib for root, else in the user's own state folder."""
     if given := environment.get("STATE_DIRECTORY"):
         return Path(given.split(":")[0])
     if is_root:
@@ -38,7 +38,7 @@ class Memory:
         self._entries = entries or {}
 
     def moved(self, start: str) -> list[tuple[str, tuple[int, ...]]]:
-        """List the keys that begin with `start`, each with the configured value and all that it may have now."""
+        """List the keys that begin with `start`, each with the configured value and all values that it may have now."""
         return [
             (key, (entry["configured"], entry["now"], *entry.get("maybe", ())))
             for key, entry in self._entries.items()
@@ -46,11 +46,11 @@ class Memory:
         ]
 
     def recall(self, key: str, configured: int) -> int:
-        """The value of `key` now: the remembered one, unless the config has changed since."""
+        """Return the value of `key` now: the remembered one, unless the config has changed since."""
         return self.recall_all(key, configured)[0]
 
     def recall_all(self, key: str, configured: int) -> tuple[int, ...]:
-        """All values that `key` may have now, the last one that was known first."""
+        """Return all values that `key` may have now, the last known one first."""
         entry = self._entries.get(key)
         if entry is None or entry["configured"] != configured:
             return (configured,)
@@ -71,7 +71,7 @@ class Memory:
             self.remember(key, configured, configured)
 
     def close(self) -> None:
-        """Stop remembering."""
+        """Close the file, if there is one."""
 
 
 def read_memory(folder: Path) -> Memory:
@@ -100,12 +100,12 @@ class StateFile(Memory):
         super().__init__(str(self._shared.file), self._shared.read())
 
     def remember(self, key: str, configured: int, now: int, *maybe: int) -> None:
-        """See Memory."""
+        """Remember as Memory does, and have it written soon."""
         super().remember(key, configured, now, *maybe)
         self._shared.change(key, self._entries.get(key))
 
     def close(self) -> None:
-        """Stop remembering; returns when the file has been written."""
+        """Wait until all changes are written: see EntryFile.close."""
         self._shared.close()
 
 
@@ -117,5 +117,5 @@ def _is_entry(value: object) -> bool:
 
 
 def _is_value(value: object) -> bool:
-    """Whether it can be an address or a rate."""
+    """Tell whether it can be an address or a rate."""
     return isinstance(value, int) and 0 <= value <= _HIGHEST_RATE

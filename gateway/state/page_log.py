@@ -1,9 +1,8 @@
-"""Records that are on the disk when they are said to be: a snapshot of all, and a log of what was written since.
+"""Records that are on the disk once `write` returns: a snapshot of all, and a log of what was written since.
 
 The log has a fixed size. A commit is written over pages of an earlier generation, which costs the disk a block and
 nothing else: neither the size of the file nor its place changes. When the log is full, the next commit becomes a new
-snapshot. Reading finds what is damaged or missing; only a last commit that the disk has never written, although it said
-so, leaves no trace.
+snapshot. Reading finds what is damaged or missing, except a last commit that the disk reported as written but was not.
 
 All calls block.
 """
@@ -23,12 +22,12 @@ from gateway.state import files, pages
 #: Pages of the log.
 PAGES: Final = 256
 SIZE: Final = PAGES * pages.PAGE
-#: No file may be longer, in bytes. That of forty full images is not; with more values memory ends first.
+#: No file may be longer, in bytes. Forty full images fit; with more values, memory runs out first.
 LONGEST: Final = 128 << 20
 
 
 class Content(NamedTuple):
-    """What a log holds, the latest last. `damage` says what is wrong with it, in words; empty if nothing is."""
+    """The records of a log, the latest last. `damage` says what is wrong with it, in words; empty if nothing is."""
 
     records: tuple[bytes, ...]
     damage: str = ""
@@ -52,7 +51,7 @@ class PageLog:
         self._set_aside: dict[Path, bytes] = {}
 
     def open(self) -> Content:
-        """Read all of it. Nothing is written yet.
+        """Read all records. Nothing is written yet.
 
         Raises:
             StateError: another process has it open, or a later version has written it.
@@ -60,7 +59,7 @@ class PageLog:
         """
         with ExitStack() as unless_read:
             unless_read.callback(self.close)
-            with suppress(OSError):  # it may still be read; the first write tells
+            with suppress(OSError):  # it may still be read; the first write raises the error
                 self._hold()
             content = self._read({file: _read(file) for file in (self.snapshot, self.log)})
             unless_read.pop_all()
@@ -70,8 +69,7 @@ class PageLog:
         """Write all of the records or none; they are on the disk on return. `everything` includes them.
 
         Raises:
-            OSError: it cannot be written, or would be too long. It is not known then whether a later start finds the
-                records.
+            OSError: it cannot be written, or would be too long. A later start may or may not find the records.
             StateError: another process has it open.
         """
         with self._turn:
@@ -153,7 +151,7 @@ class PageLog:
             self._make_log()
         if self._descriptor < 0:
             self._descriptor = files.open_plainly(self.log, os.O_WRONLY)
-            # Else the kernel may have cached it as one piece, all of which then counts as written each time.
+            # Else the kernel may have cached it as one piece, and write all of it each time.
             os.posix_fadvise(self._descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
         self._set_aside = {}
         self._generation, self._commit, self._at = self._generation + 1, 0, 0

@@ -1,4 +1,4 @@
-"""Pages of a file. Each has its records twice, with checksums: a worn flash card flips bits, and does not tell.
+"""Pages of a file. Each has its records twice, with checksums: a worn flash card flips bits unnoticed.
 
 Pages belong to commits, and commits to a generation, which begins with a snapshot of everything: commit 0. A page has
 the size of a block of the usual file systems, and is never written a second time in its generation, so that no power
@@ -36,7 +36,7 @@ class Page(NamedTuple):
 
 @dataclass(slots=True)
 class Found:
-    """What is in a file: pages by commit and index, of the newest generation.
+    """The pages that were read: by commit and index, of the newest generation.
 
     `half` pages have one damaged copy, and `lost` ones two.
     """
@@ -47,7 +47,7 @@ class Found:
     lost: int = 0
 
     def records(self, commit: int) -> list[bytes]:
-        """Return those of a commit that could be read."""
+        """Return the records of a commit that could be read."""
         pages = (page for _, page in sorted(self.commits[commit].items()))
         return [record for page in pages for record in page.content.split(b"\n")[:-1]]
 
@@ -58,7 +58,7 @@ class Found:
 
 
 def encode(generation: int, commit: int, records: Iterable[bytes]) -> bytes:
-    """Make the pages of a commit; records have no line feed."""
+    """Make the pages of a commit; records must not contain a line feed."""
     contents = list(_pack(records)) or [b""]
     return b"".join(
         _encode(Page(generation, commit, number, len(contents), content)) for number, content in enumerate(contents)
@@ -66,15 +66,15 @@ def encode(generation: int, commit: int, records: Iterable[bytes]) -> bytes:
 
 
 def unused(count: int) -> bytes:
-    """Make so many pages without content, which can be told from what was erased."""
+    """Make `count` pages without content, which differ from erased ones."""
     return _encode(Page(0, 0, 0, 0, b"")) * count
 
 
 def read(*files: bytes) -> Found:
-    """Find what is in files that belong together.
+    """Read the pages of files that belong together.
 
     Raises:
-        StateError: a later version has written it.
+        StateError: a later version has written them.
     """
     found = Found()
     for data in files:
@@ -114,7 +114,11 @@ def _encode(page: Page) -> bytes:
 
 
 def _decode(copy: bytes) -> Page | None:
-    """Decode a copy of a page; None if it is damaged."""
+    """Decode a copy of a page; None if it is damaged.
+
+    Raises:
+        StateError: a later version has written it.
+    """
     if len(copy) < _COPY or crc32(copy[_SUM:]) != int.from_bytes(copy[:_SUM], "little"):
         return None
     _, form, generation, commit, number, pages, size = _HEAD.unpack_from(copy)

@@ -1,4 +1,4 @@
-"""What is wrong with the files of the state folder: the events tell of each file, and the folder is looked at."""
+"""Troubles with the state folder: events tell of those with its files, and the folder itself is checked."""
 
 import asyncio
 import os
@@ -9,12 +9,12 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.events import Emit, Event, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.state.status import StateFileStatus
 
-#: How often the folder is looked at, in seconds: when the system finds errors on a disk, it may stop all writing there.
+#: How often the folder is checked, in seconds: a system that finds errors on a disk may make it read-only.
 LOOK_EVERY: Final = 60.0
 
 
 class StateTroubles:
-    """Notes the troubles that events tell of, and hands all events on to `emit`."""
+    """The present troubles, as events tell of them. All events are handed on to `emit`."""
 
     def __init__(self, folder: Path, emit: Emit) -> None:
         self._folder = folder
@@ -23,7 +23,7 @@ class StateTroubles:
         self._damaged: dict[str, str] = {}
 
     def emit(self, event: Event) -> None:
-        """Hand on an event, from any thread."""
+        """Note the trouble that an event tells of, and hand the event on. Any thread may call it."""
         match event:
             case StateNotKept():
                 self._not_written[event.file] = event.reason
@@ -34,14 +34,14 @@ class StateTroubles:
         self._emit(event)
 
     def status(self) -> tuple[StateFileStatus, ...]:
-        """All troubles; none if all is well."""
+        """Return all troubles; none if all is well."""
         return (
             *(StateFileStatus(file, "not written", reason) for file, reason in sorted(self._not_written.items())),
             *(StateFileStatus(file, "damaged", reason) for file, reason in sorted(self._damaged.items())),
         )
 
     def look(self) -> None:
-        """Tell if the folder cannot be written, or can be again. Blocks."""
+        """Emit an event if the folder cannot be written any more, or can be again. Blocks."""
         folder, reason = str(self._folder), why_not_writable(self._folder)
         if reason and folder not in self._not_written:
             self.emit(StateNotKept(folder, reason))
@@ -49,7 +49,7 @@ class StateTroubles:
             self.emit(StateKeptAgain(folder))
 
     async def keep_looking(self) -> None:
-        """Look again and again, until cancelled."""
+        """Check the folder every LOOK_EVERY seconds, until cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(LOOK_EVERY)
