@@ -2,6 +2,6 @@
 
 - log          events to text, JSON or the journal of systemd
 - limiter      events that come too often
-- fan_out      events for those who follow them over HTTP
+- fan_out      events for followers over HTTP
 - metrics      the exposition of counters
 """

@@ -74,7 +74,7 @@ class Backlog(SimpleQueue[Entry | None]):
                 self._missing.add(entry)
 
     def add_note(self, most_waiting: int = TAKES_AGAIN) -> None:
-        """Add the count of dropped entries, if there are some and at most `most_waiting` entries wait."""
+        """Add the count of dropped entries, if any were dropped and at most `most_waiting` entries wait."""
         with self._lock:
             if self._missing.events and self.qsize() <= most_waiting:
                 self.put(self._missing.note())

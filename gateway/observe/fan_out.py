@@ -1,7 +1,7 @@
-"""Events for those who follow them while the gateway runs, beside the log.
+"""Events for followers of a running gateway, beside the log.
 
-They are less important than all else: who follows has a bounded queue and loses everything when it is full, and of
-many events in a second only the first ones are handed on.
+Followers are less important than all else: each has a bounded queue and loses everything when it is full, and only the
+first events of a second are handed on.
 """
 
 import asyncio
@@ -14,18 +14,18 @@ from typing import Final
 
 from gateway.events import Emit, Event, Level
 
-#: Events that wait for one follower at most.
+#: The most events that wait for one follower.
 MOST_WAITING: Final = 256
-#: Events in a second that are handed on; the others are counted.
+#: The most events that are handed on in a second; further ones are counted.
 MOST_IN_A_SECOND: Final = 100
-#: The fields that have bytes of a line: None for whom may not read every unit.
+#: The fields with bytes of a line: None for followers who may not read every unit.
 _BYTES: Final = ("heard", "frame")
 
 
 class Follower:
-    """Somebody who follows. `is_lost` once there were more events than can wait; nothing comes from then on.
+    """The events for one follower. `is_lost` once there were more than can wait; there are none from then on.
 
-    `may_see_bytes` tells whether the bytes that were on a line may be told now.
+    `may_see_bytes` tells whether the follower may see the bytes of lines at present.
     """
 
     def __init__(self, may_see_bytes: Callable[[], bool]) -> None:
@@ -35,7 +35,7 @@ class Follower:
         self._has_some = asyncio.Event()
 
     def put(self, text: str) -> None:
-        """Let an event wait."""
+        """Queue an event, as JSON."""
         if len(self._waiting) >= MOST_WAITING:
             self.is_lost = True
             self._waiting.clear()
@@ -44,7 +44,7 @@ class Follower:
         self._has_some.set()
 
     async def next(self, patience: float) -> list[str]:
-        """The events that wait, as JSON; none if none has come within `patience` seconds, or it is lost."""
+        """Wait for events; return them as JSON, none after `patience` seconds or if the follower is lost."""
         try:
             async with asyncio.timeout(patience):
                 await self._has_some.wait()
@@ -57,7 +57,7 @@ class Follower:
 
 
 class FanOut:
-    """Hands events on: to the log by `emit`, and to all who follow, from INFO on. Any thread may emit."""
+    """Hands events on: all to the log by `emit`, and those from INFO on to all followers. Any thread may emit."""
 
     def __init__(self, emit: Emit) -> None:
         self._emit = emit
@@ -68,7 +68,7 @@ class FanOut:
         self._left_out = 0
 
     def emit(self, event: Event) -> None:
-        """Hand on an event. It never raises and never blocks."""
+        """Hand on an event. Never raises or blocks."""
         self._emit(event)
         if self._followers and event.level >= Level.INFO and self._loop is not None:
             with suppress(RuntimeError):  # the loop has ended
@@ -76,7 +76,7 @@ class FanOut:
 
     @contextmanager
     def following(self, may_see_bytes: Callable[[], bool] = lambda: True) -> Iterator[Follower]:
-        """In its context somebody follows, see Follower. To be entered in the event loop."""
+        """Yield a follower, which gets events until the context ends. Must be entered in the event loop."""
         self._loop = asyncio.get_running_loop()
         follower = Follower(may_see_bytes)
         self._followers.add(follower)

@@ -44,7 +44,7 @@ class Family:
 
 
 def exposition(families: Iterable[Family]) -> bytes:
-    """The text for a scrape. Takes a millisecond for some hundred values."""
+    """Make the text for a scrape. Takes a millisecond for some hundred values."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(_Given(families))
     return generate_latest(registry)
@@ -57,12 +57,12 @@ class _Given(Collector):
         self._families = families
 
     def collect(self) -> Iterator[Metric]:
-        """See Collector."""
+        """Yield the metrics of the families."""
         for family in self._families:
             yield _metric(family)
 
     def describe(self) -> Iterable[Metric]:
-        """Empty: the families are known only with their values."""
+        """Return nothing: the families are known only with their values."""
         return ()
 
 
