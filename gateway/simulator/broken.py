@@ -26,12 +26,15 @@ _BEHIND: Final = 0.002
 
 
 def line_faults(words: AbstractSet[str]) -> LineFaults:
-    """The faults of the line itself."""
+    """Return the faults among `words` that are those of the line itself."""
     return LineFaults(echo="echo" in words, second_client="second-client" in words)
 
 
 def with_faults(devices: list[Device], words: AbstractSet[str], baud: int) -> list[Device]:
-    """The devices of a line with these faults; `baud` is the rate in the config."""
+    """Apply the faults in `words` to `devices`, and return them, with a second one for `duplicate-address`.
+
+    `baud` is the rate in the config.
+    """
     for device in devices:
         silent = device.faults.silent or not words.isdisjoint(("silent", "wrong-parity"))
         device.faults = replace(device.faults, silent=silent, late="slow" in words)
@@ -45,7 +48,7 @@ def with_faults(devices: list[Device], words: AbstractSet[str], baud: int) -> li
 
 
 def _free_address(devices: list[Device]) -> int:
-    """The next free address after that of the first device."""
+    """Return the next free address after the one of the first device."""
     taken = {device.unit for device in devices}
     behind = [*range(devices[0].unit + 1, LAST_UNIT + 1), *range(1, devices[0].unit)]
     free: list[int] = [unit for unit in behind if unit not in taken]

@@ -1,6 +1,6 @@
 """The built-in profiles for simulated devices: their functions, limits, answer times and idle times.
 
-They are read here without what checks a config: that takes longer to import than a simulator otherwise needs to start.
+They are read without the checks of a config, which take longer to import than a simulator otherwise needs to start.
 """
 
 import tomllib
@@ -14,7 +14,7 @@ from gateway.timing.table import Point, TimingTable
 
 
 def builtin_profile(name: str) -> Profile:
-    """The built-in profile `name`, as `gateway.config` reads it."""
+    """Read the built-in profile `name`, with the same result as `gateway.config`."""
     table = tomllib.loads(builtin_text(name))["profile"][name]
     functions = table.get("functions")
     points: dict[int, list[Point]] = {}

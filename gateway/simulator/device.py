@@ -29,7 +29,7 @@ class Device:
     `tables` holds the values, by area.
     """
 
-    #: The modes of this kind of device.
+    #: The modes that this kind of device has.
     modes: ClassVar[frozenset[Mode]] = frozenset({"rtu", "ascii"})
     #: The functions that it executes as broadcasts.
     broadcasts: ClassVar[frozenset[int]] = BROADCAST_FUNCTIONS
@@ -65,21 +65,21 @@ class Device:
         return Answer(self.faults.delay(delay, self._allowed(frame.pdu)), Frame(self.unit, response))
 
     def is_meant(self, frame: Frame) -> bool:
-        """Whether the device acts on `frame`."""
+        """Tell whether the device acts on `frame`."""
         if frame.unit == BROADCAST_UNIT:
             return frame.pdu[0] in self.broadcasts
         return frame.unit == self.unit
 
     def answers(self, frame: Frame) -> bool:
-        """Whether the device responds to a frame that it has acted on."""
+        """Tell whether the device responds to a frame that it has acted on."""
         return frame.unit != BROADCAST_UNIT
 
     def has(self, asked: RequestPdu) -> bool:
-        """Whether all addresses of the request exist."""
+        """Tell whether all addresses of the request exist."""
         return all(span is None or self.tables[span.area].has(span) for span in (asked.read, asked.write))
 
     def perform(self, asked: RequestPdu, now: float, baud: int) -> bytes:  # noqa: ARG002 - some kinds change with time
-        """Execute a checked request; returns the response PDU.
+        """Execute a checked request; return the response PDU.
 
         Raises:
             RequestError: the device refuses the values.
@@ -87,7 +87,7 @@ class Device:
         return perform(self.tables, asked)
 
     def _act(self, pdu: bytes, now: float, baud: int) -> tuple[float, bytes]:
-        """Seconds until the response, and the response PDU."""
+        """Execute a request; return the seconds until the response, and the response PDU."""
         try:
             asked = self._check(pdu)
             time = self.profile.timing.time(asked.function, asked.items)
@@ -96,7 +96,7 @@ class Device:
             return self.answer_time, exception_response(pdu[0], error.code)
 
     def _allowed(self, pdu: bytes) -> float:
-        """Seconds that the profile allows for an answer."""
+        """Return the seconds that the profile allows for an answer."""
         try:
             asked = self._check(pdu)
         except RequestError:

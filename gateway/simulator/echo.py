@@ -6,33 +6,33 @@ from gateway.simulator.pace import Transmission
 
 
 class Echo:
-    """Returns what the port sends, as it goes along the line."""
+    """A speaker that returns what the port sends, at the speed of the line."""
 
     def __init__(self, dice: Random) -> None:
         self._dice = dice
         self._returned: list[Transmission] = []
 
     def receive(self, sent: Transmission) -> None:
-        """The port sends."""
+        """Take what the port sends."""
         self._returned.append(Transmission(sent.data, sent.start, sent.timing))
 
     def deadline(self) -> float | None:
-        """When the next characters have left the port."""
+        """Return when the next characters have left the port; None if there are none."""
         return self._returned[0].next_arrival() if self._returned else None
 
     def listen(self, now: float) -> None:
-        """It takes nothing in."""
+        """Do nothing: an adapter reads no frames."""
 
     def begin(self, now: float) -> Transmission | None:  # noqa: ARG002 - a speaker
-        """It sends nothing of its own."""
+        """Return None: it sends nothing of its own."""
         return None
 
     def sends_at(self, time: float) -> bool:  # noqa: ARG002 - a speaker
-        """A copy is not on the line."""
+        """Return False: a copy is not on the line."""
         return False
 
     def take(self, now: float) -> bytes:
-        """The characters that have left the port."""
+        """Return the characters that have left the port since the last call."""
         data = b""
         while self._returned:
             data += self._returned[0].take(now)
@@ -42,6 +42,6 @@ class Echo:
         return data
 
     def disturb(self) -> None:
-        """The copy is damaged too."""
+        """Damage the copies too."""
         for each in self._returned:
             each.garble(self._dice)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final
 
-#: What a late device takes of the time that its profile allows, and seconds beyond that.
+#: A late device takes this share of the time that its profile allows, and so many seconds more.
 _LATE: Final = 1.25
 _LATER: Final = 0.15
 #: The most bytes of noise before a response.
@@ -25,11 +25,11 @@ class Faults:
     noise: float = 0.0
 
     def delay(self, time: float, allowed: float) -> float:
-        """Seconds until a response that takes `time` without faults; its profile allows `allowed`."""
+        """Return the seconds until a response: `time` without faults; its profile allows `allowed`."""
         return self.slow + (_LATE * allowed + _LATER if self.late else time)
 
     def on_the_line(self, adu: bytes, dice: Random) -> bytes:
-        """The response as it arrives."""
+        """Return the response as it arrives, perhaps damaged."""
         if dice.random() >= self.noise:
             return adu
         if dice.random() < 0.5:
@@ -52,6 +52,6 @@ NO_LINE_FAULTS: Final = LineFaults()
 
 
 def flip_bit(data: bytes, bit: int) -> bytes:
-    """`data` with one bit flipped, counted from the lowest one of the first byte. CRC and LRC detect that."""
+    """Flip one bit, counted from the lowest one of the first byte. CRC and LRC detect that."""
     at, place = divmod(bit, 8)
     return data[:at] + bytes((data[at] ^ 1 << place,)) + data[at + 1 :]

@@ -1,4 +1,4 @@
-"""Find frames the way small devices do: strictly by time.
+"""Finds frames the way small devices do: strictly by time.
 
 The gateway's own framers tolerate noise and gaps. A device does not: the bytes between two silences are one frame, or
 nothing if the CRC is wrong. So too little silence before a request means no response, as with a real device.
@@ -21,20 +21,20 @@ class Framer(Protocol):
     """Finds frames. Bytes may be handed over before they arrive: `take` returns a frame once it has ended."""
 
     def receive(self, data: bytes, start: float, character: float, silence: float) -> None:
-        """Characters that arrive back to back from `start` on; `silence` seconds end a frame."""
+        """Take characters that arrive every `character` seconds from `start` on; `silence` seconds end a frame."""
 
     def spoil(self) -> None:
-        """Something interfered: the bytes up to the end of this frame are dropped."""
+        """Drop the bytes up to the end of this frame: something interfered."""
 
     def deadline(self) -> float | None:
-        """When the next frame ends, or None."""
+        """Return when the next frame ends, or None."""
 
     def take(self, now: float) -> list[Frame]:
-        """The frames that have ended."""
+        """Return the frames that have ended by `now`."""
 
 
 class RtuFramer:
-    """A frame is the bytes between two silences (S 2.5.1.1)."""
+    """A framer by silences: a frame is the bytes between two of them (S 2.5.1.1)."""
 
     def __init__(self) -> None:
         self._data = b""
@@ -42,7 +42,7 @@ class RtuFramer:
         self._spoilt = False
 
     def receive(self, data: bytes, start: float, character: float, silence: float) -> None:
-        """The next characters; every frame that ended before `start` has been taken."""
+        """Add characters; every frame that ended before `start` must have been taken."""
         self._data = (self._data + data)[: MAX_RTU_ADU + 1]
         self._ends_at = start + len(data) * character + silence
 
@@ -51,11 +51,11 @@ class RtuFramer:
         self._spoilt = self._ends_at is not None
 
     def deadline(self) -> float | None:
-        """When silence ends the frame."""
+        """Return when silence ends the frame; None if there is none."""
         return self._ends_at
 
     def take(self, now: float) -> list[Frame]:
-        """The frame that silence has ended, if its CRC fits."""
+        """Return the frame that silence has ended, if its CRC fits."""
         if self._ends_at is None or now < self._ends_at:
             return []
         adu, spoilt = self._data, self._spoilt
@@ -66,14 +66,14 @@ class RtuFramer:
 
 
 class AsciiFramer:
-    """A frame is the characters from a colon to CR LF (S 2.5.2.1)."""
+    """A framer by delimiters: a frame is the characters from a colon to CR LF (S 2.5.2.1)."""
 
     def __init__(self) -> None:
         self._framer = ascii_framing.AsciiFramer()
         self._frames: list[tuple[float, Frame]] = []
 
     def receive(self, data: bytes, start: float, character: float, silence: float) -> None:  # noqa: ARG002 - see RtuFramer
-        """The next characters. Only a silence of more than a second ends a frame."""
+        """Add characters. Only a silence of more than a second ends a frame early."""
         for count, byte in enumerate(data, 1):
             ends_at = start + count * character
             self._frames += [(ends_at, frame) for frame in self._framer.received(bytes((byte,)), ends_at)]
@@ -84,11 +84,11 @@ class AsciiFramer:
         self._framer.received(_NOISE, 0.0)
 
     def deadline(self) -> float | None:
-        """When the last character of the next frame arrives."""
+        """Return when the last character of the next frame arrives; None if there is none."""
         return self._frames[0][0] if self._frames else None
 
     def take(self, now: float) -> list[Frame]:
-        """The frames whose last character has arrived."""
+        """Return the frames whose last character has arrived."""
         ended = [frame for ends_at, frame in self._frames if ends_at <= now]
         self._frames = self._frames[len(ended) :]
         return ended

@@ -13,7 +13,7 @@ AREAS: Final[Mapping[Area, tuple[Range, ...]]] = dict.fromkeys(Area, ((0, 99),))
 
 
 class Generic(Device):
-    """One device. All values are 0 at first."""
+    """A device without rules of its own. All values are 0 at first."""
 
     def __init__(self, unit: int, *, baud: int | None = None, faults: Faults = NO_FAULTS) -> None:
         super().__init__(unit, builtin_profile("generic"), AREAS, {}, baud=baud, faults=faults)

@@ -21,7 +21,7 @@ from gateway.timing.characters import CharacterFormat
 
 
 class SimulatedLine:
-    """`devices` behind a serial port at `path`, which exists inside of the context.
+    """`devices` behind a serial port at `path`, which exists inside the context.
 
     `format_` decides how many bits a character takes (default 8E1 for RTU, 7E1 for ASCII); on a pseudo-terminal the
     kernel always carries eight bits without parity. `seed` is for the noise. `tell` is called with each frame.
@@ -64,7 +64,7 @@ class SimulatedLine:
         self._port.close()
 
     def _readable(self) -> None:
-        """The gateway has written, at the rate that is set now."""
+        """Send what the gateway has written, at the rate that is set now."""
         data, now = self._port.read(), self._loop.time()
         self._let_pass(now)
         self._line.written(data, now, self._port.baud)

@@ -24,7 +24,7 @@ AREAS: Final[Mapping[Area, tuple[Range, ...]]] = {
 
 
 class Mint(Device):
-    """One controller. All values are 0 at first."""
+    """A controller. All values are 0 at first."""
 
     modes: ClassVar[frozenset[Mode]] = frozenset({"ascii"})
     broadcasts: ClassVar[frozenset[int]] = frozenset({5, 16})

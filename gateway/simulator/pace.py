@@ -31,18 +31,18 @@ class Transmission:
         return self._arrived == len(self.data)
 
     def next_arrival(self) -> float:
-        """When the next characters arrive."""
+        """Return when the next characters arrive."""
         return self._time_of(min(self._arrived + self._step, len(self.data)))
 
     def take(self, now: float) -> bytes:
-        """The characters that have arrived since the last call."""
+        """Return the characters that have arrived since the last call."""
         first = self._arrived
         while not self.is_over and self.next_arrival() <= now:
             self._arrived = min(self._arrived + self._step, len(self.data))
         return self.data[first : self._arrived]
 
     def garble(self, dice: Random) -> None:
-        """A collision: replace what has not arrived by random bytes."""
+        """Replace what has not arrived by random bytes, as in a collision."""
         self.data = self.data[: self._arrived] + dice.randbytes(len(self.data) - self._arrived)
 
     def _time_of(self, count: int) -> float:

@@ -29,7 +29,7 @@ Tell = Callable[[Sender, bytes], None]
 
 
 def ignore_frame(sender: Sender, data: bytes) -> None:
-    """The default `tell`: does nothing."""
+    """Do nothing: the default `tell`."""
 
 
 class PacedLine:
@@ -58,7 +58,7 @@ class PacedLine:
         self._port_is_free_at = 0.0
 
     def written(self, data: bytes, now: float, baud: int) -> None:
-        """The port sends `data` at `baud`. Call `tick(now)` before."""
+        """Send `data` from the port, at `baud`. Call `tick(now)` before."""
         timing = LineTiming(self._mode, baud, self._format)
         start = max(now, self._port_is_free_at)
         waiting = round((start - now) / timing.character)
@@ -69,19 +69,19 @@ class PacedLine:
             self._begin("port", sent, self._speakers, disturbed=self._any_sends(start, self._speakers))
 
     def deadline(self) -> float | None:
-        """When `tick` must be called, or None."""
+        """Return when `tick` must be called, or None."""
         deadlines = [speaker.deadline() for speaker in self._speakers]
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def tick(self, now: float) -> bytes:
-        """Let time pass; the bytes that the port has received."""
+        """Let time pass; return the bytes that the port has received."""
         readable = b""
         while (at := self.deadline()) is not None and at <= now:
             readable += b"".join(self._step(speaker, at) for speaker in self._speakers)
         return readable
 
     def _step(self, speaker: Speaker, now: float) -> bytes:
-        """Let a speaker do what is due; the characters that it sent and that have arrived."""
+        """Let a speaker do what is due; return the characters that it sent and that have arrived."""
         speaker.listen(now)
         sent = speaker.begin(now)
         if sent is not None:

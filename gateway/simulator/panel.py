@@ -47,14 +47,14 @@ class Panel:
         self._port.close()
 
     async def poll(self, requests: Sequence[Frame]) -> AsyncIterator[tuple[Frame, Frame | None]]:
-        """Send `requests` in turn, again and again; yields each with its response, None if there was none."""
+        """Send `requests` in turn, again and again; yield each with its response, None if there was none."""
         while True:
             for request in requests:
                 yield request, await self.ask(request)
                 await asyncio.sleep(PAUSE)
 
     async def ask(self, request: Frame, patience: float = PATIENCE) -> Frame | None:
-        """Send `request`; returns its response, or None if none arrived within `patience` seconds."""
+        """Send `request`; return its response, or None if none arrived within `patience` seconds."""
         timing = LineTiming(self._mode, self._port.baud, self._format)
         scanner: Scanner = RtuScanner(timing.t35) if self._mode == "rtu" else AsciiScanner()
         expected = Expected(request.unit, parse_request(request.pdu))

@@ -17,7 +17,7 @@ _VIRTUAL_PORTS: Final = Path("/dev/pts")
 
 
 class VirtualPort:
-    """Exists, with its link at `path`, until `close`.
+    """A pseudo-terminal with a link at `path`; both exist until `close`.
 
     The link of a killed simulator is replaced: it points nowhere, or to a newer terminal of another program with the
     same number.
@@ -40,7 +40,7 @@ class VirtualPort:
             raise
 
     def fileno(self) -> int:
-        """The descriptor of the devices' end."""
+        """Return the descriptor of the devices' end."""
         return self._far_end
 
     @property
@@ -49,13 +49,13 @@ class VirtualPort:
         return read_baud(self._far_end) or ASSUMED_BAUD
 
     def read(self) -> bytes:
-        """What was written to the port."""
+        """Return what was written to the port, at most 4096 bytes; empty if nothing was."""
         with suppress(BlockingIOError):
             return os.read(self._far_end, _READ_SIZE)
         return b""
 
     def write(self, data: bytes) -> None:
-        """The port receives `data`; lost if the kernel's buffer is full."""
+        """Have the port receive `data`, which is lost if the kernel's buffer is full."""
         with suppress(BlockingIOError):
             os.write(self._far_end, data)
 
@@ -96,6 +96,6 @@ def _replace_left_over(path: Path, device: str) -> None:
 
 
 def _points_elsewhere(path: Path) -> bool:
-    """Whether `path` is a link to a virtual terminal that is newer than the link."""
+    """Tell whether `path` is a link to a virtual terminal that is newer than the link."""
     is_virtual = path.is_symlink() and path.resolve().is_relative_to(_VIRTUAL_PORTS)
     return is_virtual and path.stat().st_ctime_ns > path.lstat().st_mtime_ns

@@ -17,7 +17,7 @@ _READ: Final = bytes.fromhex("03 0002 0001")
 
 
 class SecondClient:
-    """Polls `unit`, at the rate of the first frame that it receives. It waits until the line is silent."""
+    """A client that polls `unit`, at the rate of the last frame that it received, when the line is silent."""
 
     def __init__(self, unit: int, mode: Mode, dice: Random) -> None:
         self._request = (rtu.encode if mode == "rtu" else ascii_framing.encode)(unit, _READ)
@@ -28,23 +28,23 @@ class SecondClient:
         self._sent: Transmission | None = None
 
     def receive(self, sent: Transmission) -> None:
-        """The line is occupied."""
+        """Wait for the end of a transmission; the first one starts the polling."""
         self._timing = sent.timing
         self._free_at = max(self._free_at, sent.end + SILENCE)
         if self._asks_at is None:
             self._asks_at = sent.start + EVERY
 
     def deadline(self) -> float | None:
-        """When it sends next, or the next characters of its request have arrived."""
+        """Return when it sends next, or when the next characters of its request arrive; None before the first frame."""
         if self._sent is not None:
             return self._sent.next_arrival()
         return None if self._asks_at is None else max(self._asks_at, self._free_at)
 
     def listen(self, now: float) -> None:
-        """It ignores responses."""
+        """Do nothing: responses are ignored."""
 
     def begin(self, now: float) -> Transmission | None:
-        """Its request, when it is time for it."""
+        """Return the next request if it is due, else None."""
         if self._timing is None or self._asks_at is None or self._sent is not None:
             return None
         if now < max(self._asks_at, self._free_at):
@@ -54,11 +54,11 @@ class SecondClient:
         return self._sent
 
     def sends_at(self, time: float) -> bool:
-        """Whether its request is on the line."""
+        """Tell whether its request is on the line at `time`."""
         return self._sent is not None and time < self._sent.end
 
     def take(self, now: float) -> bytes:
-        """The characters of its request that have arrived."""
+        """Return the characters of its request that have arrived since the last call."""
         if self._sent is None:
             return b""
         data = self._sent.take(now)
@@ -67,6 +67,6 @@ class SecondClient:
         return data
 
     def disturb(self) -> None:
-        """Its request is damaged."""
+        """Damage the request being sent."""
         if self._sent is not None:
             self._sent.garble(self._dice)

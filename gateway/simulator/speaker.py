@@ -1,4 +1,4 @@
-"""What can send on a simulated line."""
+"""The protocol of everything that sends on a simulated line."""
 
 from typing import Protocol
 
@@ -9,22 +9,22 @@ class Speaker(Protocol):
     """A device, or a fault that sends."""
 
     def receive(self, sent: Transmission) -> None:
-        """Somebody else sends."""
+        """Take a transmission of another speaker or of the port."""
 
     def deadline(self) -> float | None:
-        """When it needs `tick`, or None."""
+        """Return when `listen`, `begin` and `take` are due, or None."""
 
     def listen(self, now: float) -> None:
-        """Take the frames that have ended by `now`."""
+        """Process the frames that have ended by `now`."""
 
     def begin(self, now: float) -> Transmission | None:
-        """What it begins to send now, or None."""
+        """Return what it begins to send now, or None."""
 
     def sends_at(self, time: float) -> bool:
-        """Whether it occupies the line at `time`."""
+        """Tell whether it occupies the line at `time`."""
 
     def take(self, now: float) -> bytes:
-        """The characters that have arrived since the last call."""
+        """Return the characters that have arrived since the last call."""
 
     def disturb(self) -> None:
-        """Two send at once."""
+        """Damage what is being sent or received: two send at once."""

@@ -37,7 +37,7 @@ class Station:
         self._framer.receive(sent.data, sent.start, timing.character, timing.silence(self._device.profile.idle_chars))
 
     def deadline(self) -> float | None:
-        """When the next action is due, or None."""
+        """Return when the next action is due, or None."""
         own, frame = self._next_of_answer(), self._framer.deadline()
         return frame if own is None else own if frame is None else min(own, frame)
 
@@ -48,18 +48,18 @@ class Station:
                 self._answer = self._prepare(frame, now, self._timing)
 
     def begin(self, now: float) -> Transmission | None:
-        """The response, if it begins now."""
+        """Return the response if it begins now, else None."""
         if self._answer is None or self._sends or now < self._answer.start:
             return None
         self._sends = True
         return self._answer
 
     def sends_at(self, time: float) -> bool:
-        """Whether its response is on the line at `time`."""
+        """Tell whether its response is on the line at `time`."""
         return self._sends and self._answer is not None and time < self._answer.end
 
     def take(self, now: float) -> bytes:
-        """The characters of its response that have arrived since the last call."""
+        """Return the characters of its response that have arrived since the last call."""
         if self._answer is None or not self._sends:
             return b""
         data = self._answer.take(now)
@@ -68,7 +68,7 @@ class Station:
         return data
 
     def disturb(self) -> None:
-        """A collision: drop the frame being received, and damage the response being sent."""
+        """Drop the frame being received, and damage the response being sent: there was a collision."""
         self._framer.spoil()
         if self._answer is not None and self._sends:
             self._answer.garble(self._dice)

@@ -59,9 +59,9 @@ _TWO_WORDS = Struct(">HH")
 
 
 class Weigher(Device):
-    """One transducer with `weight` on it, which is constant or `moves` a little.
+    """A transducer with `weight` on it, which is constant or `moves` a little.
 
-    A weight of 4999.66 is that of the document's example, 45 9C 3D 51.
+    A weight of 4999.66 becomes the one of the document's example, 45 9C 3D 51.
 
     Raises:
         ValueError: it cannot be set to `baud`.
@@ -87,15 +87,15 @@ class Weigher(Device):
         self._zero = 0.0
 
     def is_meant(self, frame: Frame) -> bool:
-        """It also accepts a read at address 0 (3)."""
+        """Tell whether it acts on `frame`: also on a read at address 0 (3)."""
         return super().is_meant(frame) or _is_broadcast_read(frame)
 
     def answers(self, frame: Frame) -> bool:
-        """It responds to a read at address 0, from its real address (3)."""
+        """Tell whether it responds to `frame`: also to a read at address 0, from its real address (3)."""
         return super().answers(frame) or _is_broadcast_read(frame)
 
     def has(self, asked: RequestPdu) -> bool:
-        """Addresses are either for reading or for writing."""
+        """Tell whether all addresses exist: each is either for reading or for writing."""
         return super().has(asked) if asked.write is None else covers(WRITABLE, asked.write)
 
     def perform(self, asked: RequestPdu, now: float, baud: int) -> bytes:
@@ -113,7 +113,7 @@ class Weigher(Device):
         holding.assign(OWN_BAUD, _words(self.baud or baud))
 
     def _present(self, now: float) -> float:
-        """The weight on it, regardless of the zero point."""
+        """Return the weight on it, regardless of the zero point."""
         return self.weight + (_SWING * sin(_PACE * now) if self.moves else 0.0)
 
     def _obey(self, address: int, data: bytes, now: float) -> None:
@@ -153,6 +153,6 @@ def _is_broadcast_read(frame: Frame) -> bool:
 
 
 def _words(value: float) -> tuple[int, int]:
-    """A float32 as two registers, the high word first."""
+    """Encode a float32 as two registers, the high word first."""
     high, low = _TWO_WORDS.unpack(_FLOAT.pack(value))
     return high, low
