@@ -1,9 +1,9 @@
 """Publishes what points of devices read to a broker (MQTT), and takes writes from there (ADR 22, 23).
 
-- publisher, polls, changes    what is read when, and which values are new
-- messages, topics, plain    the plain form; what each form must do
+- publisher, polls, changes    when devices are read, and which values are published
+- messages, topics, plain    the protocol of a form, and the plain one
 - sparkplug, sparkplug_payload, births    Sparkplug B
-- discovery    what Home Assistant is told
+- discovery    announcements for Home Assistant
 - commands     writes from the broker
-- broker, connection, client, steadiness    the connection, and when it is tried again
+- broker, connection, client, steadiness    the connection, and when the next one is made
 """

@@ -1,4 +1,4 @@
-"""The births in a connection to a broker: what is published before all else, again whenever a host asks for it."""
+"""Births: what is published first in a connection to a broker, and again whenever a host asks for it."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -16,7 +16,7 @@ class Births:
     def __init__(self) -> None:
         #: Whether there has been one in this connection.
         self.has_begun = False
-        #: Whether messages of it are still to be taken.
+        #: Whether some of its messages were not taken yet.
         self.is_under_way = False
         #: When the next one begins, if one was put off.
         self.next_at: float | None = None
@@ -24,26 +24,26 @@ class Births:
         self._messages: Iterator[Message] = iter(())
 
     def begin(self, messages: Iterable[Message], now: float) -> None:
-        """Begin one; what is left of another is not published."""
+        """Begin a birth with these messages; the rest of an earlier one is dropped."""
         self.has_begun = self.is_under_way = True
         self._begun_at, self.next_at = now, None
         self._messages = iter(messages)
 
     def may_begin(self, now: float) -> bool:
-        """Whether another one may begin now. If not, it is put off."""
+        """Tell whether a birth may begin now; if not, put it off until `next_at`."""
         if now - self._begun_at >= REBIRTH_PAUSE:
             return True
         self.next_at = self._begun_at + REBIRTH_PAUSE
         return False
 
     def take(self) -> Message | None:
-        """The next message; None if that was all."""
+        """Return the next message of the birth; None if there are no more."""
         message = next(self._messages, None)
         self.is_under_way = message is not None
         return message
 
     def forget(self) -> None:
-        """The connection is lost."""
+        """Forget the birth: the connection is lost."""
         self.has_begun = self.is_under_way = False
         self._begun_at, self.next_at = -math.inf, None
         self._messages = iter(())

@@ -1,4 +1,4 @@
-"""Keeps a connection to the broker, and publishes there what the publisher has."""
+"""Keeps a connection to the broker, and publishes there the messages of the publisher."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ class MessageCounts:
 
 
 class Broker:
-    """The broker with this `name`. `settings` reads how to reach it, and may block."""
+    """A broker, and the connection to it. `settings` returns its address and login, and may block."""
 
     def __init__(
         self,
@@ -44,12 +44,12 @@ class Broker:
         unix: Callable[[], float],
     ) -> None:
         self.name = name
-        #: Why nothing is published; empty if it is.
+        #: Why nothing is published; empty while values are.
         self.reason = "not tried yet"
-        #: Since when, by the clock of the event loop; None if something is published.
+        #: Since when, by the clock of the event loop; None while values are published.
         self.down_since: float | None = asyncio.get_running_loop().time()
         self.version: Version = VERSIONS[0]
-        #: How often it was tried to connect.
+        #: How many times the gateway has tried to connect.
         self.attempts = 0
         self.counts = MessageCounts()
         self._settings = settings
@@ -57,18 +57,18 @@ class Broker:
         self._emit = emit
         self._unix = unix
         self._steadiness = Steadiness()
-        #: What is published before it is left for good; None until then.
+        #: The messages to publish before the end; None until `stop`.
         self._last: Sequence[Message] | None = None
         #: Whether everything was published at the stop, the last messages too.
         self.has_left = False
         self._told = ""
         self._has_told_refusal = False
-        #: The topic that tells whether the gateway is there, and why the broker does not take that.
+        #: The topic of the will, and why the broker refuses messages on it; empty if it does not.
         self._status = self._refusal = ""
 
     @property
     def unsteady(self) -> str:
-        """Why connections do not hold, while one stands; empty if it does."""
+        """Why connections were lost again and again, while one is open; empty once it has held."""
         return "" if self.down_since is not None else self._steadiness.trouble(asyncio.get_running_loop().time())
 
     @property
@@ -76,7 +76,7 @@ class Broker:
         return self._last is not None
 
     async def run(self) -> None:
-        """Connect, publish, connect again, until `stop`."""
+        """Connect, publish, and connect again, until `stop`."""
         while not self._is_stopping:
             try:
                 await self._serve()
@@ -97,10 +97,10 @@ class Broker:
         self._driver.wake.set()
 
     async def _serve(self) -> None:
-        """One connection, until it is lost or to be left.
+        """Make a connection, and publish until it is lost or must be ended.
 
         Raises:
-            BrokerError: it cannot be made, or is lost.
+            BrokerError: the connection cannot be made, or is lost.
             TlsError: a file cannot be used.
         """
         driver, publisher, form = self._driver, self._driver.publisher, self._driver.publisher.form
@@ -139,14 +139,14 @@ class Broker:
             connection.close()
 
     async def _take_commands(self, connection: BrokerConnection, topics: Sequence[str]) -> None:
-        """Subscribe to what writes. Values are published also if the broker refuses that."""
+        """Subscribe to commands. If the broker refuses that, values are still published."""
         try:
             await connection.subscribe(topics)
         except SubscriptionRefusedError as refusal:
             self._tell_refusal(str(refusal))
 
     async def _publish(self, connection: BrokerConnection, goes_on: Callable[[], bool]) -> None:
-        """Publish what there is, as long as it `goes_on`."""
+        """Publish what waits, as long as `goes_on` returns True."""
         sent = 0
         while goes_on():
             if connection.in_flight >= connection.most_in_flight:
@@ -190,7 +190,7 @@ class Broker:
             raise BrokerError(self._refusal)
 
     async def _leave(self, connection: BrokerConnection, messages: Sequence[Message]) -> None:
-        """Publish the last messages, and log out."""
+        """Publish the last messages and log out, within ENDING_TIME."""
         try:
             async with asyncio.timeout(ENDING_TIME):
                 for message in messages:
@@ -221,7 +221,7 @@ class Broker:
         self._driver.wake.set()
 
     def _tell_refusal(self, refusal: str) -> None:
-        """The first one only, until a connection that was up is lost."""
+        """Emit a refusal, but no further one until a connection that was up is lost."""
         if not self._has_told_refusal:
             self._has_told_refusal = True
             self._emit(BrokerRefused(self.name, refusal))
@@ -235,7 +235,7 @@ class Broker:
         self._emit(BrokerUp(self.name, self.version))
 
     def _lost(self, reason: str) -> None:
-        """It is told once, and again when the reason is another one."""
+        """Note that there is no connection; emit the reason once, and again when it changes."""
         if not self.reason:
             self._has_told_refusal = False
             reason = self._steadiness.lost(reason, asyncio.get_running_loop().time())

@@ -1,4 +1,4 @@
-"""Which readings are worth publishing, and whether a device is there."""
+"""Decides which readings are published, and whether a device is available."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -7,20 +7,20 @@ from gateway.plant.messages import DeviceState, Reading
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.registers.datatypes import Value
 
-#: A device that was there is gone after this many reads in a row without an answer. One may be lost on the line.
+#: A device becomes unavailable after this many reads in a row without an answer. One may be lost on the line.
 LOST_AFTER: Final = 2
 
 
 class Watch:
-    """The last readings of a device, and what was published of them. Times are seconds of any clock.
+    """The last readings of a device, and the published ones. Times are seconds of any clock.
 
-    A reading counts as new for the interval of its point and `patience` seconds, how long a read may take.
+    A reading is valid for the interval of its point plus `patience`: the seconds that a read may take.
     """
 
     def __init__(self, device: PublishedDevice, patience: float) -> None:
         self.device = device
         self.is_available = False
-        #: What is to be published, by names of points.
+        #: The names of points to publish.
         self.changed: set[str] = set()
         self._patience = patience
         self._points = {point.name: point for point in device.points}
@@ -29,7 +29,7 @@ class Watch:
         self._failures = 0
 
     def answered(self, values: Mapping[str, Value], now: float) -> bool:
-        """The device has answered with these values; whether it was not there before."""
+        """Take the values of an answer; tell whether the device was unavailable before."""
         for name, value in values.items():
             reading = self._latest[name] = Reading(value, now)
             if self._is_due(self._points[name], reading):
@@ -39,7 +39,7 @@ class Watch:
         return not was_there
 
     def failed(self) -> bool:
-        """The device has not answered; whether it was there before, and is not any more."""
+        """Note a read without an answer; tell whether this makes the device unavailable."""
         self._failures += 1
         if self._failures < LOST_AFTER or not self.is_available:
             return False
@@ -49,19 +49,19 @@ class Watch:
         return True
 
     def expire(self, now: float) -> None:
-        """Forget readings that are too old by now: what was published of them is to be taken back."""
+        """Forget readings that are too old; published ones are to be published as unknown."""
         old = self._latest.keys() - self.readings(now).keys()
         for name in old:
             del self._latest[name]
         self.changed |= old & self._published.keys()
 
     def forget(self) -> None:
-        """Nothing of it counts as published."""
+        """Forget what was published, and what was to be."""
         self._published.clear()
         self.changed.clear()
 
     def readings(self, now: float) -> dict[str, Reading]:
-        """The last readings that are not too old."""
+        """Return the last readings that are not too old, by names of points."""
         return {
             name: reading
             for name, reading in self._latest.items()
@@ -69,18 +69,18 @@ class Watch:
         }
 
     def state(self, now: float) -> DeviceState:
-        """What a birth tells of it."""
+        """Return the state of the device for a birth."""
         return DeviceState(self.device, self.is_available, self.readings(now) if self.is_available else {})
 
     def published(self, readings: Mapping[str, Reading]) -> None:
-        """These readings were published, and points that have changed and are not among them as unknown."""
+        """Note that these readings were published, and the other points in `changed` as unknown."""
         self._published.update(readings)
         for name in self.changed - readings.keys():
             self._published.pop(name, None)
         self.changed.clear()
 
     def _is_due(self, point: PublishedPoint, reading: Reading) -> bool:
-        """Whether a reading differs enough from what was published last, or that is long ago."""
+        """Tell whether a reading differs enough from the published one, or whether that is too old."""
         last = self._published.get(point.name)
         if last is None or _differ(last.value, reading.value, point.on_change):
             return True
@@ -89,8 +89,8 @@ class Watch:
 
 
 def _differ(old: Value, new: Value, deadband: float | None) -> bool:
-    """Whether two values differ by at least the `deadband`, or at all if there is none."""
+    """Tell whether two values differ by at least the `deadband`, or at all if it is None. NaN equals NaN here."""
     if deadband is None or isinstance(old, str) or isinstance(new, str):
-        return old != new and (old == old or new == new)  # noqa: PLR0124 - no number (NaN) differs from itself
+        return old != new and (old == old or new == new)  # noqa: PLR0124 - NaN differs from itself
     distance = abs(new - old)
     return distance >= deadband and old != new if distance == distance else (old == old) != (new == new)  # noqa: PLR0124

@@ -1,4 +1,4 @@
-"""The client of the MQTT library as the gateway uses it, and what the library does not tell of itself."""
+"""The client of the MQTT library as the gateway uses it, and what only private names of the library give."""
 
 import ssl
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from gateway.plant.messages import Message
 Version = Literal["5", "3.1.1"]
 VERSIONS: Final[tuple[Version, ...]] = ("5", "3.1.1")
 
-#: How long each step of connecting may take, in seconds, and how often the broker must be heard at least.
+#: How long each step of connecting may take, and the keep-alive interval of MQTT, both in seconds.
 STEP_TIME: Final = 10.0
 KEEP_ALIVE: Final = 15
-#: The most messages that the broker has not confirmed yet; fewer if it wants that. They grow old if it pauses.
+#: The most messages that the broker has not confirmed yet, or fewer if it asks for that: they age if it pauses.
 MOST_IN_FLIGHT: Final = 20
-#: The largest packet that is taken from the broker, in bytes.
+#: The largest packet that is accepted from the broker, in bytes.
 LARGEST_PACKET: Final = 65536
 
 _PROTOCOLS: Final = {"5": MQTTProtocolVersion.MQTTv5, "3.1.1": MQTTProtocolVersion.MQTTv311}
@@ -32,7 +32,7 @@ _WITH_WILL: Final = 0x04
 
 @dataclass(frozen=True, slots=True)
 class BrokerSettings:
-    """Where a broker is, and how to log in. `path` is for WebSockets, which are used if it is not empty."""
+    """The address of a broker, and the login. WebSockets are used if `path` is not empty."""
 
     host: str
     port: int
@@ -45,10 +45,9 @@ class BrokerSettings:
 
 
 class BrokerClient(Client):
-    """A client with one `version` of MQTT, whose `will` the broker publishes when the connection is lost.
+    """A client with one `version` of MQTT. The broker publishes its `will` when the connection is lost.
 
-    The three private names of the library are here; tests/system/test_mqtt_connection.py shows that each of them still
-    means this.
+    It uses three private names of the library; tests/system/test_mqtt_connection.py shows that they keep their meaning.
     """
 
     def __init__(self, settings: BrokerSettings, version: Version, will: Message) -> None:
@@ -74,7 +73,12 @@ class BrokerClient(Client):
             self.ws_set_options(path=settings.path)
 
     def log_in(self) -> None:
-        """Connect, and send the login. Blocks: name servers and TLS may take their time."""
+        """Connect, and send the login. Blocks while names are looked up and during the TLS handshake.
+
+        Raises:
+            OSError: the broker cannot be reached, or TLS fails.
+            ValueError: the library refuses the settings.
+        """
         properties = None
         if self._is_newest:
             properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
@@ -88,12 +92,12 @@ class BrokerClient(Client):
         )
 
     def log_out(self, *, with_will: bool) -> None:
-        """The broker publishes the will if that is said, and with MQTT 5 only."""
+        """Log out; `with_will` has the broker publish the will, with MQTT 5 only."""
         is_said = with_will and self._is_newest
         self.disconnect(ReasonCode(PacketTypes.DISCONNECT, identifier=_WITH_WILL) if is_said else None)
 
     def send(self, message: Message) -> int:
-        """Publish a message; its number."""
+        """Publish a message; return its number."""
         properties = None
         if self._is_newest and (message.expiry is not None or message.correlation is not None):
             properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
@@ -104,17 +108,17 @@ class BrokerClient(Client):
         return self.publish(message.topic, message.payload, message.qos, message.retain, properties).mid
 
     def subscription(self, topic: str) -> tuple[str, Any]:
-        """What to subscribe to. With MQTT 5, what was published as retained is delivered as such."""
+        """Return the argument that subscribes to `topic`. With MQTT 5, retained messages are delivered as such."""
         return topic, SubscribeOptions(qos=1, retainAsPublished=True) if self._is_newest else 1
 
     @property
     def size_of_packet(self) -> int:
-        """How many bytes the packet that is being read has, after its head: the library has no limit for them."""
+        """The size of the packet being read, in bytes after its fixed header: the library does not limit it."""
         return int(self._in_packet["remaining_length"])
 
     @property
     def awaits_pong(self) -> bool:
-        """Whether a ping was sent and is not answered yet."""
+        """Whether a ping was sent that is not answered yet."""
         return bool(self._ping_t)
 
     def ping(self) -> None:
@@ -123,7 +127,7 @@ class BrokerClient(Client):
 
 
 class _Named:
-    """A context that asks for the certificate of another name than that of the host."""
+    """A context that checks the certificate against `name` instead of the host."""
 
     check_hostname = True
 
@@ -132,7 +136,7 @@ class _Named:
         self._name = name
 
     def wrap_socket(self, sock: Socket, *, server_hostname: str, do_handshake_on_connect: bool) -> ssl.SSLSocket:  # noqa: ARG002
-        """See ssl.SSLContext."""
+        """Wrap a socket as ssl.SSLContext does, with the other name."""
         return self._context.wrap_socket(
             sock, server_hostname=self._name, do_handshake_on_connect=do_handshake_on_connect
         )

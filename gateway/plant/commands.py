@@ -1,4 +1,4 @@
-"""Commands from the broker: each is carried out once at most, as a write of the client `mqtt`, and has a result."""
+"""Commands from the broker: each is carried out at most once, as a write of the client `mqtt`, and gets a result."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -22,7 +22,7 @@ MOST_REMEMBERED: Final = 1000
 
 
 class PlantOrigin(Origin, Protocol):
-    """The Origin of reads. The responses to writes come to it too."""
+    """An Origin of reads that also takes the responses to writes."""
 
     def written(self, command: Command, request: Request, response: bytes | None) -> None:
         """Take the response to the write that carries out a command."""
@@ -30,24 +30,24 @@ class PlantOrigin(Origin, Protocol):
 
 @dataclass(slots=True)
 class CommandCounts:
-    """Commands, and those of them that were refused or failed."""
+    """The number of commands, and of those that were refused or failed."""
 
     received: int = 0
     refused: int = 0
 
 
 class CarriedOut:
-    """The latest commands with a correlation. A reload keeps it, because they may come again afterwards."""
+    """The latest commands with a correlation. A reload keeps them, because they may come again afterwards."""
 
     def __init__(self) -> None:
         self._keys: OrderedDict[bytes, None] = OrderedDict()
 
     def __contains__(self, delivery: Delivery) -> bool:
-        """Whether one with its topic and correlation is among them."""
+        """Tell whether a delivery with this topic and correlation was added."""
         return delivery.correlation is not None and _key(delivery.topic, delivery.correlation) in self._keys
 
     def add(self, delivery: Delivery) -> None:
-        """Find the delivery if it comes again."""
+        """Remember a delivery, if it has a correlation."""
         if delivery.correlation is None:
             return
         self._keys[_key(delivery.topic, delivery.correlation)] = None
@@ -56,9 +56,10 @@ class CarriedOut:
 
 
 class Commands:
-    """Each is a write to `writes_to`; their responses come to `origin`; `tell` is called with what became of each.
+    """Carries out commands as writes to `writes_to`; the responses come to `origin`.
 
-    Those that are `carried_out` already are refused. `clock` is that of `now` everywhere.
+    `tell` is called with the result of each: the error, or None. Commands in `carried_out` are refused. `clock` is the
+    clock of every `now`.
     """
 
     def __init__(
@@ -81,11 +82,11 @@ class Commands:
         self._carried_out = carried_out
 
     def close(self) -> None:
-        """Carry out no more: the units may be other devices from now on."""
+        """Refuse all further commands: the units may be other devices from now on."""
         self._is_closed = True
 
     def refusal(self, delivery: Delivery) -> str:
-        """Why no command in this message may be carried out; empty if it may."""
+        """Say why no command in this message may be carried out; empty if one may."""
         if self._is_closed:
             return "the gateway stops, or takes up another config: send it again"
         if delivery.is_retained:
@@ -99,7 +100,7 @@ class Commands:
         return ""
 
     def carry_out(self, command: Command, refusal: str, now: float) -> None:
-        """Write it, unless there is a `refusal`."""
+        """Write the value of a command, unless there is a `refusal`."""
         self.counts.received += 1
         refusal = command.refusal or refusal
         if not refusal and self._in_progress >= MOST_COMMANDS:
@@ -119,13 +120,13 @@ class Commands:
         self._target.submit(Request(command.device.unit, pdu, origin, now), now)
 
     def refuse(self, misdirected: Misdirected, now: float) -> None:
-        """Log and tell why it is no command."""
+        """Log and tell why this is not a valid command."""
         self.counts.received += 1
         self._emit(CommandRefused(CLIENT, misdirected.delivery.topic, misdirected.refusal))
         self._failed(misdirected, misdirected.refusal, now)
 
     def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
-        """A command's request is over."""
+        """Tell the result of a command: its request is over."""
         self._in_progress -= 1
         if request.error is not None:
             self._failed(command, str(request.error) or request.error.result, now)
@@ -151,16 +152,16 @@ class _Writer:
         self._until = until
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - it has one
-        """Whether it may still be sent."""
+        """Tell whether the request may still be sent."""
         return self._until is None or self._clock() < self._until
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the response."""
+        """Pass the response to the origin of the reads."""
         self._origin.written(self._command, request, pdu)
 
 
 def _audit(command: Command) -> WriteAudit:
-    """The audit event of a command that becomes no request."""
+    """Make the audit event of a command that becomes no request."""
     point, functions = command.point.point, command.device.functions
     function = write_function(point.area, point.count, functions) if point.area in WRITERS else 0
     return WriteAudit(
@@ -177,10 +178,10 @@ def _audit(command: Command) -> WriteAudit:
 
 
 def _write_request(command: Command) -> bytes:
-    """The request that writes the value.
+    """Make the PDU that writes the value.
 
     Raises:
-        ValueError: the point cannot hold it.
+        ValueError: the point cannot be written, or not with this value.
     """
     point = command.point.point
     if point.area not in WRITERS:
@@ -192,5 +193,5 @@ def _write_request(command: Command) -> bytes:
 
 
 def _key(topic: str, correlation: bytes) -> bytes:
-    """A few bytes for a delivery; its correlation may have 64 KiB."""
+    """Make a short key for a delivery, whose correlation may have 64 KiB."""
     return blake2b(correlation, digest_size=16, key=blake2b(topic.encode()).digest()).digest()

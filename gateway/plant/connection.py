@@ -27,11 +27,11 @@ from gateway.tls.reasons import explain
 
 
 class BrokerConnection:
-    """A connection with one `version` of MQTT. `deliver` takes what is received.
+    """A connection with one `version` of MQTT. `deliver` takes each message received.
 
-    `confirmed` is called for each message that the broker has taken, or refused for the reason given, and is told
-    whether it may take the message later. QoS 0 has no confirmation in MQTT: the answer to a ping that was sent after
-    the message takes its place, and the message is None.
+    `confirmed` is called for each message that the broker has answered: with the message, the reason if it was refused
+    (else empty), and whether it may be accepted later. MQTT has no confirmation for QoS 0: the answer to a ping that
+    was sent after the message takes its place, and the message is None.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class BrokerConnection:
         unix: Callable[[], float],
     ) -> None:
         self.in_flight = 0
-        #: When the broker must have confirmed something, by the clock of the event loop; None if it has confirmed all.
+        #: When the broker must have confirmed another message, by the clock of the event loop; None if none is due.
         self.deadline: float | None = None
         self.most_in_flight = MOST_IN_FLIGHT
         self._user = settings.user
@@ -72,8 +72,8 @@ class BrokerConnection:
         """Connect and log in.
 
         Raises:
-            WrongVersionError: with another version of MQTT it may succeed.
-            BrokerError: it cannot be reached, or refuses.
+            WrongVersionError: another version of MQTT may succeed.
+            BrokerError: the broker cannot be reached, or refuses.
         """
         try:
             async with asyncio.timeout(2 * STEP_TIME):
@@ -94,7 +94,7 @@ class BrokerConnection:
 
         Raises:
             SubscriptionRefusedError: the broker refuses.
-            BrokerError: the connection is lost.
+            BrokerError: the connection is lost, or the broker does not answer.
         """
         if not topics:
             return
@@ -112,7 +112,7 @@ class BrokerConnection:
                 raise SubscriptionRefusedError(refused(reason, f"subscribe to {topic}", self._user))
 
     def publish(self, message: Message) -> None:
-        """Send a message. `in_flight` counts it until it is confirmed: beyond `most_in_flight` none should be sent."""
+        """Send a message; `in_flight` counts it until it is confirmed, and must not exceed `most_in_flight`."""
         if not self.in_flight:
             self.deadline = self._loop.time() + STEP_TIME
         self.in_flight += 1
@@ -124,11 +124,11 @@ class BrokerConnection:
             self._ping()
 
     def end(self, *, with_will: bool) -> None:
-        """Log out; the broker publishes the will if that is said, and with MQTT 5 only."""
+        """Log out; `with_will` has the broker publish the will, with MQTT 5 only."""
         self._client.log_out(with_will=with_will)
 
     def close(self) -> None:
-        """Close it. Nothing is delivered any more."""
+        """Close the connection. Nothing is delivered any more."""
         self._is_abandoned = True
         if self._timer is not None:
             self._timer.cancel()
@@ -144,7 +144,7 @@ class BrokerConnection:
             waiting.cancel()
 
     def _log_in(self) -> None:
-        """In a thread."""
+        """Log in, in a thread that may outlast the connection: then the socket is closed here."""
         self._client.log_in()
         if self._is_abandoned:
             sock = self._client.socket()
@@ -176,7 +176,7 @@ class BrokerConnection:
         except BrokerError as error:
             self._unwatch(self._client.socket())
             self._fail(str(error))
-        except Exception as error:  # noqa: BLE001 - the library raises anything for packets that are none
+        except Exception as error:  # noqa: BLE001 - the library raises anything for invalid packets
             self._fail(f"what it sends is not understood: {error!r}")
 
     def _read(self) -> None:
@@ -247,7 +247,7 @@ class BrokerConnection:
     def _on_disconnect(
         self, _client: Client, _data: Any, flags: DisconnectFlags, reason: ReasonCode, _properties: Properties | None
     ) -> None:
-        if not self._accepted.done():  # some brokers close the connection instead of an answer
+        if not self._accepted.done():  # some brokers close the connection instead of answering
             self._accepted.set_exception(WrongVersionError("it has closed the connection without an answer"))
         is_told = flags.is_disconnect_packet_from_server
         self._fail(in_words(reason) if is_told else UNTOLD)
@@ -263,7 +263,7 @@ class BrokerConnection:
         self, _client: Client, _data: Any, number: int, reason: ReasonCode, _properties: Properties | None
     ) -> None:
         message = self._awaited.pop(number, None)
-        if message is not None:  # with QoS 0 it says that the message is written, and no more
+        if message is not None:  # with QoS 0 it only says that the message is written
             refusal = refused(reason, f"publish to {message.topic}", self._user) if reason.is_failure else ""
             self._count_confirmed(message, refusal, is_passing=is_passing(reason))
 

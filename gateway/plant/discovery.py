@@ -27,9 +27,9 @@ _Config = dict[str, Any]
 
 _ON: Final = "1"
 _OFF: Final = "0"
-#: What Home Assistant takes for "the value is not known".
+#: The value that means "unknown" to Home Assistant.
 _UNKNOWN: Final = "None"
-#: Home Assistant takes no finer step.
+#: Home Assistant accepts no finer step.
 _SMALLEST_STEP: Final = 0.001
 _GREATEST_FLOAT32: Final = 3.4e38
 
@@ -59,7 +59,7 @@ _SPELLINGS: Final[Mapping[str, str]] = {
 }
 _MICRO_SIGN, _GREEK_MU = "µ", "μ"
 
-#: Device classes by unit. Units that may mean several things (%, K, dB, m³, ppm) have none: people choose it there.
+#: Device classes by unit. Units that may mean several things (%, K, dB, m³, ppm) have none: users choose it there.
 _CLASSES: Final[Mapping[str, str]] = {
     unit: device_class
     for device_class, units in {
@@ -99,15 +99,15 @@ class Discovery:
 
     @property
     def folder(self) -> str:
-        """What all topics of the site have in them, with whatever prefix."""
+        """The part that all topics of the site have in common, whatever the prefix."""
         return f"/device/{_identifier(self.topics.site)}/"
 
     def messages(self, devices: Sequence[PublishedDevice], before: Announced) -> Sequence[Message]:
-        """The messages that announce `devices`, and take back components that were announced `before`."""
+        """Make the messages that announce `devices`, and remove obsolete components that were announced `before`."""
         return [message for device in devices for message in self._announce(device, before)]
 
     def announced(self, devices: Iterable[PublishedDevice]) -> Announced:
-        """What `messages` announces: to be given as `before` the next time."""
+        """Return what `messages` announces: the argument `before` of its next call."""
         return {
             self._topic(device): {key: component["p"] for key, component in self._components(device).items()}
             for device in devices
@@ -129,7 +129,7 @@ class Discovery:
         return f"{self.prefix}{self.folder}{_identifier(device.name)}/config"
 
     def _config(self, device: PublishedDevice, components: Mapping[str, _Config]) -> _Config:
-        """What Home Assistant gets to know of a device."""
+        """Make the description of a device for Home Assistant."""
         return {
             "dev": {"ids": [self._id(device.name)], "name": device.name, "mdl": device.profile},
             "o": {"name": "modbus-gateway", "sw": __version__},
@@ -141,7 +141,7 @@ class Discovery:
         }
 
     def _components(self, device: PublishedDevice) -> dict[str, _Config]:
-        """The components for the points that can be read, or written from the broker."""
+        """Make the components for the points that can be read, or written from the broker, by names of points."""
         return {
             point.name: self._component(device, point)
             for point in device.points
@@ -162,12 +162,12 @@ class Discovery:
         return shared | command | _control(point)
 
     def _id(self, *names: str) -> str:
-        """A name that nobody else in Home Assistant has, as long as sites have different names."""
+        """Make an identifier that is unique in Home Assistant, as long as sites have different names."""
         return "/".join(("modbus", self.topics.site, *names))
 
 
 def _sensor(point: Point) -> _Config:
-    """A component that shows the point."""
+    """Make a component that shows the point."""
     if has_bits(point.area) and not point.labels:
         return {"p": "binary_sensor", "pl_on": _ON, "pl_off": _OFF}
     if has_bits(point.area):
@@ -179,7 +179,7 @@ def _sensor(point: Point) -> _Config:
 
 
 def _control(point: Point) -> _Config:
-    """A component that shows and sets the point."""
+    """Make a component that shows and sets the point."""
     if point.type == "string":
         return {"p": "text", "max": 2 * point.count, "val_tpl": f"{{{{ value_json['{point.name}'] | default('') }}}}"}
     if point.labels:
@@ -194,7 +194,7 @@ def _control(point: Point) -> _Config:
 
 
 def _chosen(name: str, options: Sequence[str]) -> str:
-    """A template for the value of a point, if it is one of the options."""
+    """Make a template for the value of a point: unknown unless it is one of the options."""
     known = json.dumps(options, ensure_ascii=False)
     return (
         f"{{% set value = value_json['{name}'] | default('') %}}{{{{ value if value in {known} else '{_UNKNOWN}' }}}}"
@@ -202,7 +202,7 @@ def _chosen(name: str, options: Sequence[str]) -> str:
 
 
 def _unit(point: Point) -> _Config:
-    """The unit as Home Assistant writes it, and its device class, if it has one."""
+    """Return the keys of the unit in Home Assistant's spelling and of its device class, if it has them."""
     if point.unit == "pH":
         return {"dev_cla": "ph"}
     unit = _spelled(point.unit)
@@ -213,12 +213,12 @@ def _unit(point: Point) -> _Config:
 
 
 def _spelled(unit: str) -> str:
-    """A unit as Home Assistant writes it."""
+    """Spell a unit as Home Assistant does."""
     return _SPELLINGS.get(unit, unit).replace(_MICRO_SIGN, _GREEK_MU)
 
 
 def _state_class(point: Point) -> str:
-    """Which statistics are kept: of a value, of a counter, or of one that may also count down."""
+    """Choose the statistics that are kept: of a value, of a counter, or of one that may also count down."""
     if _CLASSES.get(_spelled(point.unit)) not in _COUNTED:
         return "measurement"
     return "total" if point.type.startswith("int") else "total_increasing"
@@ -229,7 +229,7 @@ def _precision(point: Point) -> _Config:
 
 
 def _range(point: Point) -> tuple[float, float]:
-    """The least and the greatest value that the point can have."""
+    """Return the least and the greatest value that the point can have."""
     if is_float(point.type):
         return -_GREATEST_FLOAT32, _GREATEST_FLOAT32
     exact = Decimal(repr(point.scale))
@@ -238,14 +238,14 @@ def _range(point: Point) -> tuple[float, float]:
 
 
 def _step(point: Point) -> float:
-    """By how much the value can be changed."""
+    """Return the least change of the value that can be set."""
     if is_float(point.type):
         return max(_SMALLEST_STEP, 10.0**-point.decimals) if point.decimals is not None else _SMALLEST_STEP
     return max(_SMALLEST_STEP, abs(point.scale))
 
 
 def _identifier(name: str) -> str:
-    """A name with the characters that a discovery topic may have; different names remain different."""
+    """Replace characters that a discovery topic may not have; different names remain different."""
     allowed = re.sub(r"[^a-zA-Z0-9_-]", "_", name)
     return allowed if allowed == name else f"{allowed}-{crc32(name.encode()):08x}"
 

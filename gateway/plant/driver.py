@@ -1,4 +1,4 @@
-"""Connects a publisher to the clock: the only part of it that uses the event loop."""
+"""Connects a publisher to the clock and the event loop."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
@@ -14,9 +14,10 @@ from gateway.request import Request, Target
 
 
 class PublisherDriver:
-    """Hands time, responses and what the broker delivers to its `publisher`; the Origin of the publisher's reads.
+    """Hands time, responses and deliveries to its `publisher`. It is the Origin of the publisher's reads.
 
-    `wake` is set when there is something to publish. An unexpected error ends here: it is logged, and reading goes on.
+    `wake` is set when there is something to publish. `unix` returns the present Unix time. An unexpected error ends
+    here: it is logged, and reading goes on.
     """
 
     caller = CALLER
@@ -31,7 +32,6 @@ class PublisherDriver:
         unix: Callable[[], float],
         carried_out: CarriedOut,
     ) -> None:
-        """`unix` is the time of the day."""
         loop = asyncio.get_running_loop()
         self.wake = asyncio.Event()
         self.now = loop.time
@@ -62,7 +62,7 @@ class PublisherDriver:
         self._timer.close()
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - the same for every read
-        """Whether waiting reads should be sent."""
+        """Tell whether waiting reads should be sent: from `start` to `close`."""
         return self._is_open
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
@@ -74,11 +74,11 @@ class PublisherDriver:
         self._run(self.publisher.written, command, request, response, self.now())
 
     def received(self, delivery: Delivery) -> None:
-        """Take what the broker has delivered."""
+        """Take a message that the broker has delivered."""
         self._run(self.publisher.received, delivery, self.now())
 
     def take(self) -> Sequence[Message]:
-        """The next messages to publish."""
+        """Return the next messages to publish; none if there are none at present."""
         return self.publisher.take(self.now())
 
     def _tick(self) -> None:

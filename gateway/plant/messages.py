@@ -1,7 +1,7 @@
-"""What is published, what is received, and what each form of it must be able to do.
+"""Messages to and from a broker, and the protocol of a form.
 
 A form is a way to put values into messages: JSON (`plain`) or Sparkplug B. It has no clock and no connection. Times are
-Unix times in seconds: they are what messages carry.
+Unix times in seconds, as in messages.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -14,10 +14,10 @@ from gateway.registers.datatypes import Value
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message to publish. With MQTT 5 the broker drops it `expiry` seconds after it has got it, if nobody took it.
+    """A message to publish. `expiry` and `correlation` have an effect with MQTT 5 only.
 
-    `correlation` is sent back to who asked, with MQTT 5 only. `device` is the name of the device whose values or
-    availability it tells.
+    The broker drops the message if it cannot deliver it within `expiry` seconds. `correlation` is the one of the
+    command that it answers. `device` is the name of the device whose values or availability it tells.
     """
 
     topic: str
@@ -34,7 +34,7 @@ class Delivery:
     """A message received from the broker at `at`. The last two are known with MQTT 5 only.
 
     `is_retained`: the broker kept it from before the subscription. `is_duplicate`: it may have been delivered before.
-    `expiry` is how many seconds of its life were left.
+    `expiry` is the number of seconds until it expires.
     """
 
     topic: str
@@ -48,7 +48,7 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a point had: its value, and when its device answered."""
+    """The value of a point, and when its device answered."""
 
     value: Value
     at: float
@@ -69,9 +69,9 @@ class DeviceState:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Somebody wants a point to have a value, given as text as `write DEVICE POINT VALUE` takes it.
+    """A request to write a value to a point, as text as `write DEVICE POINT VALUE` takes it.
 
-    `refusal` is why it must not be carried out; empty when it may be. `delivery` is the message that it came with.
+    `refusal` is why it must not be carried out; empty if it may be. `delivery` is the message that it came with.
     """
 
     device: PublishedDevice
@@ -83,7 +83,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Misdirected:
-    """Somebody wants to write something that is no point, or must not be written: `refusal` says which."""
+    """A request to write something that is not a point, or must not be written: `refusal` says which."""
 
     text: str
     delivery: Delivery
@@ -92,28 +92,28 @@ class Misdirected:
 
 @dataclass(frozen=True, slots=True)
 class Rebirth:
-    """The birth is to be published (again)."""
+    """A request to publish the birth (again)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leave:
-    """The session is to be ended with `ended`, and the connection made anew."""
+    """A request to end the session with `ended`, and to make a new connection."""
 
 
-#: What a message that was received asks for.
+#: The requests that a received message may contain.
 Received = Command | Misdirected | Rebirth | Leave
 
 
 class Form(Protocol):
-    """How values, availability and results become messages, and received messages become commands.
+    """Turns values, availability and results into messages, and received messages into commands.
 
     For each connection the calls are: `will`; the connection is made; `early_subscriptions`; as soon as `is_held` is
-    False `born` and `command_subscriptions`, these first if `takes_commands_first`; then any of the others; `ended`, if
-    there is time for it. A new birth at any time starts with `born` again. Between connections nothing is called.
-    `received` may be called from the first subscription on.
+    False `born` and `command_subscriptions`, the latter first if `takes_commands_first`; then any of the others;
+    `ended`, if there is time for it. A new birth at any time starts with `born` again. Between connections nothing is
+    called. `received` may be called from the first subscription on.
     """
 
-    #: Whether commands are subscribed to before the birth; otherwise right behind it.
+    #: Whether commands are subscribed to before the birth; otherwise right after it.
     takes_commands_first: bool
 
     @property
@@ -122,36 +122,36 @@ class Form(Protocol):
 
     @property
     def leaves_with_will(self) -> bool:
-        """Whether the broker is to publish the will at a proper end too, which it does with MQTT 5."""
+        """Whether the broker is to publish the will at a proper end too, which is possible with MQTT 5."""
 
     def will(self, at: float) -> Message:
-        """What the broker publishes when the connection is lost. Starts a new session."""
+        """Return the message that the broker publishes when the connection is lost. Starts a new session."""
 
     def early_subscriptions(self) -> Sequence[str]:
-        """Topics (filters) to subscribe to even if the birth is held: nothing that comes from there is written."""
+        """Return topics (filters) to subscribe to even if the birth is held. Their messages write nothing."""
 
     def command_subscriptions(self) -> Sequence[str]:
-        """Topics (filters) of what writes."""
+        """Return topics (filters) whose messages may write."""
 
     def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
-        """What to publish at first: all devices with their availability and last readings, each when it is taken."""
+        """Return what to publish first: all devices with availability and last readings, each made when it is taken."""
 
     def values(
         self, device: PublishedDevice, readings: Readings, changed: Collection[str], at: float
     ) -> Sequence[Message]:
-        """New readings of a device: all that are known, and the names of points whose readings are to be published now.
+        """Return the messages with new readings of a device, whose known readings are all in `readings`.
 
-        A point among these without a reading had one, which is too old by now.
+        `changed` names the points to publish now. A point among these without a reading had one that is too old by now.
         """
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
-        """A device begins to answer, with what it has read, or no longer does."""
+        """Return the messages when a device begins to answer, with its readings, or no longer does."""
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
-        """What a message from the broker asks for; often one thing, or nothing."""
+        """Return what a message from the broker asks for; often one thing, or nothing."""
 
     def result(self, command: Command | Misdirected, error: str | None, at: float) -> Sequence[Message]:
-        """What became of a command: None if the device confirmed it, else why not."""
+        """Return the messages with the result of a command: no `error` if the device confirmed it, else why not."""
 
     def ended(self, at: float) -> Sequence[Message]:
-        """What to publish right before the connection is closed."""
+        """Return what to publish right before the connection is closed."""

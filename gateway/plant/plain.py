@@ -21,17 +21,17 @@ from gateway.profiles.published import PublishedDevice, PublishedPoint
 
 ONLINE: Final = b"online"
 OFFLINE: Final = b"offline"
-#: The longest value that is taken, in bytes: a string of 125 registers has 250.
+#: The longest value that is accepted, in bytes: a string of 125 registers has 250.
 LONGEST_VALUE: Final = 256
 #: Values for longer topics than this, in characters, are ignored.
 LONGEST_TOPIC: Final = 1000
 
 
 class PlainForm:
-    """The form of the messages of a site. `devices` are those that may be set.
+    """The form of the messages of a site that publishes `devices`.
 
-    `announcements` are published at each birth, before anything else; who needs them says `online` on one of the topics
-    `hosts` when it has started.
+    `announcements` are published at each birth, before anything else; a host that needs them publishes `online` on one
+    of the topics `hosts` when it has started.
     """
 
     is_held = False
@@ -53,19 +53,22 @@ class PlainForm:
         self._has_settable = any(point.point.write != "no" for device in devices for point in device.points)
 
     def will(self, at: float) -> Message:  # noqa: ARG002 - the broker cannot know when it publishes it
-        """The gateway is gone."""
+        """Return the message that the gateway is offline."""
         return Message(self._topics.status, OFFLINE, retain=True)
 
     def early_subscriptions(self) -> Sequence[str]:
-        """None: a birth is never held."""
+        """Return nothing: a birth is never held."""
         return ()
 
     def command_subscriptions(self) -> Sequence[str]:
-        """What sets points, if any could be written: also what can never work, so that it gets a result."""
+        """Return the topics of hosts, and the filter of all that set points, if a profile lets a point be written.
+
+        The filter includes devices and points that cannot be set, so that an attempt gets a result.
+        """
         return (*((self._topics.settings,) if self._has_settable else ()), *self._hosts)
 
     def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
-        """What is announced, each device with what is known of it, and then that the gateway is there."""
+        """Yield the announcements, each device with its known readings, and then that the gateway is online."""
         yield from self._announcements
         for state in states:
             yield from self.availability(state, at)
@@ -78,19 +81,22 @@ class PlainForm:
         changed: Collection[str],  # noqa: ARG002 - all values of a device are one message
         at: float,
     ) -> Sequence[Message]:
-        """All values of the device."""
+        """Return one message with all values of the device."""
         values = {name: finite(reading.value) for name, reading in readings.items()}
         return (self._json(self._topics.values(device.name), at, values, retain=True, device=device.name),)
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
-        """Whether the device answers; before that, what it has read."""
+        """Return the device's readings, if it has any, and then whether it answers."""
         device = state.device
         values = self.values(device, state.readings, (), at) if state.readings else ()
         payload = ONLINE if state.is_available else OFFLINE
         return (*values, Message(self._topics.availability(device.name), payload, retain=True, device=device.name))
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
-        """A value for a point, or a host has started. To delete a retained message an empty one is sent."""
+        """Return a write to a point, or a Rebirth if a host has started.
+
+        An empty retained message asks for nothing: it only deletes an earlier one.
+        """
         if delivery.topic in self._hosts:
             return (Rebirth(),) if delivery.payload == ONLINE else ()
         names = self._topics.named(delivery.topic) if len(delivery.topic) <= LONGEST_TOPIC else None
@@ -104,14 +110,14 @@ class PlainForm:
         return (_misdirected(device, device_name, point_name, delivery),)
 
     def result(self, command: Command | Misdirected, error: str | None, at: float) -> Sequence[Message]:
-        """Whether the device has confirmed the value, or why not."""
+        """Return the result of a command as a message: `ok`, or `failed` and the reason."""
         topic = self._topics.result(command.delivery.topic)
         outcome = {"result": "ok"} if error is None else {"result": "failed", "reason": error}
         correlation = command.delivery.correlation
         return (self._json(topic, at, {"value": command.text, **outcome}, correlation=correlation),)
 
     def ended(self, at: float) -> Sequence[Message]:
-        """The gateway stops."""
+        """Return the message that the gateway is offline."""
         return (self.will(at),)
 
     def _json(self, topic: str, at: float, content: Mapping[str, Any], **options: Any) -> Message:
@@ -120,7 +126,10 @@ class PlainForm:
 
 
 def gone(topic: str) -> Sequence[Message]:
-    """The device with this topic is no longer published: it is offline, and the broker keeps no values of it."""
+    """Return the messages for a device that is no longer published: offline, and without values at the broker.
+
+    `topic` is the topic of its values.
+    """
     return (
         Message(Topics.availability_of(topic), OFFLINE, retain=True),
         Message(topic, b"", retain=True),
@@ -151,5 +160,5 @@ def _misdirected(device: PublishedDevice | None, device_name: str, point_name: s
 
 
 def _shown(at: float) -> str:
-    """A Unix time: `2026-11-22T22:05:07.123Z`."""
+    """Format a Unix time: `2026-11-22T22:05:07.123Z`."""
     return datetime.fromtimestamp(at, UTC).isoformat(timespec="milliseconds").removesuffix("+00:00") + "Z"

@@ -1,4 +1,4 @@
-"""Reads what is published: each batch of points at its interval, through the queue of its line.
+"""Reads the published points: each batch at its interval, through the queue of its line.
 
 It has no clock: time is an argument, and `deadline` says when `tick` must be called again.
 """
@@ -26,29 +26,30 @@ MOST_READS: Final = 16
 RETRY: Final = 5.0
 #: Exceptions by which devices refuse a range: address and quantity.
 _REFUSALS: Final = frozenset({IllegalDataAddress.code, IllegalDataValue.code})
-#: A temporary failure of the device. Some send it for addresses that they do not have: then this often in a row.
+#: The exception for a failure of the device. Some devices send it for addresses that they do not have: it counts as a
+#: refusal after this many in a row.
 _FAILURE: Final = 4
 _FAILURES_OF_REFUSAL: Final = 3
 #: After this many seconds points that are read one by one are tried together again.
 TOGETHER_AGAIN: Final = 60.0
-#: The unit is not reached, or does not answer.
+#: Exceptions of a gateway that does not reach the unit, or gets no answer from it.
 _NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})
 
 
 class PolledTarget(Protocol):
-    """What answers for a device that is published."""
+    """The target that answers for a published device."""
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Take a request; with `yields`, requests of clients are sent first."""
 
     def is_resting(self, now: float) -> bool:
-        """Whether it backs off after failures."""
+        """Tell whether it backs off after failures."""
 
 
 class Answer(NamedTuple):
-    """What a read has brought: the values of its points by name; none if it failed.
+    """The outcome of a read: the values of its points by name; none if it failed.
 
-    `answers` is whether the device does; None if it was not asked, because its line is busy.
+    `answers` tells whether the device answers; it is None if it was not asked, because its line is busy.
     """
 
     device: PublishedDevice
@@ -58,7 +59,7 @@ class Answer(NamedTuple):
 
 @dataclass(slots=True)
 class PollCounts:
-    """Reads that were sent to the queues of lines, that failed, and that were left out because one was still there."""
+    """Reads that were sent to the queues of lines, that failed, and that were skipped: the one before was not over."""
 
     polls: int = 0
     failed: int = 0
@@ -67,7 +68,7 @@ class PollCounts:
 
 @dataclass(slots=True, eq=False)
 class _Read:
-    """One request, and when it is due. `is_asked`: it waits here or at the line, or is in progress.
+    """A request that repeats, and when it is due. `is_asked`: it waits here or at the line, or is in progress.
 
     While it is refused, `parts` read its points one by one. `is_over`: it is a part that is not needed any more.
     """
@@ -88,12 +89,12 @@ class _Read:
 
     @property
     def interval(self) -> float:
-        """How many seconds later it is due again."""
+        """The number of seconds after which it is due again."""
         return max(self.every, TOGETHER_AGAIN) if self.parts else self.every
 
 
 class _Line:
-    """What goes to one line: few reads at once, the others wait here. `is_passing` them on at this moment."""
+    """The reads of one line: few at once, the others are `waiting`. `is_passing` while they are passed to the line."""
 
     def __init__(self) -> None:
         self.in_progress = 0
@@ -130,13 +131,13 @@ class Polls:
             self._add(_Read(device, every, batch, now) for every, batch in timed_batches(device))
 
     def deadline(self) -> float | None:
-        """When `tick` must be called; None if there is nothing to read."""
+        """Return when `tick` must be called; None if there is nothing to read."""
         while self._due and self._due[0][0] != self._due[0][2].due_at:
             heappop(self._due)
         return self._due[0][0] if self._due else None
 
     def tick(self, now: float) -> list[Answer]:
-        """Send the reads that are due. Those of a device that backs off have failed at once."""
+        """Send the reads that are due. Return those that failed at once, because their device backs off."""
         failed = []
         while (due := self.deadline()) is not None and due <= now:
             read = heappop(self._due)[2]
@@ -154,7 +155,7 @@ class Polls:
         return failed
 
     def answered(self, request: Request, response: bytes | None, now: float) -> Answer:
-        """A read is over; None when it has no response."""
+        """Take the response to a read, None if there was none; return the outcome."""
         read = self._asked.pop(request)
         read.is_asked = False
         line = self._lines[read.device.line]
@@ -164,11 +165,11 @@ class Polls:
         return answer
 
     def has(self, request: Request) -> bool:
-        """Whether it is one of these reads."""
+        """Tell whether `request` is one of these reads."""
         return request in self._asked
 
     def read_soon(self, device: str, span: Span, now: float) -> None:
-        """Something was written to `span`: what reads it is due."""
+        """Make the reads of `span` due at once: something was written there."""
         for read in self._reads[device]:
             own = read.batch.span
             if not read.parts and own.area is span.area and own.start < span.end and span.start < own.end:
@@ -226,7 +227,7 @@ class Polls:
         return Answer(read.device, {}, answers=True)
 
     def _accepted(self, read: _Read, now: float) -> None:
-        """Its points are read together, again if they were not."""
+        """Note a response: if its points were read one by one, they are read together again."""
         read.is_refused, read.failures = False, 0
         if not read.parts:
             return
@@ -237,7 +238,7 @@ class Polls:
         read.parts.clear()
 
     def _refused(self, read: _Read, code: int, now: float) -> None:
-        """Log it once until it is answered, and read the points one by one until then."""
+        """Log the first refusal; read the points one by one until the read is answered."""
         if read.is_refused:
             return
         read.is_refused = True

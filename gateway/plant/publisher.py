@@ -1,6 +1,6 @@
-"""What is published, and when: between the reads of devices and the connection to a broker.
+"""Decides what is published, and when: between the reads of devices and the connection to a broker.
 
-It has no clock and no connection: time is an argument, messages are taken from it, and what a broker has delivered is
+It has no timer and no connection: `deadline` says when to call `tick`, messages are taken from it, and deliveries are
 handed to it. Without a connection it goes on reading, and keeps the last reading of each point.
 """
 
@@ -29,13 +29,16 @@ from gateway.plant.polls import Answer, PolledTarget, Polls
 from gateway.profiles.published import PublishedDevice
 from gateway.request import Request, Target
 
-#: At most this many results wait to be published; for further ones the oldest are dropped.
+#: The most results that wait to be published; for further ones the oldest are dropped.
 MOST_RESULTS: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
 class PublisherSettings:
-    """The devices that are published. A read of each takes `patience` seconds at most, by name of the device."""
+    """The devices to publish. `patience` is the longest time of a read, in seconds, by name of the device.
+
+    `source` is the place of the table in the config.
+    """
 
     devices: tuple[PublishedDevice, ...]
     patience: Mapping[str, float]
@@ -43,14 +46,14 @@ class PublisherSettings:
 
 
 class _Results:
-    """Results that wait until they are published. They take turns with all else."""
+    """Results that wait to be published, in turn with all other messages."""
 
     def __init__(self) -> None:
         self.waiting: deque[Message] = deque()
         self._was_last = False
 
     def add(self, results: Iterable[Message]) -> int:
-        """Keep these; how many older ones were dropped for them."""
+        """Add results; return how many older ones were dropped for them."""
         self.waiting.extend(results)
         dropped = max(0, len(self.waiting) - MOST_RESULTS)
         for _ in range(dropped):
@@ -58,7 +61,7 @@ class _Results:
         return dropped
 
     def take(self, *, is_alone: bool) -> Message | None:
-        """The next one, if it is their turn: always if nothing else waits."""
+        """Return the next result if it is their turn, else None. If `is_alone`, it always is."""
         self._was_last = bool(self.waiting) and (is_alone or not self._was_last)
         return self.waiting.popleft() if self._was_last else None
 
@@ -66,7 +69,7 @@ class _Results:
 class Publisher:
     """Publishes `settings.devices` in a `form`; reads go to `targets` as requests of `origin`, writes to `writes_to`.
 
-    `clock` is that of `now` everywhere; `unix` makes a Unix time of its times.
+    `clock` is the clock of every `now`; `unix` converts its times to Unix times.
     """
 
     def __init__(
@@ -81,10 +84,10 @@ class Publisher:
         unix: Callable[[float], float],
         carried_out: CarriedOut,
     ) -> None:
-        #: Results that nobody got, because there were too many.
+        #: Results that were not published, because there were too many.
         self.dropped_results = 0
         self.form = form
-        #: Whether the connection is to be given up and made anew.
+        #: Whether the connection must be ended, and a new one made.
         self.must_leave = False
         self.commands = Commands(writes_to, origin, emit, clock, self._tell, carried_out)
         self._clock = clock
@@ -102,7 +105,7 @@ class Publisher:
 
     @property
     def watches(self) -> Mapping[str, Watch]:
-        """What is known of each device, by its name."""
+        """The watch of each device, by its name."""
         return self._watches
 
     @property
@@ -111,7 +114,7 @@ class Publisher:
         return self.is_born and bool(self.has_birth or self._came_or_went or self._changed or self._results.waiting)
 
     def deadline(self) -> float | None:
-        """When `tick` must be called."""
+        """Return when `tick` must be called, or None."""
         return min((at for at in (self.polls.deadline(), self._births.next_at) if at is not None), default=None)
 
     def tick(self, now: float) -> None:
@@ -122,22 +125,22 @@ class Publisher:
             self._heed(answer, now)
 
     def answered(self, request: Request, response: bytes | None, now: float) -> None:
-        """A read is over."""
+        """Take the response to a read; None if there was none."""
         self._heed(self.polls.answered(request, response, now), now)
 
     def will(self, now: float) -> Message:
-        """What the broker is to publish when the connection is lost. Begins a session."""
+        """Return the message that the broker publishes when the connection is lost. Begins a session."""
         self.must_leave = False
         return self.form.will(self._unix(now))
 
     def connected(self, now: float) -> None:
-        """The connection stands, and the early subscriptions do: the birth is published as soon as it may be."""
+        """Begin the birth, unless it is held: the connection and the early subscriptions are made."""
         self._is_connected = True
         if not self.form.is_held:
             self._be_born(now)
 
     def disconnected(self) -> None:
-        """The connection is lost, and everything that was not published with it. The last readings are kept."""
+        """Drop everything that was not published: the connection is lost. The last readings are kept."""
         self._is_connected = False
         self._births.forget()
         self._results.waiting.clear()
@@ -147,16 +150,16 @@ class Publisher:
 
     @property
     def has_birth(self) -> bool:
-        """Whether a part of a birth is still to be taken."""
+        """Whether some messages of a birth were not taken yet."""
         return self._births.is_under_way
 
     @property
     def is_born(self) -> bool:
-        """Whether the birth was handed out in this connection, or is about to be."""
+        """Whether a birth has begun in this connection."""
         return self._births.has_begun
 
     def take(self, now: float) -> Sequence[Message]:
-        """The next messages to publish, in this order; none if there are none at present.
+        """Return the next messages to publish, in this order; none if there are none at present.
 
         Results and all else take turns.
         """
@@ -170,7 +173,7 @@ class Publisher:
         return self._values(_pop(self._changed), now) if self._changed else ()
 
     def refused(self, message: Message) -> None:
-        """The broker has no room for this message: the next read of the device it is about publishes all of it."""
+        """Have the next read of the message's device publish all readings: the broker refuses this one for now."""
         if message.device in self._watches:
             self._refused.add(message.device)
 
@@ -189,7 +192,7 @@ class Publisher:
                 self.must_leave = True
 
     def ended(self, now: float) -> Sequence[Message]:
-        """What to publish last."""
+        """Return the last messages to publish."""
         return self.form.ended(self._unix(now)) if self.is_born else ()
 
     def _be_born(self, now: float) -> None:
@@ -200,11 +203,11 @@ class Publisher:
         self._births.begin(self._birth(), now)
 
     def _birth(self) -> Iterator[Message]:
-        """Of the time when it is taken: what writes may have to be subscribed to before."""
+        """Yield the birth, made when it is taken: commands may have to be subscribed to before."""
         yield from self.form.born(self._states(), self._unix(self._clock()))
 
     def _states(self) -> Iterator[DeviceState]:
-        """What a birth tells of each device, at the time when it is told."""
+        """Yield the state of each device, made when it is taken."""
         for name, watch in self._watches.items():
             state = watch.state(self._clock())
             self._came_or_went.pop(name, None)
@@ -252,11 +255,11 @@ class Publisher:
         return replace(state, readings=self._readings(state.readings))
 
     def _readings(self, readings: Readings) -> Readings:
-        """The same with Unix times."""
+        """Convert the times of readings to Unix times."""
         return {name: Reading(reading.value, self._unix(reading.at)) for name, reading in readings.items()}
 
     def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
-        """A command's request is over."""
+        """Take the response to a command's write, None if there was none; read the point again soon."""
         self.polls.read_soon(command.device.name, command.point.point.span, now)
         self.commands.written(command, request, response, now)
 

@@ -1,4 +1,4 @@
-"""Why a broker refuses something, in words."""
+"""Turns the reasons of a broker into words."""
 
 from typing import Final
 
@@ -9,12 +9,12 @@ from gateway.errors import BrokerError
 _UNSUPPORTED_VERSION: Final = 0x84
 _WRONG_LOGIN: Final = 0x86
 _NO_RIGHT: Final = 0x87
-#: Brokers say the one or the other when a client logs in, whatever the cause.
+#: Brokers give either reason for a refused login, whatever the cause.
 _LOGIN_REFUSED: Final = "user or password is wrong, or this user may not connect"
 SAME_NAME: Final = "another client uses the same name; two gateways must not have the same site"
-#: When the broker does not say why: not all say that another client has the name.
+#: The reason if the broker gives none: not every broker says that another client has the same name.
 UNTOLD: Final = "the connection was lost"
-#: Refusals that say nothing of the message: unspecified error, implementation specific error, quota exceeded.
+#: Refusals for no fault of the message: unspecified error, implementation specific error, quota exceeded.
 _PASSING: Final = (0x80, 0x83, 0x97)
 _REASONS: Final = {
     _UNSUPPORTED_VERSION: "it does not have this version of MQTT",
@@ -26,7 +26,7 @@ _REASONS: Final = {
 
 
 class WrongVersionError(BrokerError):
-    """The broker does not have this version of MQTT, or closes the connection as if it had not."""
+    """The broker does not support this version of MQTT, or closes the connection as if it did not."""
 
 
 class SubscriptionRefusedError(BrokerError):
@@ -34,19 +34,19 @@ class SubscriptionRefusedError(BrokerError):
 
 
 def in_words(reason: ReasonCode) -> str:
-    """What a broker says."""
+    """Put the reason of a broker into words."""
     return _REASONS.get(reason.value) or f"it says: {reason}"
 
 
 def refused_login(reason: ReasonCode) -> BrokerError:
-    """Why it does not accept a connection."""
+    """Make the error for a login that the broker has refused."""
     if reason.value == _UNSUPPORTED_VERSION:
         return WrongVersionError(_REASONS[_UNSUPPORTED_VERSION])
     return BrokerError(_LOGIN_REFUSED if reason.value in (_WRONG_LOGIN, _NO_RIGHT) else in_words(reason))
 
 
 def refused(reason: ReasonCode, what: str, user: str | None) -> str:
-    """Why `user` may not do something: publish to a topic."""
+    """Say why the broker refuses `what`, such as `publish to TOPIC`, to a `user`."""
     if reason.value == _NO_RIGHT:
         who = "a client without a user" if user is None else f'user "{user}"'
         return f"{who} may not {what}"
@@ -54,5 +54,5 @@ def refused(reason: ReasonCode, what: str, user: str | None) -> str:
 
 
 def is_passing(reason: ReasonCode) -> bool:
-    """Whether the same message may be taken later."""
+    """Tell whether the same message may be accepted later."""
     return reason.value in _PASSING

@@ -1,7 +1,7 @@
 """Sparkplug B 3.0: the gateway as an edge node, and its devices as the node's devices.
 
-Chapter numbers are those of the specification. A host that finds the values on a broker is told here what there is
-(birth), what changes (data), and when it ends (death). All of it has no clock; times are Unix times in seconds.
+Chapter numbers are those of the specification. Messages tell a host what there is (birth), what changes (data), and
+when it ends (death). Nothing here has a clock; times are Unix times in seconds.
 """
 
 import json
@@ -26,11 +26,11 @@ from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.registers.items import has_bits
 
 _REBIRTH: Final = "Node Control/Rebirth"
-#: Birth and death of one session have the same number in this metric, and message numbers have as many values.
+#: The number of the session, in its birth and its death. It counts from 0 to 255, as the numbers of messages do.
 _SESSION: Final = "bdSeq"
 _NUMBERS: Final = 256
 
-#: Commands with more bytes are ignored: to read them takes time from all else.
+#: Commands with more bytes are ignored: nothing else runs while they are decoded.
 _LARGEST_COMMAND: Final = 8192
 
 _TYPES: Final = {
@@ -50,8 +50,8 @@ class Sparkplug:
     """A form of messages: see `Form`. `node` is unique in its `group`; `devices` are those that are published.
 
     With a `primary_host` nothing is published before that host says that it is online, and the session ends when it
-    goes offline. `withdrawals` take back what was announced in another form: once in each session, after the births,
-    which must come first.
+    goes offline. `withdrawals` take back what was announced in another form: they are published once in each session,
+    after the births, which must come first.
     """
 
     #: Whether the broker is to publish the will at a proper end too, as 6.4.25 demands with MQTT 5.
@@ -82,11 +82,11 @@ class Sparkplug:
 
     @property
     def is_held(self) -> bool:
-        """Whether the primary host is not there (5.4)."""
+        """Whether the primary host is offline (5.4)."""
         return not self._host_is_online
 
     def will(self, at: float) -> Message:
-        """The death of the node; starts a new session."""
+        """Return the death of the node; start a new session."""
         self._session = (self._session + 1) % _NUMBERS
         self._host_is_online = self._host is None
         self._host_seen = -1
@@ -96,11 +96,11 @@ class Sparkplug:
         return self._death(at)
 
     def early_subscriptions(self) -> Sequence[str]:
-        """The state of the primary host, and commands for the node, which write nothing."""
+        """Return the topics of the primary host's state, and of commands for the node, which write nothing."""
         return [*([] if self._host is None else [self._host]), self._topics.of("NCMD")]
 
     def command_subscriptions(self) -> Sequence[str]:
-        """Commands for devices that have something to write."""
+        """Return the topics of commands for devices that have a point to write."""
         return [
             self._topics.of("DCMD", device.name)
             for device in self._devices
@@ -108,7 +108,7 @@ class Sparkplug:
         ]
 
     def born(self, states: Iterable[DeviceState], at: float) -> Iterable[Message]:
-        """The birth of the node, and of each device that answers."""
+        """Yield the birth of the node and of each device that answers, then the withdrawals."""
         self._sequence = 0
         self._is_born = True
         self._born.clear()
@@ -125,7 +125,7 @@ class Sparkplug:
     def values(
         self, device: PublishedDevice, readings: Readings, changed: Collection[str], at: float
     ) -> Sequence[Message]:
-        """New values of a device that is born; null for what is not known any more."""
+        """Return new values of a device that is born; null for those that are not known any more."""
         points = [point for point in device.points if point.name in changed]
         if device.name not in self._born or not points:
             return []
@@ -134,7 +134,7 @@ class Sparkplug:
         return [Message(self._topics.of("DDATA", device.name), payload, qos=0)]
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
-        """A device is born, or dies."""
+        """Return the birth or the death of a device."""
         if state.is_available:
             return [self._birth(state, at)]
         if state.device.name not in self._born:
@@ -143,7 +143,7 @@ class Sparkplug:
         return [self._message(self._topics.of("DDEATH", state.device.name), Payload((), at, self._next()))]
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
-        """The primary host comes or goes, somebody wants a new birth, or to write."""
+        """Return what a state of the primary host or a command asks for: a birth, the end, or writes."""
         if delivery.topic == self._host:
             return self._host_tells(delivery.payload)
         if len(delivery.payload) > _LARGEST_COMMAND:
@@ -161,15 +161,15 @@ class Sparkplug:
         return []
 
     def result(self, command: Command | Misdirected, error: str | None, at: float) -> Sequence[Message]:  # noqa: ARG002
-        """Nothing: a host sees by the next value whether its command was carried out."""
+        """Return nothing: a host sees by the next value whether its command was carried out."""
         return []
 
     def ended(self, at: float) -> Sequence[Message]:
-        """The death of the node, which the broker does not publish if the connection is closed properly."""
+        """Return the death of the node: at a proper end, the broker does not publish it with MQTT 3.1.1."""
         return [self._death(at)] if self._is_born else []
 
     def _host_tells(self, payload: bytes) -> Sequence[Received]:
-        """What follows from a state of the primary host. Older states than the last one are ignored."""
+        """Take a state of the primary host; return what it asks for. States older than the last one are ignored."""
         state = _state(payload)
         if state is None or state[1] < self._host_seen:
             return []
@@ -180,7 +180,7 @@ class Sparkplug:
         return [Leave()] if was_online else []
 
     def _birth(self, state: DeviceState, at: float) -> Message:
-        """The birth of a device: all of its metrics with their types, and values if they are known."""
+        """Make the birth of a device: all of its metrics with their types, and values if they are known."""
         self._born.add(state.device.name)
         metrics = _metrics(state.device.points, state.readings, at)
         return self._message(self._topics.of("DBIRTH", state.device.name), Payload(metrics, at, self._next()))
@@ -190,7 +190,7 @@ class Sparkplug:
         return Message(self._topics.of("NDEATH"), encode(Payload((metric,), at), with_units=True), qos=1)
 
     def _next(self) -> int:
-        """The number of the next message."""
+        """Return the number of the next message."""
         number = self._sequence
         self._sequence = (number + 1) % _NUMBERS
         return number
@@ -201,7 +201,7 @@ class Sparkplug:
 
 
 def _commands(device: PublishedDevice, metrics: Iterable[Metric], delivery: Delivery) -> Iterable[Command]:
-    """What a host wants to write to a device. Metrics that the device does not have are ignored."""
+    """Yield the commands of a host to a device. Metrics that the device does not have are ignored."""
     for metric in metrics:
         point = device.point(metric.name)
         if point is not None:
@@ -209,7 +209,7 @@ def _commands(device: PublishedDevice, metrics: Iterable[Metric], delivery: Deli
 
 
 def _refusal(point: PublishedPoint, metric: Metric, delivery: Delivery) -> str:
-    """Why a command must not be carried out; empty if it may."""
+    """Say why a command must not be carried out; empty if it may."""
     if delivery.is_retained or delivery.is_duplicate:
         return "the message is retained or repeated: it may be an old one"
     if not point.is_writable:
@@ -220,7 +220,7 @@ def _refusal(point: PublishedPoint, metric: Metric, delivery: Delivery) -> str:
 
 
 def _text(point: PublishedPoint, metric: Metric) -> str:
-    """The value of a metric as a user would type it."""
+    """Format the value of a metric as a user would type it."""
     value = metric.value
     if isinstance(value, bool):
         return str(int(value))
@@ -230,12 +230,12 @@ def _text(point: PublishedPoint, metric: Metric) -> str:
 
 
 def _metrics(points: Iterable[PublishedPoint], readings: Readings, at: float) -> tuple[Metric, ...]:
-    """The metrics of points, the oldest values first (6.4.6)."""
+    """Make the metrics of points, the oldest values first (6.4.6)."""
     return tuple(sorted((_metric(point, readings, at) for point in points), key=lambda metric: metric.at or at))
 
 
 def _metric(published: PublishedPoint, readings: Readings, at: float) -> Metric:
-    """The metric of a point, with its last value if that is known."""
+    """Make the metric of a point, with its last value if that is known."""
     point, reading = published.point, readings.get(published.name)
     if reading is None:
         return Metric(point.name, None, _type(point), at, point.unit)
@@ -245,7 +245,7 @@ def _metric(published: PublishedPoint, readings: Readings, at: float) -> Metric:
 
 
 def _type(point: Point) -> DataType:
-    """The type of the metric for a point. Labels are text, scaled numbers may have decimals."""
+    """Return the type of the metric for a point. Labels are text, scaled numbers may have decimals."""
     if point.labels:
         return DataType.STRING
     if has_bits(point.area):
@@ -254,7 +254,7 @@ def _type(point: Point) -> DataType:
 
 
 def _state(payload: bytes) -> tuple[bool, int] | None:
-    """Whether a host is online, and since when (milliseconds); None if the payload does not tell (6.4.24)."""
+    """Read whether a host is online, and since when (ms); None if the payload is not valid (6.4.24)."""
     try:
         told = json.loads(payload)
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""Payloads of Sparkplug B: what they hold, and their bytes.
+"""Payloads of Sparkplug B: their content, and their encoding.
 
 Their schema is the message `Payload` of sparkplug_b.proto (Sparkplug 3.0, 6.4); names and numbers of fields and types
 are its own. Payloads are written with the fields that an edge node needs. Whatever else a payload has is skipped when
@@ -34,7 +34,7 @@ class DataType(IntEnum):
 
 _Value = bool | float | str
 
-#: How many bits the value of a signed type has.
+#: The number of bits of each signed type.
 _SIGNED: Final = {DataType.INT8: 8, DataType.INT16: 16, DataType.INT32: 32, DataType.INT64: 64}
 
 _LONG: Final = (DataType.INT64, DataType.UINT64)
@@ -72,7 +72,7 @@ _KEYS, _VALUES, _PROPERTY_TYPE, _PROPERTY_STRING = 1, 2, 1, 8
 class Metric(NamedTuple):
     """A value with its name and type. `at` is a Unix time in seconds, `unit` a property.
 
-    Without a value the metric says that it has none. In payloads that were read whole numbers have no sign yet (see
+    A metric without a value is encoded as null. In payloads that were read, whole numbers have no sign yet (see
     `signed`), and the type is None if the payload does not tell it.
     """
 
@@ -85,7 +85,7 @@ class Metric(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """What a message has: metrics, when it was sent (a Unix time in seconds), its number from 0 to 255."""
+    """The content of a message: metrics, when it was sent (a Unix time in seconds), its number from 0 to 255."""
 
     metrics: tuple[Metric, ...]
     at: float | None = None
@@ -93,7 +93,7 @@ class Payload:
 
 
 def signed(value: int, data_type: DataType) -> int:
-    """A whole number of `data_type` that was read."""
+    """Give a whole number that was read the sign that it has in `data_type`."""
     bits = _SIGNED.get(data_type)
     if bits is None:
         return value
@@ -102,7 +102,7 @@ def signed(value: int, data_type: DataType) -> int:
 
 
 def encode(payload: Payload, *, with_units: bool) -> bytes:
-    """The bytes of a payload, in which each metric tells its unit, or none does."""
+    """Encode a payload; each metric tells its unit if `with_units`."""
     parts = [] if payload.at is None else [_number(_PayloadField.TIMESTAMP, _milliseconds(payload.at))]
     for metric in payload.metrics:
         body = _metric(metric, with_units=with_units)
@@ -113,10 +113,10 @@ def encode(payload: Payload, *, with_units: bool) -> bytes:
 
 
 def decode(data: bytes) -> Payload:
-    """Read a payload.
+    """Decode a payload.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not valid.
     """
     at: float | None = None
     seq: int | None = None
@@ -179,7 +179,7 @@ def _type_of(data_type: DataType) -> bytes:
 
 @lru_cache(maxsize=256)
 def _unit(unit: str) -> bytes:
-    """The property that names the unit."""
+    """Encode the property that names the unit."""
     value = _number(_PROPERTY_TYPE, DataType.STRING) + _bytes(_PROPERTY_STRING, unit.encode())
     return _bytes(_MetricField.PROPERTIES, _bytes(_KEYS, b"engUnit") + _bytes(_VALUES, value))
 
@@ -201,7 +201,7 @@ def _key(field: int, wire_type: int) -> bytes:
 
 
 def _varint(value: int) -> bytes:
-    """Seven bits in each byte, the lowest first; all bytes but the last have the highest bit."""
+    """Encode seven bits in each byte, the lowest first; all bytes but the last have the highest bit."""
     if value <= 0x7F:
         return _ONE_BYTE[value]
     out = bytearray()
@@ -241,7 +241,7 @@ def _read_metric(data: bytes) -> Metric:
 
 
 def _read_value(field: int, read: int | bytes, before: _Value | None) -> _Value | None:
-    """The value in a field; the one `before` it if the field has none."""
+    """Return the value in a field; the value `before` it if the field has none."""
     match field:
         case _MetricField.INT | _MetricField.LONG:
             return _as_number(read)
@@ -258,7 +258,7 @@ def _read_value(field: int, read: int | bytes, before: _Value | None) -> _Value 
 
 
 def _fields(data: bytes) -> Iterator[tuple[int, int | bytes]]:
-    """The fields of a message: numbers as such, all else as bytes."""
+    """Yield the fields of a message: numbers as such, all else as bytes."""
     at = 0
     while at < len(data):
         key, at = _read_varint(data, at)
@@ -282,7 +282,7 @@ def _fields(data: bytes) -> Iterator[tuple[int, int | bytes]]:
 
 
 def _read_varint(data: bytes, at: int) -> tuple[int, int]:
-    """The number that starts `at`, and where it ends."""
+    """Return the number that starts `at`, and where it ends."""
     value = 0
     for index in range(_LONGEST_VARINT):
         if at + index >= len(data):

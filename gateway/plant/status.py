@@ -10,10 +10,10 @@ class BrokerStatus:
 
     `unsteady` says why connections were lost, each soon after it was made; it is empty once one has held for a minute.
 
-    `down_ms`: nothing has been published for so long; None when all is well, or the library is missing. `version` is
-    that of MQTT. Of `devices`, so many `available` ones answer. `messages` were confirmed by the broker, and
-    `refused_messages` were not, the last one `last_refused_ms` ago. `polls` is how often points were read, and
-    `failed_polls` how often in vain.
+    `down_ms` is for how long nothing has been published; None when all is well, or the library is missing. `version` is
+    the version of MQTT. `available` of the `devices` respond. `messages` counts those that the broker has confirmed,
+    `refused_messages` those that it has refused, the last one `last_refused_ms` ago. `polls` counts reads of points,
+    `failed_polls` those that failed.
     """
 
     broker: str

@@ -15,33 +15,33 @@ class Topics:
 
     @property
     def status(self) -> str:
-        """Whether the gateway is connected."""
+        """The topic that tells whether the gateway is connected."""
         return f"{_ROOT}/{self.site}/status"
 
     def values(self, device: str) -> str:
-        """The last values of a device."""
+        """Return the topic of the last values of a device."""
         return f"{_ROOT}/{self.site}/{device}"
 
     def availability(self, device: str) -> str:
-        """Whether a device answers."""
+        """Return the topic that tells whether a device answers."""
         return self.availability_of(self.values(device))
 
     @staticmethod
     def availability_of(values: str) -> str:
-        """Whether a device answers, by the topic of its last values."""
+        """Return the topic that tells whether a device answers, given the topic of its last values."""
         return f"{values}/availability"
 
     def setting(self, device: str, point: str) -> str:
-        """Takes values for a point."""
+        """Return the topic that takes values for a point."""
         return f"{self.values(device)}/{point}/set"
 
     @property
     def settings(self) -> str:
-        """The filter for all that takes values."""
+        """The filter for all topics that take values."""
         return self.setting("+", "+")
 
     def named(self, setting: str) -> tuple[str, str] | None:
-        """The names of device and point in a topic that takes values; None if it is another topic."""
+        """Return the names of device and point in a topic that takes values; None if it is another topic."""
         match setting.split("/"):
             case [root, site, device, point, "set"] if root == _ROOT and site == self.site:
                 return device, point
@@ -49,7 +49,7 @@ class Topics:
 
     @staticmethod
     def result(setting: str) -> str:
-        """Where it is told what became of a value, by the topic that has taken it."""
+        """Return the topic of the results of writes, given the topic that takes the values."""
         return f"{setting.removesuffix('/set')}/result"
 
 
@@ -61,11 +61,11 @@ class SparkplugTopics:
     node: str
 
     def of(self, kind: str, device: str = "") -> str:
-        """The topic of a `kind` of messages (NBIRTH, DDATA), of the node itself or of one of its devices."""
+        """Return the topic of a `kind` of messages (NBIRTH, DDATA), of the node itself or of one of its devices."""
         topic = f"{_NAMESPACE}/{self.group}/{kind}/{self.node}"
         return f"{topic}/{device}" if device else topic
 
     @staticmethod
     def state(host: str) -> str:
-        """Whether a host is there."""
+        """Return the topic that tells whether a host is online."""
         return f"{_NAMESPACE}/STATE/{host}"
