@@ -108,7 +108,7 @@ class BrokerClient(Client):
         return self.publish(message.topic, message.payload, message.qos, message.retain, properties).mid
 
     def subscription(self, topic: str) -> tuple[str, Any]:
-        """Return the argument that subscribes to `topic`. With MQTT 5, retained messages are delivered as such."""
+        """Return the argument that subscribes to `topic`. With MQTT 5, deliveries keep their retain flag."""
         return topic, SubscribeOptions(qos=1, retainAsPublished=True) if self._is_newest else 1
 
     @property

@@ -1,4 +1,4 @@
-"""The topics of messages: plain ones, `modbus/SITE/DEVICE` and those below it, and those of Sparkplug B."""
+"""The topics of messages: plain ones, which are `modbus/SITE/DEVICE` and below, and Sparkplug B."""
 
 from dataclasses import dataclass
 from typing import Final

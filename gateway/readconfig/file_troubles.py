@@ -30,7 +30,7 @@ _EXPOSED: Final = stat.S_IRWXO | stat.S_IWGRP
 
 
 def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG) -> Loaded:
-    """Add the troubles with files to the problems of `loaded`; `folder` is that of the service's config."""
+    """Add the troubles with files to the problems of `loaded`; `folder` holds the service's config."""
     config = loaded.config
     if config is None:
         return loaded

@@ -65,7 +65,7 @@ class ReadConfig(Protocol):
 
 
 def read_config(file: Path, *, look_around: bool = False) -> ConfigRead:
-    """Read `file` in a process of its own. Blocks for at most READING_TIME.
+    """Read `file` in a process of its own. Blocks for little more than READING_TIME at most.
 
     Raises:
         ConfigError: the process cannot be started, fails, or takes too long; the message says which.
@@ -100,7 +100,7 @@ class ConfigProcess:
             pthread_sigmask(SIG_SETMASK, before)
 
     def result(self) -> ConfigRead:
-        """Wait for what was read, for at most READING_TIME.
+        """Return what was read; wait for READING_TIME at most, and a second for the process to end.
 
         Raises:
             ConfigError: the process fails, or takes too long; the message says why.

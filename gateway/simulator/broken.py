@@ -26,7 +26,7 @@ _BEHIND: Final = 0.002
 
 
 def line_faults(words: AbstractSet[str]) -> LineFaults:
-    """Return the faults among `words` that are those of the line itself."""
+    """Return the faults of the line itself among `words`."""
     return LineFaults(echo="echo" in words, second_client="second-client" in words)
 
 

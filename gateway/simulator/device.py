@@ -25,7 +25,7 @@ class Answer(NamedTuple):
 class Device:
     """Four tables of values and the rules of a profile. Each kind of device adds its own rules.
 
-    `unit` and `faults` may be changed at any time. `baud` is the rate of the device; None: always that of the port.
+    `unit` and `faults` may be changed at any time. `baud` is the rate of the device; None means any rate of the port.
     `tables` holds the values, by area.
     """
 

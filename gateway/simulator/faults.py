@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final
 
-#: A late device takes this share of the time that its profile allows, and so many seconds more.
+#: A late device takes its profile's time limit times _LATE, plus _LATER seconds.
 _LATE: Final = 1.25
 _LATER: Final = 0.15
 #: The most bytes of noise before a response.

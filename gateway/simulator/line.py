@@ -25,7 +25,7 @@ class SimulatedLine:
 
     `format_` decides how many bits a character takes (default 8E1 for RTU, 7E1 for ASCII); on a pseudo-terminal the
     kernel always carries eight bits without parity. `seed` is for the noise. `tell` is called with each frame.
-    `faults` are those of the line itself.
+    `faults` are faults of the line itself.
 
     Raises:
         PortError: on entering, if the port cannot be created at `path`.
