@@ -1,7 +1,7 @@
 """The sections of a config that add a part to the gateway: all that the rest of this package knows of them.
 
 A new one has its keys in `schema` and a field in `schema/config.py`, its checks in `checks`, what makes its plan in
-`plan`, and a row here.
+`plan`, and a row here. What it does while the gateway runs: `runtime/add_ons.py`.
 """
 
 from collections.abc import Callable, Iterator

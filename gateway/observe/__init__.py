@@ -3,5 +3,5 @@
 - log          events to text, JSON or the journal of systemd
 - limiter      events that come too often
 - fan_out      events for followers over HTTP
-- metrics      the exposition of counters
+- families, metrics    counters, and their exposition
 """

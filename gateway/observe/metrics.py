@@ -3,44 +3,18 @@
 The only module that uses prometheus-client.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Final, Literal
+from collections.abc import Iterable, Iterator
+from typing import Final
 
 from prometheus_client import CollectorRegistry
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
 from prometheus_client.registry import Collector
 
+from gateway.observe.families import Family, Spread
+
 PREFIX: Final = "modbus_gateway_"
 CONTENT_TYPE: Final = CONTENT_TYPE_PLAIN_0_0_4
-
-#: The labels of one value, in the order of its family.
-Labels = tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """A histogram: how many values did not exceed each bound, and the sum of all."""
-
-    buckets: Sequence[tuple[float, int]]
-    count: int
-    total: float
-
-
-@dataclass(slots=True)
-class Family:
-    """All values of one metric. `name` is without prefix; a counter's is without `_total` too."""
-
-    kind: Literal["counter", "gauge", "histogram"]
-    name: str
-    text: str
-    labels: Labels = ()
-    values: list[tuple[Labels, float | Spread]] = field(default_factory=list)
-
-    def add(self, value: float | Spread, *labels: str) -> None:
-        """Add the value with these labels."""
-        self.values.append((labels, value))
 
 
 def exposition(families: Iterable[Family]) -> bytes:

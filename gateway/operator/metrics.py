@@ -12,10 +12,8 @@ from typing import Final
 from gateway import __version__
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
-from gateway.fleet.status import FleetStatus
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
-from gateway.observe.metrics import Family, Spread
-from gateway.plant.status import BrokerStatus
+from gateway.observe.families import Family, Spread
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
@@ -51,8 +49,7 @@ async def read(running: Running) -> list[Family]:
         _image_ages(running, now()),
         _upstreams(gateway.upstreams),
         _certificates(running.contexts),
-        *_broker(running.publishing.status()),
-        *_fleet(running.fleet.status()),
+        *(family for each in running.add_ons for family in each.metrics()),
         *_process(running),
     ]
 
@@ -203,42 +200,6 @@ def _certificates(contexts: TlsStore) -> Family:
     for place, at in first.items():
         ends.add(at, *place)
     return ends
-
-
-def _fleet(fleet: FleetStatus | None) -> Iterable[Family]:
-    """What other sites ask; nothing without [fleet]."""
-    if fleet is None:
-        return
-    up = Family("gauge", "fleet_up", "Whether the gateway is connected to NATS, and other sites can reach it.")
-    up.add(fleet.state == "up")
-    requests = Family("counter", "fleet_requests", "Requests from other sites by what became of them.", ("result",))
-    for result in ("responses", "busy", "expired", "refused", "dropped"):
-        requests.add(getattr(fleet, result), {"responses": "ok"}.get(result, result))
-    lost = Family("counter", "fleet_lost_messages", "Messages of other sites that were not delivered.", ("reason",))
-    lost.add(fleet.unreadable, "unreadable")
-    lost.add(fleet.overflowed, "overflowed")
-    yield from (up, requests, lost)
-
-
-def _broker(mqtt: BrokerStatus | None) -> Iterable[Family]:
-    """What is published; nothing without [mqtt]."""
-    if mqtt is None:
-        return
-    up = Family("gauge", "broker_up", "Whether values are published at the MQTT broker.")
-    up.add(mqtt.state == "up")
-    messages = Family("counter", "mqtt_messages", "Messages to the MQTT broker by what became of them.", ("result",))
-    messages.add(mqtt.messages, "ok")
-    messages.add(mqtt.refused_messages, "refused")
-    commands = Family("counter", "mqtt_commands", "Values for points that the MQTT broker has delivered.", ("result",))
-    commands.add(mqtt.commands - mqtt.refused_commands, "ok")
-    commands.add(mqtt.refused_commands, "refused")
-    polls = Family("counter", "mqtt_polls", "Reads of published points.", ("result",))
-    polls.add(mqtt.polls - mqtt.failed_polls, "ok")
-    polls.add(mqtt.failed_polls, "failed")
-    devices = Family("gauge", "mqtt_devices", "Published devices by whether they answer.", ("state",))
-    devices.add(mqtt.available, "online")
-    devices.add(mqtt.devices - mqtt.available, "offline")
-    yield from (up, messages, commands, polls, devices)
 
 
 def _process(running: Running) -> Iterable[Family]:

@@ -22,7 +22,7 @@ async def tell_sites(operator: Operator, _asked: Nothing, _asker: Asker) -> Site
         WrongQuestion: they are not known.
     """
     try:
-        return Sites(tuple(await operator.running.fleet.sites()))
+        return Sites(tuple(await operator.running.add_ons.fleet.sites()))
     except FleetError as error:
         raise WrongQuestion(f"the other sites are not known: {error}") from error
 

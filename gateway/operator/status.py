@@ -7,7 +7,7 @@ import asyncio
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import astuple, replace
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
@@ -75,7 +75,7 @@ async def status_in_slices(running: "Running") -> Status:
 
 
 def _status(running: "Running", now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:
-    gateway, broker, fleet = running.gateway, running.publishing.status(), running.fleet.status()
+    gateway = running.gateway
     return Status(
         at=now,
         site=gateway.plan.site,
@@ -89,11 +89,16 @@ def _status(running: "Running", now: float, lines: Iterable[LineStatus], units: 
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
         certificates=tuple(certificates(running.contexts, time.time())),
-        brokers=() if broker is None else (broker,),
-        fleets=() if fleet is None else (fleet,),
         leases=tuple(_leases(gateway.lines)),
         moved=tuple(_moved(gateway.lines)),
+        **_of_add_ons(running),
     )
+
+
+def _of_add_ons(running: "Running") -> dict[str, Any]:
+    """List the state of each add-on by the field that has it; without its section it has none."""
+    told = ((each.shown_as, each.status()) for each in running.add_ons)
+    return {field: () if one is None else (one,) for field, one in told}
 
 
 def _devices(gateway: Gateway) -> list[tuple[GatewayLine | GatewayUpstream, Device]]:

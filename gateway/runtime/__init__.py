@@ -9,9 +9,9 @@ are the same in the one before, and `Running.switch` puts it in the place of tha
 - build, reach         a gateway of a plan; which units each client reaches there, and by which numbers
 - gateway              what is built: a plan, its parts, the routes between them
 - gateway_line, gateway_upstream, gateway_server    one table of the config with all that it needs
-- routers              where requests come in that no listener gets: control socket, HTTP, broker, other sites
-- publishing, publication, announcing, announced    `[mqtt]`: as long as the config has it; one plan; discovery
-- fleet, presence, shared_line    `[fleet]`: the connection, what is told of this site, a line with a lease
+- routers              where requests come in that no listener gets: control socket, HTTP
+- add_ons, add_on      parts with a section of their own, in one list: what each must do
+- mqtt, fleet          a room for each of them
 - kept_state, remembered, remembered_port, overdue    of earlier runs: moved devices, changed rates, late responses
 - recent, tightness, self_state, summary, port_records    what is counted, noticed and shown while it runs
 - garbage              keeps Python's collector short

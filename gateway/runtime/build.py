@@ -31,7 +31,7 @@ from gateway.tls.store import TlsStore
 from gateway.trace.ring import Ring
 
 if TYPE_CHECKING:
-    from gateway.runtime.shared_line import Buckets
+    from gateway.runtime.fleet.shared_line import Buckets
 
 
 @dataclass(frozen=True, kw_only=True)

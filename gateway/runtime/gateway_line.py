@@ -31,7 +31,7 @@ from gateway.trace.ring import Ring
 
 if TYPE_CHECKING:
     from gateway.fleet.standby import Standby
-    from gateway.runtime.shared_line import Buckets
+    from gateway.runtime.fleet.shared_line import Buckets
 
 
 class GatewayLine:
@@ -195,7 +195,7 @@ class GatewayLine:
 
     def _standby(self, plan: LinePlan, buckets: "Buckets") -> "Standby":
         """Make what keeps the port open while the lease is held: loaded only for that."""
-        standby: Standby = import_module("gateway.runtime.shared_line").standby_for(
+        standby: Standby = import_module("gateway.runtime.fleet.shared_line").standby_for(
             self, plan, self._memory, buckets, self._emit
         )
         return standby

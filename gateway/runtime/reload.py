@@ -187,8 +187,7 @@ def _load(plan: Plan) -> tuple[dict[Secured, LoadedTls], list[str]]:
         TlsError: what clients or lines need cannot be used.
     """
     found, unusable = load_all(plan.secured), []
-    besides = (plan.web, plan.mqtt, plan.fleet)
-    for secured in (part.secured for part in besides if part is not None):
+    for secured in (part.secured for part in plan.add_ons.values()):
         try:
             found |= load_all(secured)
         except TlsError as error:
@@ -228,12 +227,16 @@ def _tables(plan: Plan) -> Mapping[str, object]:
         **{f"image {mirror.name}": mirror for mirror in plan.mirrors},
         "access": plan.access,
         "trace": plan.ring,
-        **({} if plan.mqtt is None else {"mqtt": plan.mqtt}),
-        **({} if plan.fleet is None else {"fleet": plan.fleet}),
+        **{key: part for key, part in plan.add_ons.items() if not part.needs_restart},
     }
 
 
 def need_restart(at_start: Plan, new: Plan) -> tuple[str, ...]:
     """Find the changes in `new` that apply only after a restart."""
-    fixed = (("log", at_start.log, new.log), ("control", at_start.control, new.control), ("web", at_start.web, new.web))
-    return tuple(name for name, one, other in fixed if one != other)
+    before, after = _fixed_tables(at_start), _fixed_tables(new)
+    return tuple(name for name in before | after if before.get(name) != after.get(name))
+
+
+def _fixed_tables(plan: Plan) -> dict[str, object]:
+    add_ons = {key: part for key, part in plan.add_ons.items() if part.needs_restart}
+    return {"log": plan.log, "control": plan.control, **add_ons}

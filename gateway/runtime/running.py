@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager, suppress
+from functools import partial
 from typing import Final
 
 from gateway import events
@@ -13,14 +14,15 @@ from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tls import TlsListener
 from gateway.ports.port import Opener
 from gateway.routing.access import Rights
+from gateway.routing.router import Router
+from gateway.runtime.add_on import AddOn
+from gateway.runtime.add_ons import AddOns
 from gateway.runtime.build import Builder
 from gateway.runtime.draining import until
-from gateway.runtime.fleet import Fleet
 from gateway.runtime.gateway import Driver, Gateway, Listener
 from gateway.runtime.kept_state import KeptState
 from gateway.runtime.listening import Listening
 from gateway.runtime.open_ports import OpenPorts
-from gateway.runtime.publishing import Publishing
 from gateway.runtime.recent import Recent
 from gateway.runtime.routers import Routers
 from gateway.runtime.self_state import show_itself
@@ -32,7 +34,7 @@ LONGEST_START: Final = 10.0
 
 
 class Running:
-    """A running gateway, and what outlives its reloads: its other routers, ring, certificates, broker and sites.
+    """A running gateway, and what outlives its reloads: its other routers, ring, certificates and add-ons.
 
     `opener` opens ports, `kept` is the state that outlives the process, `sockets` are those that were bound before the
     process started.
@@ -54,11 +56,9 @@ class Running:
         self.ring = Ring()
         #: The certificates in use.
         self.contexts = contexts or TlsStore()
-        self.routers = Routers.without_routes(loop.time, emit, self.ring)
-        #: The connection to the other sites.
-        self.fleet = Fleet(self.routers.sites, emit, self.contexts)
-        #: What is published at a broker.
-        self.publishing = Publishing(self.routers.mqtt, emit, self.contexts, kept.announced)
+        make_router = partial(Router, clock=loop.time, emit=emit, ring=self.ring)
+        self.routers = Routers.without_routes(make_router)
+        self.add_ons = AddOns.without_plan(make_router, emit, self.contexts, kept)
         self.builder = Builder(
             loop=loop,
             emit=emit,
@@ -67,8 +67,8 @@ class Running:
             store=kept.store,
             contexts=self.contexts,
             opener=opener,
-            open_site=self.fleet.opener,
-            buckets=self.fleet.bucket,
+            open_site=self.add_ons.fleet.opener,
+            buckets=self.add_ons.fleet.bucket,
         )
         #: The address of the web page, or why there is none though the config has one.
         self.page = ""
@@ -90,21 +90,22 @@ class Running:
     def apply(self, gateway: Gateway) -> None:
         """Let all requests go by the plan of this gateway from now on: in one go, so that none sees a half of it.
 
-        Images have their values before requests reach them. Commands from the broker are stopped after that: only new
-        routes tell whether they still mean the same devices.
+        Images have their values before requests reach them. Add-ons know of it after that: only new routes tell
+        whether what they do still means the same devices.
         """
         self.ring.resize(gateway.plan.ring)
         gateway.load_images()
         self._route(gateway)
         gateway.adopt_plan()
-        self.publishing.rerouted(gateway.plan.mqtt)
+        for each in self.add_ons:
+            each.rerouted(gateway)
         self.gateway = gateway
         self.ports.present = gateway.parts
         show_itself(self)
 
     def _route(self, gateway: Gateway) -> None:
         """Give each router its routes and rights."""
-        others = ((router, gateway.everywhere) for router in self.routers)
+        others = ((router, gateway.everywhere) for router in (*self.routers, *(each.router for each in self.add_ons)))
         for router, reach in (*others, *gateway.routings):
             router.routes = dict(reach.routes)
             router.rights = Rights(gateway.plan.access, router.entry, reach.known_as)
@@ -156,6 +157,33 @@ class Running:
         for listener in self._listening.all_with(self.gateway.listeners):
             listener.close()
 
+    async def connect_add_ons(self) -> None:
+        """Let each add-on connect as the plan says."""
+        for each in self.add_ons:
+            await each.connect(self.gateway)
+
+    async def start_add_ons(self) -> None:
+        """Let each add-on do what the plan says."""
+        for each in self.add_ons:
+            await each.serve(self.gateway)
+
+    @asynccontextmanager
+    async def add_ons_leaving(self) -> AsyncIterator[None]:
+        """Let add-ons leave, beside what is done in the context.
+
+        Without any the event loop gets no turn here, which would let lines open that were not tried yet.
+        """
+        async with asyncio.TaskGroup() as group:
+            for each in self.add_ons:
+                if each.status() is not None:
+                    group.create_task(each.leave(), name=f"{each.key}: leave")
+            yield
+
+    async def stop_add_ons(self) -> None:
+        """End what has not left."""
+        for each in self.add_ons:
+            await each.stop()
+
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
         """Take no more clients and requests, and let those in progress finish, unless that becomes urgent.
 
@@ -165,7 +193,7 @@ class Running:
         servers = [driver for driver in drivers if isinstance(driver, SerialListener)]
         for end in (*listeners, *servers):
             end.finish()
-        await until(lambda: is_urgent() or not (self.fleet.is_busy or _any_under_way(listeners, servers)))
+        await until(lambda: is_urgent() or not (_any_under_way(listeners, servers, self.add_ons)))
         for driver in drivers:
             if not isinstance(driver, SerialListener):
                 driver.port_down(PortError("the gateway is stopping"))
@@ -191,18 +219,13 @@ class Running:
             self._listening.retire(gone, group)
             self.ports.replace(old.parts, new.parts, group)
             self._start_mirrors()
-            await self._connect_outwards()
+            await self.connect_add_ons()
+            await self.start_add_ons()
 
     def _start_mirrors(self) -> None:
         """Let mirrors poll, those that do already go on."""
         for mirror in self.gateway.mirrors:
             mirror.start()
-
-    async def _connect_outwards(self) -> None:
-        """Connect to other sites and to the broker as the plan says, and tell both what there is now."""
-        await self.fleet.adopt(self.gateway.plan.fleet)
-        await self.fleet.refresh()
-        await self.publishing.adopt(self.gateway)
 
     def renew_certificates(self) -> None:
         """Let clients that may not be trusted any more show their certificates again, after a reload."""
@@ -218,6 +241,6 @@ def _close_mirrors(old: Gateway, new: Gateway) -> None:
             mirror.close(each for each in new.mirrors if each.device is mirror.device)
 
 
-def _any_under_way(listeners: Iterable[Listener], drivers: Iterable[Driver]) -> bool:
+def _any_under_way(listeners: Iterable[Listener], drivers: Iterable[Driver], add_ons: Iterable[AddOn]) -> bool:
     """Tell whether a client still has to get a response."""
-    return any(one.has_clients for one in listeners) or any(one.is_busy for one in drivers)
+    return any(one.has_clients for one in listeners) or any(one.is_busy for one in (*drivers, *add_ons))

@@ -2,7 +2,7 @@
 
 import asyncio
 import signal
-from contextlib import AbstractAsyncContextManager, closing, nullcontext
+from contextlib import AbstractAsyncContextManager, ExitStack, closing, nullcontext
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -23,9 +23,6 @@ from gateway.operator.operator import Operator
 from gateway.ports.opener import make_opener
 from gateway.readconfig.process import ConfigRead
 from gateway.runtime import garbage
-from gateway.runtime.announced import FILE_NAME as ANNOUNCED_FILE
-from gateway.runtime.announced import AnnouncedDevices
-from gateway.runtime.announced import is_entry as is_announced
 from gateway.runtime.kept_state import KeptState
 from gateway.runtime.overdue import FILE_NAME as LATE_FILE
 from gateway.runtime.overdue import LeftBehind, is_entry
@@ -35,7 +32,7 @@ from gateway.runtime.running import Running
 from gateway.service.hang_up import HangUp
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, take_inherited_sockets
-from gateway.state.entry_file import EntryFile
+from gateway.state.entry_file import EntryFile, IsEntry
 from gateway.state.memory import StateFile, state_folder
 from gateway.state.troubles import StateTroubles
 from gateway.tls.store import TlsStore, load_all
@@ -84,12 +81,16 @@ def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
     with (
         closing(StateFile(folder, emit)) as memory,
         closing(LeftBehind(EntryFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
-        closing(AnnouncedDevices(EntryFile(folder / ANNOUNCED_FILE, is_announced, emit))) as announced,
+        ExitStack() as opened,
         closing(Store(folder, emit)) as store,  # closed first: meanwhile the other files are written
     ):
         for remembered in in_force(plan, memory):
             emit(remembered)
-        kept = KeptState(memory=memory, left_behind=left_behind, announced=announced, store=store, troubles=troubles)
+
+        def open_file(name: str, is_entry: IsEntry) -> EntryFile:
+            return opened.enter_context(closing(EntryFile(folder / name, is_entry, emit)))
+
+        kept = KeptState(memory=memory, left_behind=left_behind, store=store, troubles=troubles, open_file=open_file)
         run_exactly(_run(plan, source, control, kept, folder, fan_out, emit))
 
 

@@ -3,11 +3,9 @@
 import asyncio
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
-from functools import partial
 
 from gateway import events
 from gateway.readconfig import expiry
-from gateway.runtime.presence import served_units, tell
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
 from gateway.runtime.summary import summary
@@ -58,7 +56,7 @@ async def serve(
             is_bound = await _complete_before(stop, running.bind())
             if is_bound and pages is not None:
                 await beside.enter_async_context(pages)
-            await running.fleet.adopt(running.gateway.plan.fleet)
+            await running.connect_add_ons()
             async with running.lines_open():
                 if is_bound and await _complete_before(stop, running.tried()):
                     running.start_listening()
@@ -67,12 +65,12 @@ async def serve(
                     await reloader.close()
                 running.emit(events.Stopping(stop.reason))
                 systemd.stopping()
-                async with running.publishing.stopping(), running.fleet.stopping():
+                async with running.add_ons_leaving():
                     await running.drain(lambda: stop.at_once)
                 running.stop_listening()
         finally:
             running.stop_listening()
-            await running.fleet.stop()
+            await running.stop_add_ons()
         running.emit(events.Stopped())
 
 
@@ -91,8 +89,7 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier, control:
     running.emit(events.Ready(listeners, up, len(parts) - up, running.page, control))
     systemd.ready(summary(running.gateway))
     running.ready.set()
-    await running.publishing.adopt(running.gateway)
-    await running.fleet.serve(lambda: served_units(running), partial(tell, running))
+    await running.start_add_ons()
     watching = asyncio.create_task(watch(running, systemd), name="watchdog")
     sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
     looking = asyncio.create_task(TightLimits().keep_looking(lambda: running.gateway, running.emit), name="limits")

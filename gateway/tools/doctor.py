@@ -5,17 +5,15 @@ What can be seen of ports from outside, `tools/outside.py` says; the caller puts
 
 import asyncio
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from gateway.config.reading.source import place_of
 from gateway.devices.device import Device
-from gateway.diagnosis.broker import BrokerEvidence, about_broker
 from gateway.diagnosis.clients import about_client
 from gateway.diagnosis.evidence import PortInUse, Search
 from gateway.diagnosis.finding import IS_DOWN, Finding
-from gateway.diagnosis.fleet import FleetEvidence, about_fleet
-from gateway.diagnosis.last import RECENT, Last
+from gateway.diagnosis.last import RECENT
 from gateway.diagnosis.lines import about_line
 from gateway.diagnosis.state import about_state_file
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
@@ -28,7 +26,6 @@ from gateway.operator.operator import Operator
 from gateway.operator.units import may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
-from gateway.runtime.fleet import Fleet
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
@@ -109,38 +106,15 @@ async def examined(
     groups += [(server.name, _about_server(server)) for server in servers]
     groups += [(upstream.name, about[upstream.name]) for upstream in upstreams]
     if wanted is None:
-        outwards = (*_about_publishing(running), *_about_fleet(running), *_about_state(running), *_about_page(running))
-        groups.append(("", [*about_certificates(running.contexts, time.time()), *outwards]))
+        beside = [finding for each in running.add_ons for finding in each.findings()]
+        beside += [*_about_state(running), *_about_page(running)]
+        groups.append(("", [*about_certificates(running.contexts, time.time()), *beside]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.only in ("", wanted)]
     now = asyncio.get_running_loop().time()
     clients = [client for listener in listeners for client in client_evidence(listener, gateway, now)]
     groups.append(("", [finding for client in clients for finding in about_client(client)]))
     parts: tuple[GatewayLine | GatewayServer, ...] = (*lines, *servers)
     return groups, [each for part in parts for each in _port_of(part)]
-
-
-def _about_publishing(running: Running) -> Iterator[Finding]:
-    told = running.publishing.status()
-    if told is not None:
-        yield from about_broker(
-            BrokerEvidence(
-                address=told.broker,
-                source=told.source,
-                reason=told.reason,
-                devices=told.devices,
-                available=told.available,
-                refused=told.refused_messages,
-                last_refused=Last((told.last_refused_ms or 0.0) / 1000),
-                unsteady=told.unsteady,
-            )
-        )
-
-
-def _about_fleet(running: Running) -> Iterator[Finding]:
-    told = running.fleet.status()
-    if told is not None:
-        last = Last((told.last_dropped_ms or 0.0) / 1000)
-        yield from about_fleet(FleetEvidence(told.server, told.source, told.reason, told.unseen, told.dropped, last))
 
 
 def _about_state(running: Running) -> Iterator[Finding]:
@@ -177,7 +151,7 @@ async def _about_upstream(
     running: Running, upstream: GatewayUpstream, is_there: IsThere, *, asks: bool
 ) -> list[Finding]:
     if upstream.reconnector.error is not None:
-        return _why_down(upstream, running.fleet)
+        return list(_why_down(running, upstream))
     asked, is_cut_short = await _ask_units(running, upstream, is_there) if asks else (0, False)
     findings = list(about_line(upstream_evidence(upstream, await units_evidence(upstream))))
     if asked:
@@ -294,15 +268,12 @@ def _about_server(server: GatewayServer) -> list[Finding]:
     return [Finding("ok", server.name, f"responses to its client: {counts.responses}")]
 
 
-def _why_down(upstream: GatewayUpstream, fleet: Fleet) -> list[Finding]:
+def _why_down(running: Running, upstream: GatewayUpstream) -> Iterable[Finding]:
     port, error = upstream.plan.port, upstream.reconnector.error
+    if isinstance(port, SiteSettings):
+        return running.add_ons.fleet.findings_about_upstream(upstream.name, port.site, error)
     place = place_of(upstream.plan.upstream.source, "to")
     remedy = f'{place}: check to = "{upstream.reconnector.port_path}", and the server there'
-    if isinstance(port, SiteSettings):
-        nats = fleet.status()
-        if nats is not None and nats.reason:
-            return []  # the row about NATS says it
-        remedy = f"check the gateway of {port.site}, and its connection to NATS: modbus-gateway status --fleet"
     return [Finding("fix", upstream.name, f"is down: {error}", remedy)]
 
 

@@ -3,11 +3,11 @@
 import asyncio
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 
 import pytest
 
+from gateway.config.plan.settings import Plan
 from gateway.events import AccessDenied, WriteAudit
 from gateway.fleet import link
 from gateway.fleet.headers import MOST_HOPS
@@ -16,7 +16,7 @@ from gateway.fleet.slots import MOST_OF_SENDER
 from gateway.operator.operations import ToExplain
 from gateway.operator.stories import sentences
 from gateway.operator.trace import stories
-from gateway.runtime.presence import tell
+from gateway.runtime.gateway import Gateway
 from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.fake_nats import FakeBucket, FakeConnection, FakeNats
@@ -65,10 +65,10 @@ def nats(monkeypatch) -> FakeNats:
 async def site(config: str, *, clock_ahead: float = 0.0):
     """A gateway that serves its units to others."""
     async with gateway_bench(config) as bench:
-        loop, fleet = asyncio.get_running_loop(), bench.running.fleet
+        loop, fleet = asyncio.get_running_loop(), bench.running.add_ons.fleet
         fleet.clock = lambda: loop.time() + clock_ahead
-        await fleet.adopt(bench.gateway.plan.fleet)
-        await fleet.serve(lambda: bench.running.routers.sites.routes, partial(tell, bench.running))
+        await fleet.connect(bench.gateway)
+        await fleet.serve(bench.gateway)
         try:
             yield bench
         finally:
@@ -204,19 +204,19 @@ async def test_a_site_that_is_killed_is_silent_for_who_asks_its_units_long_befor
     async with sites(ASKER, OWNER) as (a, b):
         on_line(b)
         await asyncio.sleep(11.0)
-        assert [(each.site, each.state, each.lines) for each in await a.running.fleet.sites()] == [
+        assert [(each.site, each.state, each.lines) for each in await a.running.add_ons.fleet.sites()] == [
             ("a", "up", 0),
             ("b", "up", 1),
         ]
-        await b.running.fleet.stop()  # without a word
+        await b.running.add_ons.fleet.stop()  # without a word
         await asyncio.sleep(5.0)
-        _, status = await a.running.fleet.sites()
+        _, status = await a.running.add_ons.fleet.sites()
         assert (status.state, 3.5 <= status.for_s <= 6.0) == ("silent", True)
 
 
 async def test_a_site_that_leaves_is_0a_at_once(nats):
     async with sites(ASKER, OWNER) as (a, b):
-        await b.running.fleet.stop()
+        await b.running.add_ons.fleet.stop()
         client = a.client()
         before = client.now()
         assert await client.asks(41, READ) == "83 0A"
@@ -235,7 +235,7 @@ async def test_a_request_that_comes_too_late_is_never_sent(nats):
         assert third.came_at - began == pytest.approx(1.0)
         await asyncio.sleep(5.0)
         assert [frame.pdu[4] for frame in devices[0].heard] == [0, 1]
-        assert b.running.fleet.serving.owner.counts.expired == 1
+        assert b.running.add_ons.fleet.serving.owner.counts.expired == 1
 
 
 async def test_no_write_begins_after_its_client_has_an_answer(nats):
@@ -416,13 +416,13 @@ async def test_a_heartbeat_with_headers_is_none(nats):
 async def test_a_request_whose_answer_would_go_to_a_third_site_is_dropped(nats):
     async with sites(OWNER + WRITERS) as (b,):
         devices = on_line(b)
-        headers = {"Deadline": b.running.fleet.serving.owner.instance + "=1e9", "Hops": "1"}
+        headers = {"Deadline": b.running.add_ons.fleet.serving.owner.instance + "=1e9", "Hops": "1"}
         for reply in ("mbgw.c.unit.1.from.b", "mbgw.c.answer.b.1", "mbgw.a.answer.c.1", ""):
             nats.take(Message("mbgw.b.unit.41.from.a", bytes.fromhex(WRITE), reply, headers))
         await asyncio.sleep(1.0)
         assert devices[0].heard == []
-        assert b.running.fleet.serving.owner.counts.dropped == 4
-        assert b.running.fleet.status().last_dropped_ms == pytest.approx(1000, abs=10)
+        assert b.running.add_ons.fleet.serving.owner.counts.dropped == 4
+        assert b.running.add_ons.fleet.status().last_dropped_ms == pytest.approx(1000, abs=10)
         assert {each.client for each in b.events if isinstance(each, AccessDenied)} == {"a"}
 
 
@@ -441,7 +441,7 @@ async def test_a_request_whose_answer_would_go_to_a_third_site_is_dropped(nats):
 )
 async def test_headers_that_say_nothing_are_no_way_round_a_rule(nats, headers, answer):
     async with sites(OWNER) as (b,):
-        instance = b.running.fleet.serving.owner.instance
+        instance = b.running.add_ons.fleet.serving.owner.instance
         headers = {name: text.replace("INSTANCE", instance) for name, text in headers.items()}
         nats.take(Message("mbgw.b.unit.200.from.a", bytes.fromhex(READ), "mbgw.a.answer.b.1", headers))
         await asyncio.sleep(1.0)
@@ -505,7 +505,7 @@ async def test_equal_reads_share_at_the_owner(nats):
 async def test_a_flood_of_one_sender_is_its_own_trouble(nats):
     async with sites(ASKER, OWNER) as (a, b):
         on_line(b, delay=0.02)
-        instance = b.running.fleet.serving.owner.instance
+        instance = b.running.add_ons.fleet.serving.owner.instance
         headers = {"Deadline": f"{instance}=1e9"}
         for number in range(2000):
             told = {**headers, "Client": f"10.0.0.1:{number}"}
@@ -515,7 +515,7 @@ async def test_a_flood_of_one_sender_is_its_own_trouble(nats):
         before = client.now()
         assert await client.asks(41, "03 00 AA 00 01") == "03 02 00 00"
         assert client.now() - before < 0.7
-        owner = b.running.fleet.serving.owner
+        owner = b.running.add_ons.fleet.serving.owner
         assert owner.counts.busy == 2000 - MOST_OF_SENDER
         await asyncio.sleep(10.0)
         assert owner.under_way == 0
@@ -533,11 +533,9 @@ async def test_a_full_connection_is_0a(nats):
 async def test_units_that_are_not_served_any_more_have_no_responders(nats):
     async with sites(ASKER, OWNER) as (a, b):
         on_line(b)
-        served = [41, 42, 200]
-        await b.running.fleet.serve(lambda: served)
         client = a.client()
         assert await client.asks(41, READ) == "03 02 00 00"
-        served.remove(41)
+        b.running.add_ons.fleet.router.routes.pop(41)
         await asyncio.sleep(1.5)
         assert await client.asks(41, READ) == "83 0A"
         assert await client.asks(42, READ) == "03 02 00 00"
@@ -545,7 +543,7 @@ async def test_units_that_are_not_served_any_more_have_no_responders(nats):
 
 async def test_a_reload_that_drops_the_fleet_leaves_it(nats):
     async with sites(ASKER, OWNER) as (a, _):
-        await a.running.fleet.adopt(None)
+        await a.running.add_ons.fleet.connect(Gateway(plan=Plan()))
         client = a.client()
         assert await client.asks(41, READ) == "83 0A"
         assert len(nats.connections) == 1

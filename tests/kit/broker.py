@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Delivery, Message
-from gateway.runtime.publication import reading
+from gateway.runtime.mqtt.publication import reading
 from kit.gateway_bench import GatewayBench
 
 
@@ -25,7 +25,9 @@ class FakeBroker:
         """The broker of a gateway; its devices are read from now on. Times of messages are those of the loop."""
         gateway, plan, unix = bench.gateway, bench.gateway.plan.mqtt, asyncio.get_running_loop().time
         return cls(
-            reading(plan, gateway, bench.running.routers.mqtt, bench.events.append, CarriedOut(), unix, announcements)
+            reading(
+                plan, gateway, bench.running.add_ons.mqtt.router, bench.events.append, CarriedOut(), unix, announcements
+            )
         )
 
     def connect(self) -> list[str]:

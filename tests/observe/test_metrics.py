@@ -2,7 +2,8 @@
 
 from prometheus_client.parser import text_string_to_metric_families
 
-from gateway.observe.metrics import Family, Spread, exposition
+from gateway.observe.families import Family, Spread
+from gateway.observe.metrics import exposition
 
 
 def samples(*families: Family) -> dict[tuple[str, frozenset], float]:

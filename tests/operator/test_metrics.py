@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gateway.observe.metrics import Family, Spread
+from gateway.observe.families import Family, Spread
 from gateway.operator.metrics import read
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench

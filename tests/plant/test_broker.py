@@ -16,7 +16,7 @@ from gateway.plant.commands import CarriedOut
 from gateway.plant.messages import Delivery
 from gateway.plant.reasons import SubscriptionRefusedError
 from gateway.plant.steadiness import HOLDS, LONGEST_PAUSE
-from gateway.runtime.publication import reading
+from gateway.runtime.mqtt.publication import reading
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -123,7 +123,7 @@ async def publishing(config=CONFIG):
         bench.attach("hall", SimulatedLine("rtu", device))
         loop, gateway = asyncio.get_running_loop(), bench.gateway
         driver = reading(
-            gateway.plan.mqtt, gateway, bench.running.routers.mqtt, bench.events.append, CarriedOut(), loop.time
+            gateway.plan.mqtt, gateway, bench.running.add_ons.mqtt.router, bench.events.append, CarriedOut(), loop.time
         )
         broker = Broker("broker", lambda: None, driver, bench.events.append, loop.time)
         task = asyncio.create_task(broker.run())

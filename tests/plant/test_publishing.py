@@ -613,8 +613,8 @@ async def test_without_the_library_it_says_what_to_install_and_all_else_goes_on(
         monkeypatch.delitem(sys.modules, module, raising=False)
     async with gateway_bench(CONFIG + MQTT) as bench:
         silo, _ = furnish(bench)
-        publishing = bench.running.publishing
-        await publishing.adopt(bench.gateway)
+        publishing = bench.running.add_ons.mqtt
+        await publishing.serve(bench.gateway)
         [lost] = [event for event in bench.events if isinstance(event, BrokerLost)]
         assert "is not installed: the wheel was installed without [mqtt]; pipx install" in lost.reason
         assert (publishing.status().state, publishing.status().reason) == ("down", lost.reason)
@@ -652,15 +652,15 @@ async def test_no_command_of_earlier_points_goes_by_the_routes_of_a_reload(monke
     async with gateway_bench(config) as bench:
         devices = SimulatedDevice(1), SimulatedDevice(3)
         bench.attach("hall", SimulatedLine("rtu", *devices))
-        publishing = bench.running.publishing
-        await publishing.adopt(bench.gateway)
+        publishing = bench.running.add_ons.mqtt
+        await publishing.serve(bench.gateway)
         driver = publishing.part.driver
 
         async def slowly(_: object) -> None:
             await asyncio.sleep(1.0)
             driver.received(Delivery(f"{SILO}/state/set", b"1", driver.now()))
 
-        monkeypatch.setattr(bench.running.fleet, "adopt", slowly)
+        monkeypatch.setattr(bench.running.add_ons.fleet, "connect", slowly)
         await bench.reload(other)
         await asyncio.sleep(1.0)
         written = [frame.pdu.hex() for device in devices for frame in device.heard if frame.pdu[0] == 6]
@@ -673,8 +673,8 @@ async def test_a_command_that_comes_again_after_a_reload_is_carried_out_once(mon
     config = CONFIG + MQTT + "write = true\n"
     async with gateway_bench(config) as bench:
         silo, _ = furnish(bench)
-        publishing = bench.running.publishing
-        await publishing.adopt(bench.gateway)
+        publishing = bench.running.add_ons.mqtt
+        await publishing.serve(bench.gateway)
         driver = publishing.part.driver
         driver.received(Delivery(f"{STATE}/set", b"1", driver.now(), correlation=b"7"))
         await asyncio.sleep(0.5)

@@ -5,13 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from gateway.config.plan.settings import FleetPlan
 from gateway.errors import FleetError, WrongQuestion
 from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
 from gateway.operator.forgetting import forget
 from gateway.operator.metrics import read
 from gateway.operator.status import status
-from gateway.runtime.fleet import Fleet
+from gateway.runtime.fleet.add_on import Fleet
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
 from gateway.state.memory import Memory
@@ -70,11 +69,11 @@ def store(monkeypatch: pytest.MonkeyPatch) -> KeyValues:
             raise FleetError("NATS cannot be reached: it is away")
         return store
 
-    async def adopt(fleet: Fleet, plan: FleetPlan | None) -> None:
+    async def connect(fleet: Fleet, gateway: Gateway) -> None:
         """There is no NATS."""
 
     monkeypatch.setattr(Fleet, "bucket", bucket)
-    monkeypatch.setattr(Fleet, "adopt", adopt)
+    monkeypatch.setattr(Fleet, "connect", connect)
     monkeypatch.setattr("gateway.fleet.standby.clock_gettime", lambda _: 1000.0 + asyncio.get_running_loop().time())
     return store
 

@@ -360,8 +360,8 @@ async def test_what_broker_and_sites_were_refused_long_ago_is_a_note(monkeypatch
     values = BrokerStatus("mqtt://b", "", "up", "", None, "5", 1, 2, 2, 3, 9, 4, 0, 0, 0, 0, last_refused_ms=ago_ms)
     sites = FleetStatus("nats://n", "", "a", "up", "", "", None, 1, 0, 0, 0, 0, 0, 4, 0, 0, last_dropped_ms=ago_ms)
     async with gateway_bench(CONFIG) as bench:
-        monkeypatch.setattr(bench.running.publishing, "status", lambda: values)
-        monkeypatch.setattr(bench.running.fleet, "status", lambda: sites)
+        monkeypatch.setattr(bench.running.add_ons.mqtt, "status", lambda: values)
+        monkeypatch.setattr(bench.running.add_ons.fleet, "status", lambda: sites)
         levels = {about: level for level, about, _ in await found(bench, ask=False)}
         assert (levels["broker mqtt://b"], levels["fleet nats://n"]) == (level, level)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal, NamedTuple
+from typing import ClassVar, Final, Literal, NamedTuple
 
 from gateway.config.values.address import Address
 from gateway.config.values.broker import Broker, Sparkplug
@@ -141,6 +141,8 @@ class WebPlan:
     restart.
     """
 
+    #: Whether a change of it applies after a restart only.
+    needs_restart: ClassVar[bool] = True
     bind: Address
     hosts: tuple[str, ...]
     token: str | None
@@ -170,6 +172,7 @@ class MqttPlan:
     With `write`, points are written from there. `source` is its place in the config.
     """
 
+    needs_restart: ClassVar[bool] = False
     site: str
     broker: Broker
     devices: tuple[PublishedDevice, ...]
@@ -200,6 +203,7 @@ class FleetPlan:
     A lease lasts `lease` seconds. `source` is its place in the config.
     """
 
+    needs_restart: ClassVar[bool] = False
     site: str
     servers: tuple[Address, ...]
     user: str | None = None

@@ -13,7 +13,7 @@ from gateway.plant.discovery import Announced, Discovery
 from gateway.plant.messages import Message
 from gateway.plant.plain import gone
 from gateway.plant.topics import Topics
-from gateway.runtime.announced import AnnouncedDevices
+from gateway.runtime.mqtt.announced import AnnouncedDevices
 
 #: The entry of a device whose last values a broker keeps, in the list of what was announced.
 _PLAIN: Final[Mapping[str, str]] = {"": "plain"}

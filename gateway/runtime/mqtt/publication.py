@@ -26,8 +26,8 @@ from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password
 from gateway.request import Request, Target
 from gateway.routing.router import Router
-from gateway.runtime.announcing import Announcing
 from gateway.runtime.gateway import Gateway
+from gateway.runtime.mqtt.announcing import Announcing
 from gateway.tls.contexts import load
 from gateway.tls.store import TlsStore
 

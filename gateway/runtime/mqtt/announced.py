@@ -19,7 +19,7 @@ class AnnouncedDevices:
     """What was announced, and not taken back yet; in a `file`, if there is one."""
 
     def __init__(self, file: EntryFile | None = None) -> None:
-        self._file = file
+        self.file = file
         self._entries: dict[str, dict[str, str]] = {} if file is None else file.read()
 
     def entries(self) -> "Announced":
@@ -36,19 +36,14 @@ class AnnouncedDevices:
         for topic in {*self._entries, *now}:
             self._change(topic, dict(now.get(topic, {})))
 
-    def close(self) -> None:
-        """Stop remembering; return when the file has been written."""
-        if self._file is not None:
-            self._file.close()
-
     def _change(self, topic: str, components: dict[str, str]) -> None:
         if components == self._entries.get(topic, {}):
             return
         self._entries[topic] = components
         if not components:
             del self._entries[topic]
-        if self._file is not None:
-            self._file.change(topic, components or None)
+        if self.file is not None:
+            self.file.change(topic, components or None)
 
 
 def is_entry(value: object) -> bool:

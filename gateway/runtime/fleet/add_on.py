@@ -3,22 +3,31 @@
 import asyncio
 import os
 import time
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
-from contextlib import asynccontextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from gateway import events
 from gateway.config.plan.settings import FleetPlan
+from gateway.config.values.reserved_names import FLEET
+from gateway.diagnosis.finding import Finding
 from gateway.errors import FleetError, PortError
 from gateway.fleet.counts import LostMessages, OwnerCounts
 from gateway.fleet.settings import Login, Server
 from gateway.fleet.status import FleetStatus
+from gateway.observe.families import Family
 from gateway.ports.port import OpenPort, Port, PortUser
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password, read_secret
-from gateway.routing.router import Router
+from gateway.routing.access import EntryPoint
+from gateway.runtime.add_on import AddOn
+from gateway.runtime.fleet.findings import findings_about, findings_about_upstream
+from gateway.runtime.fleet.metrics import metrics_of
+from gateway.runtime.fleet.presence import served_units, tell
+from gateway.runtime.gateway import Gateway
+from gateway.runtime.routers import MakeRouter
 from gateway.tls.contexts import load
 from gateway.tls.store import TlsStore
 
@@ -36,19 +45,22 @@ _LEAVING_TIME: Final = 1.0
 _INSTANCE: Final = os.urandom(6).hex()
 
 
-class Fleet:
-    """The other sites, as long as the plan of a gateway names NATS servers. Requests from there go to `sites`."""
+class Fleet(AddOn):
+    """The other sites, as long as the plan of a gateway names NATS servers. They only read until a row names them."""
 
-    def __init__(
-        self, sites: Router, emit: events.Emit, contexts: TlsStore, clock: Callable[[], float] | None = None
-    ) -> None:
-        """`clock` is the one that deadlines are told by."""
-        self.clock = clock or _clock
-        self._sites = sites
+    key: ClassVar = FLEET
+    shown_as: ClassVar = "fleets"
+
+    def __init__(self, router: MakeRouter, emit: events.Emit, contexts: TlsStore) -> None:
+        super().__init__(router(EntryPoint(FLEET, "site")))
+        #: The one that deadlines are told by.
+        self.clock: Callable[[], float] = _clock
         self._emit = emit
         self._contexts = contexts
-        self._units: Callable[[], Iterable[int]] = tuple
-        self._tell: Callable[[], Mapping[str, Any]] = dict
+        self._started = asyncio.get_running_loop().time()
+        #: What other sites reach and are told of; None until clients can connect.
+        self._gateway: Gateway | None = None
+        self._has_left = False
         self._task: asyncio.Task[None] | None = None
         self.plan: FleetPlan | None = None
         #: Why no other site can be reached, if that is for longer.
@@ -80,16 +92,25 @@ class Fleet:
             raise FleetError(f"NATS cannot be reached: {self.reason if link is None else link.reason}")
         return await link.connection.bucket(name)
 
-    async def adopt(self, plan: FleetPlan | None) -> None:
-        """Connect as the plan says. Without a change the connection is kept."""
-        if plan == self.plan:
-            return
-        await self.stop()
-        self.plan = plan
-        if plan is None:
-            return
+    def rerouted(self, gateway: Gateway) -> None:
+        """Let other sites be told of this one."""
+        if self._gateway is not None:
+            self._gateway = gateway
+
+    async def connect(self, gateway: Gateway) -> None:
+        """Connect as the plan says. Without a change the connection is kept; then only the units may be others."""
+        plan = gateway.plan.fleet
+        if plan != self.plan:
+            await self.stop()
+            self.plan = plan
+            if plan is not None:
+                self._connect(plan)
+        await self._refresh()
+
+    def _connect(self, plan: FleetPlan) -> None:
+        servers = [Server(each.host, each.port, each.scheme == "tls") for each in plan.servers]
         try:
-            link = self._link(plan)
+            link: Link = import_module("gateway.fleet.link").Link(servers, _login(plan, self._contexts), self._emit)
         except ModuleNotFoundError as error:
             self.reason = not_installed(error.name, "fleet")
             self._emit(events.FleetLost(str(plan.servers[0]), self.reason))
@@ -97,51 +118,51 @@ class Fleet:
         self.link = link
         self.exchange = import_module("gateway.fleet.exchange").Exchange(plan.site, lambda: link.reason)
         self.serving = import_module("gateway.fleet.serving").Serving(
-            plan.site, _INSTANCE, self._sites, self.clock, self._emit
+            plan.site, _INSTANCE, self.router, self.clock, self._emit
         )
         self.presence = import_module("gateway.fleet.presence").Presence(plan.site, self._told, self._emit, time.time)
         self._task = asyncio.create_task(link.run(self.exchange, self.serving, self.presence), name="fleet")
-        await self.refresh()
 
-    def _link(self, plan: FleetPlan) -> "Link":
-        """Make the link. Raises ModuleNotFoundError without the library."""
-        servers = [Server(each.host, each.port, each.scheme == "tls") for each in plan.servers]
-        link: Link = import_module("gateway.fleet.link").Link(servers, _login(plan, self._contexts), self._emit)
-        return link
+    async def serve(self, gateway: Gateway) -> None:
+        """Let other sites reach the units that there are at the moment."""
+        self._gateway = gateway
+        await self._refresh()
 
-    async def serve(
-        self, units: Callable[[], Iterable[int]], tell: Callable[[], Mapping[str, Any]] | None = None
-    ) -> None:
-        """Let other sites reach the `units` that there are at the moment, and know what there is to `tell`."""
-        self._units = units
-        self._tell = tell or self._tell
-        await self.refresh()
-
-    async def refresh(self) -> None:
+    async def _refresh(self) -> None:
         """Look again which units other sites reach."""
         if self.serving is not None:
             await self.serving.serve(self._units)
 
-    @asynccontextmanager
-    async def stopping(self) -> AsyncIterator[None]:
-        """Leave beside what is done in the context: take no more requests; those under way may be answered."""
-        if self.serving is None:  # as in Publishing
-            yield
-            return
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self._finish(), name="fleet: leave")
-            yield
+    def _units(self) -> Iterator[int]:
+        return iter(()) if self._gateway is None or self._has_left else served_units(self._gateway, self.router)
 
-    async def _finish(self) -> None:
-        """Say goodbye, unless NATS takes too long to hear it."""
+    def _told(self) -> Mapping[str, Any]:
+        if self._gateway is None:
+            return {}
+        return tell(self._gateway, self.router, asyncio.get_running_loop().time() - self._started)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether another site waits for a response."""
+        return self.serving is not None and self.serving.owner.under_way > 0
+
+    async def leave(self) -> None:
+        """Take no more requests, and say goodbye, unless NATS takes too long to hear it."""
+        self._has_left = True
         with suppress(TimeoutError):
             async with asyncio.timeout(_LEAVING_TIME):
-                await self.serve(tuple)
+                await self._refresh()
                 if self.presence is not None:
                     await self.presence.leave()
 
-    def _told(self) -> Mapping[str, Any]:
-        return self._tell()
+    async def stop(self) -> None:
+        """Send what waits, and end."""
+        task, self._task = self._task, None
+        self.plan = self.link = self.exchange = self.serving = self.presence = None
+        self.reason = "there is no [fleet]"
+        if task is not None:
+            task.cancel()
+            await asyncio.wait((task,), timeout=_LEAVING_TIME)
 
     async def sites(self) -> "list[SiteStatus]":
         """List all sites, by name.
@@ -190,19 +211,17 @@ class Fleet:
             last_dropped_ms=1000 * (now - counts.dropped_at) if counts.dropped else None,
         )
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether another site waits for a response."""
-        return self.serving is not None and self.serving.owner.under_way > 0
+    def metrics(self) -> Iterator[Family]:
+        """Count requests from other sites."""
+        return metrics_of(self.status())
 
-    async def stop(self) -> None:
-        """Send what waits, and leave."""
-        task, self._task = self._task, None
-        self.plan = self.link = self.exchange = self.serving = self.presence = None
-        self.reason = "there is no [fleet]"
-        if task is not None:
-            task.cancel()
-            await asyncio.wait((task,), timeout=_LEAVING_TIME)
+    def findings(self) -> Iterator[Finding]:
+        """Tell whether NATS is reached, and lets through only what it should."""
+        return findings_about(self.status())
+
+    def findings_about_upstream(self, name: str, site: str, error: object) -> Iterator[Finding]:
+        """Tell why the `site` of the upstream `name` is not reached."""
+        return findings_about_upstream(self.status(), name, site, error)
 
 
 def _clock() -> float:

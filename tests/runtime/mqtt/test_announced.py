@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from gateway.runtime.announced import AnnouncedDevices, is_entry
+from gateway.runtime.mqtt.announced import AnnouncedDevices, is_entry
 from gateway.state.entry_file import EntryFile
 
 SILO = "homeassistant/device/plant-2/silo-1/config"
@@ -25,7 +25,7 @@ def opened(file):
 
 
 def after_a_restart(devices, file):
-    devices.close()
+    devices.file.close()
     return opened(file)
 
 
@@ -56,18 +56,17 @@ def test_a_device_that_was_taken_back_is_forgotten(file):
 def test_without_change_nothing_is_written(file):
     devices = opened(file)
     devices.add({SILO: {"weight": "sensor"}})
-    devices.close()
+    devices.file.close()
     written = file.stat().st_mtime_ns
     devices.add({SILO: {"weight": "sensor"}})
     devices.replace({SILO: {"weight": "sensor"}})
-    devices.close()
+    devices.file.close()
     assert file.stat().st_mtime_ns == written
 
 
 def test_without_a_file_it_is_known_as_long_as_the_process_runs():
     devices = AnnouncedDevices()
     devices.add({SILO: {"weight": "sensor"}})
-    devices.close()
     assert devices.entries() == {SILO: {"weight": "sensor"}}
 
 

@@ -4,8 +4,8 @@ import pytest
 
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
-from gateway.runtime.announced import AnnouncedDevices
-from gateway.runtime.announcing import Announcing
+from gateway.runtime.mqtt.announced import AnnouncedDevices
+from gateway.runtime.mqtt.announcing import Announcing
 
 
 async def announcing(announced, *devices, more="", site="p"):

@@ -1,0 +1,83 @@
+"""`[mqtt]`: what is published, as long as the config says so. What does it is loaded only then."""
+
+import time
+from collections.abc import Iterator
+from importlib import import_module
+from typing import TYPE_CHECKING, ClassVar
+
+from gateway import events
+from gateway.config.values.reserved_names import MQTT
+from gateway.diagnosis.finding import Finding
+from gateway.observe.families import Family
+from gateway.plant.status import BrokerStatus
+from gateway.routing.access import EntryPoint
+from gateway.runtime.add_on import AddOn
+from gateway.runtime.gateway import Gateway
+from gateway.runtime.kept_state import KeptState
+from gateway.runtime.mqtt.announced import FILE_NAME, AnnouncedDevices, is_entry
+from gateway.runtime.mqtt.findings import findings_about
+from gateway.runtime.mqtt.metrics import metrics_of
+from gateway.runtime.routers import MakeRouter
+from gateway.tls.store import TlsStore
+
+if TYPE_CHECKING:
+    from gateway.plant.commands import CarriedOut
+    from gateway.runtime.mqtt.publication import Publication
+
+
+class Publishing(AddOn):
+    """Publishes what the plan of a gateway says, as long as it says so.
+
+    Its router has the routes of what is read, and of what the broker delivers: all rights until a row names it, as what
+    may be written is checked before.
+    """
+
+    key: ClassVar = MQTT
+    shown_as: ClassVar = "brokers"
+
+    def __init__(self, router: MakeRouter, emit: events.Emit, contexts: TlsStore, kept: KeptState) -> None:
+        super().__init__(router(EntryPoint(MQTT, "local")))
+        self._emit = emit
+        self._contexts = contexts
+        self._announced = AnnouncedDevices(kept.open_file(FILE_NAME, is_entry))
+        self._carried_out: CarriedOut | None = None
+        #: What publishes; None without [mqtt].
+        self.part: Publication | None = None
+
+    def rerouted(self, gateway: Gateway) -> None:
+        """Take no more commands for what is published, unless it is the same by the routes that apply now."""
+        if self.part is not None and not self.part.means(gateway.plan.mqtt):
+            self.part.driver.close()
+
+    async def serve(self, gateway: Gateway) -> None:
+        """Publish what this gateway's plan says from now on. Without a change the connection is kept."""
+        plan, part = gateway.plan.mqtt, self.part
+        if part is not None and part.means(plan):
+            return
+        await self.stop(is_over=plan is None)
+        if plan is not None:
+            announcing = await import_module("gateway.runtime.mqtt.announcing").Announcing.of(plan, self._announced)
+            publication = import_module("gateway.runtime.mqtt.publication").Publication
+            if self._carried_out is None:
+                self._carried_out = import_module("gateway.plant.commands").CarriedOut()
+            self.part = publication(
+                plan, gateway, self.router, self._emit, self._contexts, announcing, self._carried_out, time.time
+            )
+
+    async def stop(self, *, is_over: bool = False) -> None:
+        """Stop publishing, for good if it `is_over`."""
+        part, self.part = self.part, None
+        if part is not None:
+            await part.stop(is_over=is_over)
+
+    def status(self) -> BrokerStatus | None:
+        """Tell the state of the broker; None without [mqtt]."""
+        return None if self.part is None else self.part.status()
+
+    def metrics(self) -> Iterator[Family]:
+        """Count messages, commands and polls."""
+        return metrics_of(self.status())
+
+    def findings(self) -> Iterator[Finding]:
+        """Tell whether the broker takes what is published."""
+        return findings_about(self.status())
