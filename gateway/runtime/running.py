@@ -167,23 +167,6 @@ class Running:
         for each in self.add_ons:
             await each.serve(self.gateway)
 
-    @asynccontextmanager
-    async def add_ons_leaving(self) -> AsyncIterator[None]:
-        """Let add-ons leave, beside what is done in the context.
-
-        Without any the event loop gets no turn here, which would let lines open that were not tried yet.
-        """
-        async with asyncio.TaskGroup() as group:
-            for each in self.add_ons:
-                if each.status() is not None:
-                    group.create_task(each.leave(), name=f"{each.key}: leave")
-            yield
-
-    async def stop_add_ons(self) -> None:
-        """End what has not left."""
-        for each in self.add_ons:
-            await each.stop()
-
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
         """Take no more clients and requests, and let those in progress finish, unless that becomes urgent.
 

@@ -1,11 +1,12 @@
 """The life of a gateway: start, ready, serve, drain, stop."""
 
 import asyncio
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator, Coroutine, Iterable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 
 from gateway import events
 from gateway.readconfig import expiry
+from gateway.runtime.add_on import AddOn
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
 from gateway.runtime.summary import summary
@@ -65,12 +66,13 @@ async def serve(
                     await reloader.close()
                 running.emit(events.Stopping(stop.reason))
                 systemd.stopping()
-                async with running.add_ons_leaving():
+                async with _leaving(running.add_ons):
                     await running.drain(lambda: stop.at_once)
                 running.stop_listening()
         finally:
             running.stop_listening()
-            await running.stop_add_ons()
+            for each in running.add_ons:
+                await each.stop()
         running.emit(events.Stopped())
 
 
@@ -101,6 +103,19 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier, control:
     running.ready.clear()
     for task in tasks:
         task.cancel()
+
+
+@asynccontextmanager
+async def _leaving(add_ons: Iterable[AddOn]) -> AsyncIterator[None]:
+    """Let add-ons leave, beside what is done in the context.
+
+    Without any the event loop gets no turn here: that would let lines open that were not tried yet.
+    """
+    async with asyncio.TaskGroup() as group:
+        for each in add_ons:
+            if each.status() is not None:
+                group.create_task(each.leave(), name=f"{each.key}: leave")
+        yield
 
 
 async def _complete_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:
