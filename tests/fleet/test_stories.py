@@ -214,6 +214,27 @@ async def test_a_site_that_is_killed_is_silent_for_who_asks_its_units_long_befor
         assert (status.state, 3.5 <= status.for_s <= 6.0) == ("silent", True)
 
 
+async def test_a_site_that_is_stopping_says_so_and_takes_no_more_requests(nats, monkeypatch):
+    monkeypatch.setattr(FakeConnection, "bucket", FakeBucket().bucket)
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b)
+        await asyncio.sleep(11.0)
+        await b.running.add_ons.fleet.leave()
+        assert await a.client().asks(41, READ) == "83 0A"
+        _, status = await a.running.add_ons.fleet.sites()
+        assert status.state == "left"
+
+
+async def test_other_sites_are_told_of_the_lines_that_there_are_now(nats, monkeypatch):
+    monkeypatch.setattr(FakeConnection, "bucket", FakeBucket().bucket)
+    async with sites(ASKER, OWNER) as (a, b):
+        on_line(b)
+        b.drop_lines()
+        await asyncio.sleep(11.0)
+        _, status = await a.running.add_ons.fleet.sites()
+        assert (status.lines, status.lines_down) == (0, ())
+
+
 async def test_a_site_that_leaves_is_0a_at_once(nats):
     async with sites(ASKER, OWNER) as (a, b):
         await b.running.add_ons.fleet.stop()

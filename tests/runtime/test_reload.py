@@ -18,6 +18,7 @@ from gateway.modbus.rtu import encode
 from gateway.readconfig.process import READING_TIME, ConfigRead
 from gateway.routing.access import READING
 from gateway.runtime import build
+from gateway.runtime.fleet.add_on import Fleet
 from gateway.runtime.outcome import Outcome
 from gateway.runtime.reload import Reloader
 from gateway.service.supervisor import Stop, serve
@@ -426,6 +427,17 @@ async def test_what_needs_a_restart_is_said(serving):
         outcome = await service.reload(LISTEN + HALL_A + '[log]\nlevel = "debug"\n[control]\nsocket = "/tmp/x"\n')
         assert outcome == Outcome(restart=("log", "control"))
         assert await service.reload(LISTEN + HALL_A) == Outcome()
+
+
+async def test_add_ons_are_adopted_but_for_the_page_which_needs_a_restart(serving, monkeypatch):
+    async def connect(*_: object) -> None:
+        """There is no NATS."""
+
+    monkeypatch.setattr(Fleet, "connect", connect)
+    async with serving(LISTEN + HALL_A) as service:
+        add_ons = '[web]\nbind = "http://127.0.0.1:8502"\n[fleet]\nservers = ["nats://127.0.0.1"]\n'
+        outcome = await service.reload('site = "a"\n' + LISTEN + HALL_A + add_ons)
+        assert (outcome.added, outcome.changed, outcome.restart) == (("fleet",), (), ("web",))
 
 
 async def test_warnings_of_a_file_that_is_accepted_are_handed_on(serving):

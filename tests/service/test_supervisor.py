@@ -9,6 +9,8 @@ import pytest
 
 from gateway.errors import ListenError
 from gateway.events import Event, LineLost, LineUp, PartFailed, Ready
+from gateway.runtime.add_on import AddOn
+from gateway.runtime.gateway import Gateway
 from gateway.service.supervisor import Stop, serve
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench
@@ -77,6 +79,32 @@ class FakeListener:
         self.told.append("close")
 
 
+class NotedAddOn(AddOn):
+    """An add-on that notes what it is `told`, and takes a second to leave."""
+
+    key = "noted"
+
+    def __init__(self, told: list[str]) -> None:
+        self._told = told
+
+    async def connect(self, gateway: Gateway) -> None:
+        self._told.append("connect")
+
+    async def serve(self, gateway: Gateway) -> None:
+        self._told.append("serve")
+
+    async def leave(self) -> None:
+        self._told.append("leave")
+        await asyncio.sleep(1.0)
+        self._told.append("has left")
+
+    async def stop(self) -> None:
+        self._told.append("end")
+
+    def status(self) -> object:
+        return self
+
+
 class Service:
     """A gateway that is served, with listeners in the test's hands."""
 
@@ -140,6 +168,17 @@ async def test_the_page_begins_once_the_addresses_of_clients_are_bound_and_ends_
     assert service.doors[0].told[:3] == ["find", "bind", "page"]
     await service.stops_within()
     assert service.doors[0].told[-2:] == ["close", "page ends"]
+
+
+async def test_an_add_on_connects_before_clients_can_serves_after_that_and_leaves_while_they_finish() -> None:
+    service = Service(FakeListener(drains_in=0.5))
+    told = service.doors[0].told
+    service.bench.running.add_ons = (NotedAddOn(told),)
+    await asyncio.sleep(1.0)
+    assert told == ["find", "bind", "connect", "listen", "start", "serve"]
+    assert 1.0 <= await service.stops_within() < 1.3
+    assert told[6:10] == ["finish", "leave", "has left", "close"]
+    assert told[-1] == "end"
 
 
 async def test_names_are_looked_up_side_by_side() -> None:
