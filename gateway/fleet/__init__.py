@@ -1,8 +1,8 @@
 """Many gateways as one, over NATS (ADR 25, 26).
 
-- asker, exchange    how units of another site are asked
-- owner, slots, serving, clock    what another site may ask here, and until when
-- presence     what sites say of themselves
-- lease, lease_records, lease_entry, standby    which of several gateways asks on a line
+- asker, exchange    requests to units of other sites
+- owner, slots, serving, clock    requests from other sites, their limits and deadlines
+- presence     the status that each site publishes
+- lease, lease_records, lease_entry, standby    which of several gateways may send on a line
 - link, connection, calls, bucket    the connection to NATS and its key-value store
 """

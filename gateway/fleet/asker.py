@@ -1,4 +1,4 @@
-"""Asks the units of another site: an upstream whose requests are messages."""
+"""Requests to the units of another site: an upstream whose requests are messages."""
 
 import asyncio
 from collections.abc import Callable
@@ -18,41 +18,41 @@ from gateway.routing.audit import AuditedOrigin
 from gateway.upstreams.driver import UpstreamDriver
 from gateway.upstreams.upstream import Upstream
 
-#: How long before its client may get an answer an owner stops sending a request, in seconds: who has just looked at
-#: the time still has to send.
+#: An owner stops sending a request this long before its client may be answered, in seconds. It covers the time between
+#: the owner's last look at the clock and the sending.
 GUARD: Final = 0.05
 
 
 class Asker(UpstreamDriver):
-    """Passes messages, time and requests to `upstream`. It is the PortOwner of the port to another site.
+    """Passes messages, time and requests to `upstream`; the PortOwner of the port to another site.
 
-    A client gets no answer to a request that was sent before the owner's deadline for it: otherwise a write could begin
-    after it. So when the connection is lost, requests under way keep their time.
+    A client gets no answer before the deadline that the owner has for its request: otherwise a write could begin after
+    the answer. So requests under way keep their time when the connection is lost.
     """
 
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         super().__init__(upstream, loop, emit)
-        #: Answers to nothing that is awaited: copies, to requests of long ago, or no PDUs.
+        #: Number of answers without an open request: copies, late ones, or ones that are not PDUs.
         self.unasked = 0
         self._call_soon = loop.call_soon
         self._port: SitePort | None = None
         self._is_closed = False
-        #: The identifiers of requests that may be answered, by their numbers, which are never used again.
+        #: Transaction identifiers of open requests by request number. Numbers are never used again.
         self._identifiers: dict[int, int] = {}
         self._last_number = 0
 
     def port_up(self, port: Port) -> None:
-        """The site can be asked."""
-        assert isinstance(port, SitePort)  # noqa: S101 - what `Exchange.open` gives
+        """Send requests through `port` from now on."""
+        assert isinstance(port, SitePort)  # noqa: S101 - `Exchange.open` returns nothing else
         self._port = self._boundary.port = port
         port.asking = self
         self._run(self.upstream.port_up, self._send)
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
-        """See PortOwner: messages are not bytes."""
+        """Ignore bytes: this port carries messages."""
 
     def answered(self, number: int, pdu: bytes) -> None:
-        """See Asking."""
+        """Pass the response to request `number` to the upstream. Count it as unasked if that request is not open."""
         identifier = self._identifiers.pop(number, None) if 1 <= len(pdu) <= MAX_PDU else None
         if identifier is None:
             self.unasked += 1
@@ -60,7 +60,7 @@ class Asker(UpstreamDriver):
             self._run(self._receive, TcpFrame(identifier, BROADCAST_UNIT, pdu))
 
     def unsent(self, number: int) -> None:
-        """See Asking."""
+        """Report to the upstream that request `number` has reached no gateway."""
         identifier = self._identifiers.pop(number, None)
         if identifier is not None:
             self._run(self.upstream.unsent, identifier, self._time())
@@ -90,7 +90,7 @@ class Asker(UpstreamDriver):
         self.upstream.received((frame,), self._time())
 
     def _down(self) -> None:
-        """Those under way may still be answered."""
+        """Stop sending; requests under way may still be answered."""
         self.upstream.finish(self._time())
 
     def _step(self, step: Callable[..., None], *arguments: Any) -> None:
@@ -107,14 +107,14 @@ class Asker(UpstreamDriver):
 
 
 class PassedOn(NamedTuple):
-    """What a request from another site brings along: how many sites it has passed, how long it may take."""
+    """Limits of a request from another site: `hops` is the number of sites passed so far, `seconds_left` its time."""
 
     hops: int = 0
     seconds_left: float = float("inf")
 
 
 def passed_on(origin: Origin) -> PassedOn:
-    """Tell what the origin of a request says of it."""
+    """Return the hops and the time left of the site request that `origin` stands for; the defaults for others."""
     if isinstance(origin, ForwardedOrigin):
         origin = origin.original.origin
     if isinstance(origin, AuditedOrigin):

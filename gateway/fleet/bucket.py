@@ -14,9 +14,9 @@ from gateway.fleet.messages import Entry
 
 #: The largest value in a bucket with its headers, in bytes: the state of a line with 247 devices fits.
 LARGEST_VALUE: Final = 64 * 1024
-#: For how long the server remembers the identifiers of messages, which gateways do not give them, in seconds.
+#: How long the server remembers message identifiers, in seconds. Gateways send none.
 _REMEMBERED: Final = 0.1
-#: How many entries are asked for at once.
+#: The most entries requested at once.
 _QUESTIONS: Final = 32
 
 T = TypeVar("T")
@@ -25,7 +25,9 @@ T = TypeVar("T")
 async def open_bucket(
     stream: JetStreamContext, name: str, forget: Callable[[], object], warn: Callable[[str], None]
 ) -> "Bucket":
-    """A bucket, which is made if it is not there; see Bucket. `warn` is told what is wrong with one that is there.
+    """Open the bucket `name`; create it if it is missing. `warn` gets what is wrong with an existing one.
+
+    `forget` is called when the bucket turns out to be deleted.
 
     Raises:
         FleetError: the server has no JetStream, or this site may not use or make the bucket.
@@ -36,12 +38,12 @@ async def open_bucket(
         config = await _make(stream, name)
     if wrong := faults(config):
         warn(f"the bucket {name} {' and '.join(wrong)}: delete it, and the next gateway makes it as it must be")
-    # Never by direct get: then no site needs that right, by which the server publishes what a site has stored.
+    # Never by direct get: with the right to it, a site could have the server publish what it has stored.
     return Bucket(name, stream, KeyValue(name, f"KV_{name}", f"$KV.{name}.", stream, direct=False), forget)
 
 
 def faults(config: StreamConfig) -> list[str]:
-    """What a bucket with this configuration lets sites do to one another, or does by itself, and should not."""
+    """Find what is unsafe in the configuration of a bucket; empty if nothing is."""
     found = {
         "lets each site empty it by a roll-up": config.allow_rollup_hdrs,
         "can be emptied by an answer of the server itself": not config.deny_purge or not config.deny_delete,
@@ -54,8 +56,8 @@ def faults(config: StreamConfig) -> list[str]:
 class Bucket:
     """A bucket of the key-value store. Each call may take some seconds.
 
-    All of them raise FleetError if the server does not answer, or refuses, or the bucket was deleted. Then `forget` is
-    called, so that the connection creates it again when it is asked for it the next time.
+    All calls raise FleetError if the server does not answer or refuses, or if the bucket was deleted. After a deletion
+    they call `forget` first, so that the connection creates the bucket again on the next request for it.
     """
 
     def __init__(self, name: str, stream: JetStreamContext, store: KeyValue, forget: Callable[[], object]) -> None:
@@ -65,7 +67,7 @@ class Bucket:
         self._forget = forget
 
     async def get(self, key: str) -> Entry | None:
-        """What it holds for `key`; None if nothing, or not any more."""
+        """Read the entry for `key`; None if there is none or it was deleted."""
         try:
             entry = await self._result(self._store.get(key))
         except NoKeyError:
@@ -73,19 +75,19 @@ class Bucket:
         return Entry(entry.key, entry.value or b"", entry.revision or 0)
 
     async def create(self, key: str, value: bytes) -> int | None:
-        """Put a value where none is. Its revision; None if there is one already."""
+        """Write a value for a key without one. Return its revision; None if there is a value already."""
         return await self._unless_changed(self._store.create(key, value))
 
     async def update(self, key: str, value: bytes, revision: int) -> int | None:
-        """Replace the value of this `revision`. The new one; None if there is another one meanwhile."""
+        """Replace the value of this `revision`. Return the new revision; None if the entry has changed since."""
         return await self._unless_changed(self._store.update(key, value, revision))
 
     async def put(self, key: str, value: bytes) -> int:
-        """Put a value, whatever is there. Its revision."""
+        """Write a value in any case. Return its revision."""
         return await self._result(self._store.put(key, value))
 
     async def entries(self) -> list[Entry]:
-        """All that it holds, with times. A few questions at once, one for each key."""
+        """Read all entries, with times, a few at once."""
         info = await self._result(self._stream.stream_info(self._stream_name, f"{self._prefix}>"))
         found = await self._ask_for_all(list(info.state.subjects or ()))
         return [each for each in found if each is not None]
@@ -96,7 +98,7 @@ class Bucket:
 
     @property
     def _prefix(self) -> str:
-        """How the subjects of its keys begin."""
+        """Beginning of the subjects of its keys."""
         return f"$KV.{self.name}."
 
     async def _ask_for_all(self, subjects: list[str]) -> list[Entry | None]:
@@ -106,7 +108,7 @@ class Bucket:
         return found
 
     async def _entry(self, subject: str) -> Entry | None:
-        """The last message on a subject; None if it cannot be read, or says that the key was deleted."""
+        """Read the last message on a subject; None if it cannot be read or marks a deletion."""
         try:
             found = await result(self._stream.get_msg(self._stream_name, subject=subject))
         except FleetError:
@@ -123,7 +125,7 @@ class Bucket:
             return None
 
     async def _result(self, call: Awaitable[T]) -> T:
-        """See `result`."""
+        """Await a call; see `result`. A deleted bucket is forgotten."""
         try:
             return await result(call)
         except NoBucketError as error:
@@ -132,9 +134,9 @@ class Bucket:
 
 
 async def _make(stream: JetStreamContext, name: str) -> StreamConfig:
-    """Make a bucket in which a site can change nothing but the keys that it may write.
+    """Create a bucket in which a site can change only the keys that it may write.
 
-    What the library would make allows roll-up, and purges.
+    The default configuration of the library allows roll-up and purges.
     """
     config = StreamConfig(
         name=f"KV_{name}",

@@ -1,4 +1,4 @@
-"""Calls of the library for NATS: each has a deadline, and what it raises is told in words."""
+"""Calls of the NATS library: each has a deadline, and its errors become messages for operators."""
 
 import asyncio
 import os
@@ -18,11 +18,11 @@ from nats.js.errors import (
 
 from gateway.errors import FleetError
 
-#: How long the server may take for an answer, in seconds.
+#: How long the server may take to answer, in seconds.
 ANSWER_TIME: Final = 3.0
 
 _NO_JETSTREAM: Final = "this NATS server has no JetStream, or not for this account: start it with --jetstream"
-#: The error codes of JetStream for a value that has changed meanwhile, and for a stream that is not there.
+#: JetStream's error codes for a value that has changed, and for a stream that does not exist.
 _CHANGED: Final = (10071, 10164)
 _NO_STREAM: Final = 10059
 
@@ -38,14 +38,14 @@ class NoBucketError(FleetError):
 
 
 class ChangedError(FleetError):
-    """The value was changed meanwhile."""
+    """The value has changed since it was read."""
 
 
 async def result(call: Awaitable[T]) -> T:
-    """What a call of the library returns.
+    """Await a call of the library, for at most 2 * ANSWER_TIME seconds, and return its result.
 
     Raises:
-        FleetError: the call has failed.
+        FleetError: the call failed.
     """
     try:
         async with asyncio.timeout(2 * ANSWER_TIME):
@@ -56,12 +56,12 @@ async def result(call: Awaitable[T]) -> T:
         raise _failure(error) from error
     except OSError as error:
         raise FleetError(reason_of(error)) from error
-    except (ValueError, LookupError) as error:  # what another site has put there, with headers of its own
+    except (ValueError, LookupError) as error:  # another site may have stored such headers
         raise FleetError("what it holds cannot be read") from error
 
 
 def in_words(error: Exception) -> str:
-    """What the library raises, for people."""
+    """Explain an error of the library to operators."""
     text = str(error).removeprefix("nats:").strip().strip("'")
     lower = text.lower()
     if "authorization violation" in lower or "authentication" in lower:
@@ -74,13 +74,13 @@ def in_words(error: Exception) -> str:
 
 
 def reason_of(error: OSError) -> str:
-    """What the system says; asyncio says more, with an address of its own choice."""
+    """Return the text of the operating system; asyncio's own text adds an address."""
     number = error.errno or 0
     return os.strerror(number) if number > 0 else error.strerror or str(error)
 
 
 def _failure(error: NatsError) -> FleetError:
-    """What the caller is told when the library raises this."""
+    """Translate an error of the library."""
     match error:
         case NotFoundError():
             return _what_is_missing(error)
@@ -97,6 +97,6 @@ def _failure(error: NatsError) -> FleetError:
 
 
 def _what_is_missing(error: NotFoundError) -> FleetError:
-    """The library says that a key is not found also without a bucket; what it was told says which of the two it is."""
+    """Tell a missing key from a missing bucket: the library raises KeyNotFoundError for both."""
     is_key = isinstance(error, KeyNotFoundError) and getattr(error.__context__, "err_code", None) != _NO_STREAM
     return NoKeyError(str(error)) if is_key else NoBucketError(str(error))

@@ -1,4 +1,4 @@
-"""The client of nats-py, but for what ends it: a message that it cannot decode."""
+"""The client of nats-py, made to survive messages that it cannot decode."""
 
 import asyncio
 from typing import Final
@@ -7,16 +7,16 @@ from nats.aio.client import Client
 
 from gateway.fleet.counts import LostMessages
 
-#: After this many messages, other work in the event loop gets a turn.
+#: The event loop gets a turn after this many messages.
 MESSAGES_AT_ONCE: Final = 16
-#: The shortest and the longest block of headers that the library may read: the first line with its end and an empty
-#: line, and several times what gateways send.
+#: The shortest and the longest block of headers for the library, in bytes: a first line with its end and an empty line;
+#: several times what gateways send.
 _SHORTEST_HEADERS: Final = 12
 _LONGEST_HEADERS: Final = 4096
 
 
 class TolerantClient(Client):
-    """The library stops reading for good when one message cannot be decoded: such messages are dropped here."""
+    """Drops messages that cannot be decoded; the library would stop reading at the first one."""
 
     def __init__(self, lost: LostMessages) -> None:
         super().__init__()
@@ -35,7 +35,7 @@ class TolerantClient(Client):
 
 
 def _check(subject: bytes, reply: bytes, headers: bytes) -> None:
-    """Raise ValueError if the library could not read this, or would take long for it."""
+    """Raise ValueError if the library could not read this, or would take too long."""
     subject.decode()
     reply.decode()
     if headers and not _SHORTEST_HEADERS <= len(headers) <= _LONGEST_HEADERS:

@@ -28,13 +28,13 @@ from gateway.tls.reasons import explain
 
 #: How long each step of connecting may take, in seconds.
 STEP_TIME: Final = 10.0
-#: How often the server is asked whether it is there, in seconds; the connection is lost when it misses two of these.
+#: Seconds between pings to the server, and how many of them it may miss before the connection is lost.
 PING_INTERVAL: Final = 5.0
 MISSED_PINGS: Final = 2
-#: The most messages that wait to be sent, and the most bytes that the library holds after that.
+#: The most messages waiting to be sent, and the most bytes in the library's buffer behind them.
 MOST_WAITING: Final = 4096
 _LARGEST_BUFFER: Final = 256 * 1024
-#: The most messages of one subscription that wait to be delivered, and their bytes. What comes beyond that is lost.
+#: The most undelivered messages of one subscription, and their bytes. Further ones are lost.
 MOST_UNDELIVERED: Final = 4096
 _LARGEST_UNDELIVERED: Final = 4 * 1024 * 1024
 
@@ -42,11 +42,11 @@ T = TypeVar("T")
 
 
 class NatsConnection:
-    """A connection to `server`. What it loses is not sent again: the next connection begins with nothing.
+    """One connection to `server`. Lost messages are not sent again, and a new connection starts empty.
 
-    Answers come to subjects below `inbox`, which begins with the site, so that the permissions of NATS can keep others
-    from listening there. `refused` is called when the server refuses a subject, with the reason; `warn` when a bucket
-    is not as it must be. Messages that are not delivered are counted in `messages`.
+    Answers come to subjects below `inbox`. It begins with the site, so that NATS permissions can keep others from
+    listening there. `refused` is called with the reason when the server refuses a subject, `warn` when a bucket is
+    unsafe. Messages that are not delivered are counted in `messages`.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class NatsConnection:
     ) -> None:
         self.server = server
         self.inbox = f"_INBOX.{login.site}"
-        #: Done when the connection is lost, with the reason.
+        #: Set to the reason when the connection is lost.
         self.lost: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self._login = login
         self._refused = refused
@@ -77,7 +77,7 @@ class NatsConnection:
         """Connect and log in.
 
         Raises:
-            FleetError: it cannot be reached, or refuses.
+            FleetError: the server cannot be reached, or refuses.
         """
         try:
             async with asyncio.timeout(2 * STEP_TIME):
@@ -98,7 +98,7 @@ class NatsConnection:
         self._sending = asyncio.create_task(self._send(), name="fleet: send")
 
     def publish(self, message: Message) -> bool:
-        """Send a message. False, and nothing is sent, if too many wait."""
+        """Queue a message. Return False, without sending it, if the connection is not open or the queue is full."""
         if not self._is_open or len(self._outbox) >= MOST_WAITING:
             return False
         self._outbox.append(message)
@@ -108,9 +108,10 @@ class NatsConnection:
     async def subscribe(
         self, subject: str, deliver: Callable[[Message], None], queue: str = "", most: int = MOST_UNDELIVERED
     ) -> Callable[[], Awaitable[None]]:
-        """Have what comes on `subject` delivered; one member of the group `queue` gets each message.
+        """Deliver messages on `subject`. Each one goes to one member of the group `queue`.
 
-        At most this many wait to be delivered; more are lost, and counted. Returns what ends the subscription.
+        At most `most` of them wait to be delivered; more are lost and counted. Return a function that ends the
+        subscription.
 
         Raises:
             FleetError: the connection is lost.
@@ -125,7 +126,7 @@ class NatsConnection:
         return partial(unsubscribe, await result(subscribe))
 
     async def bucket(self, name: str) -> Bucket:
-        """A bucket of the key-value store, which is made if it is not there.
+        """Open a bucket of the key-value store; create it if it is missing.
 
         Raises:
             FleetError: the server has no JetStream, or this site may not use or make the bucket.
@@ -138,7 +139,7 @@ class NatsConnection:
         return known
 
     async def close(self) -> None:
-        """Send what waits, and close it. Nothing is delivered any more."""
+        """Send what is queued, and close. Nothing is delivered afterwards."""
         self._is_open = False
         self._has_more.set()
         if self._sending is not None:
@@ -151,14 +152,14 @@ class NatsConnection:
         self.lose("it was closed")
 
     def lose(self, reason: str) -> None:
-        """Use it no more; `lost` says why."""
+        """Stop using the connection, and set `lost` to `reason`."""
         self._is_open = False
         self._has_more.set()
         if not self.lost.done():
             self.lost.set_result(reason)
 
     async def _connect(self) -> None:
-        """Connect. The library looks up names in threads that hang as long as a name server does; ours do not."""
+        """Connect. Names are looked up here: the library would use threads that hang as long as a name server does."""
         server = self.server
         address = (await look_up(server.host, server.port, socket.SOCK_STREAM, STEP_TIME))[0][4][0]
         options = self._options()
@@ -178,12 +179,12 @@ class NatsConnection:
             **options,
         )
         self._trusted(None)
-        # When it stops reading because of a defect, the library tells nobody.
+        # The library does not report that its reading task has ended with a defect.
         assert self._client._reading_task is not None  # noqa: S101, SLF001 - it is connected
         self._client._reading_task.add_done_callback(lambda _: self.lose("it cannot be read any more"))  # noqa: SLF001
 
     def _options(self) -> dict[str, Any]:
-        """How the library encrypts, and logs in.
+        """Choose the library's options for TLS and login.
 
         Raises:
             FleetError: the credentials cannot be read.
@@ -200,17 +201,17 @@ class NatsConnection:
         return options
 
     def _trusted(self, what: T) -> T:
-        """`what`, if the server may have it: the library does not mind when one that should have TLS says it has none.
+        """Return `what` if the server may have it. The library accepts a server without TLS where TLS is required.
 
         Raises:
-            FleetError: it may not.
+            FleetError: the server must offer TLS and does not.
         """
         if self.server.is_encrypted and not self._client._server_info.get("tls_required"):  # noqa: SLF001 - see above
             raise FleetError("it does not offer TLS")
         return what
 
     async def _send(self) -> None:
-        """Send what waits, until the connection is lost or to be closed."""
+        """Send queued messages until the connection is closed or lost."""
         while self._is_open:
             await self._has_more.wait()
             self._has_more.clear()
@@ -231,14 +232,14 @@ class NatsConnection:
             await asyncio.sleep(0)
 
     async def _on_error(self, error: Exception) -> None:
-        """While it connects, any error ends the attempt; later, only those after which it is closed."""
+        """Fail the attempt while connecting. Afterwards give up the connection only after a defect here."""
         if not self._is_open:
             raise error
         if isinstance(error, SlowConsumerError):
             self._messages.overflowed += 1
         elif "permissions violation" in str(error):
             self._refused(in_words(error))
-        elif not isinstance(error, NatsError | OSError):  # of what messages are delivered to
+        elif not isinstance(error, NatsError | OSError):  # raised by a subscriber
             self.lose(f"a defect in the gateway: {error!r}")
 
     async def _on_closed(self) -> None:
@@ -247,7 +248,7 @@ class NatsConnection:
 
 
 async def unsubscribe(subscription: Subscription) -> None:
-    """End a subscription; nothing if its connection is lost."""
+    """End a subscription; do nothing if its connection is lost."""
     with suppress(FleetError):
         await result(subscription.unsubscribe())
 
@@ -256,5 +257,5 @@ def _as_dict(headers: Mapping[str, str] | None) -> dict[str, str] | None:
     return dict(headers) if headers else None
 
 
-# The library logs what it also reports.
+# The library logs what it also reports to `error_cb`.
 logging.getLogger("nats.aio.client").addHandler(logging.NullHandler())

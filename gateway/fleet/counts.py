@@ -1,4 +1,4 @@
-"""What has become of requests from other sites, and of messages that were not delivered."""
+"""Counts of requests from other sites, and of undelivered messages."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from gateway.timing.measured import NEVER
 
 @dataclass(slots=True)
 class OwnerCounts:
-    """Requests from other sites; `dropped` are those that NATS should not have let through, the last `dropped_at`."""
+    """Requests from other sites. NATS should have stopped the `dropped` ones; the last came at `dropped_at`."""
 
     requests: int = 0
     responses: int = 0
@@ -20,7 +20,7 @@ class OwnerCounts:
 
 @dataclass(slots=True)
 class LostMessages:
-    """Messages of other sites that were not delivered: `unreadable` ones, and those that `overflowed` a queue."""
+    """Undelivered messages of other sites: `unreadable`, or `overflowed` because a queue was full."""
 
     unreadable: int = 0
     overflowed: int = 0

@@ -1,26 +1,26 @@
-"""Credentials files of NATS: a token, and the key with which the gateway proves that the token is its own."""
+"""NATS credentials files: a token, and the private key that proves its possession."""
 
 import base64
 from typing import Final
 
 from gateway.errors import FleetError
 
-#: Said where the library is missing that signs with the key.
+#: The error where the signing library is missing.
 NO_LIBRARY: Final = (
     "a credentials file needs PyNaCl, which is not installed: apt install python3-nacl, or pip install pynacl"
 )
 _JWT_LINE: Final = "BEGIN NATS USER JWT"
 _SEED_LINE: Final = "BEGIN USER NKEY SEED"
-#: A seed is two bytes of what it is for, 32 of key and two of check sum.
+#: A seed is two bytes of type, 32 of key and two of checksum.
 _KEY: Final = slice(2, 34)
 _SEED_SIZE: Final = 36
 
 
 def read_credentials(text: str) -> tuple[bytes, bytes]:
-    """The token and the private key in a credentials file.
+    """Read the token and the private key from the text of a credentials file.
 
     Raises:
-        FleetError: it has none.
+        FleetError: one of them is missing or malformed.
     """
     token, seed = _line_after(_JWT_LINE, text), _line_after(_SEED_LINE, text)
     try:
@@ -33,13 +33,13 @@ def read_credentials(text: str) -> tuple[bytes, bytes]:
 
 
 def sign(key: bytes, nonce: str) -> bytes:
-    """The signature of what the server asks to be signed.
+    """Sign the server's `nonce`. Return the signature in Base64.
 
     Raises:
-        FleetError: the library for it is not installed.
+        FleetError: the signing library is not installed.
     """
     try:
-        from nacl.signing import SigningKey  # noqa: PLC0415 - only with `credentials`, and not everywhere there is one
+        from nacl.signing import SigningKey  # noqa: PLC0415 - optional: only for `credentials`
     except ModuleNotFoundError as error:
         raise FleetError(NO_LIBRARY) from error
     return base64.b64encode(SigningKey(key).sign(nonce.encode()).signature)

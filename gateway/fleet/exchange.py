@@ -1,4 +1,4 @@
-"""Requests to other sites, their answers, and what is heard of the other sites' clocks."""
+"""Requests to other sites, their answers, and the heartbeats of those sites."""
 
 import asyncio
 import os
@@ -16,55 +16,55 @@ from gateway.ports.port import CharacterErrors, PortUser
 if TYPE_CHECKING:
     from gateway.fleet.connection import NatsConnection
 
-#: How long the port to a site is opened: the connection and the first heartbeat are waited for, in seconds.
+#: Time to open the port to a site: for the connection and the first heartbeat, in seconds.
 OPENING_TIME: Final = 2.5
-#: For how long a port that was lost passes answers on, in seconds: longer than requests have time.
+#: How long a lost port still passes on answers, in seconds: longer than any request may take.
 _KEPT_FOR: Final = 600.0
 
 
 class Asking(Protocol):
-    """Who asks another site."""
+    """The sender of requests to another site."""
 
     def answered(self, number: int, pdu: bytes) -> None:
-        """The response to the request with this number, or a copy of it."""
+        """Take the response to request `number`, or a copy of it."""
 
     def unsent(self, number: int) -> None:
-        """Nobody was there to get it."""
+        """Learn that no gateway was subscribed, so that request `number` was not delivered."""
 
 
 class Exchange:
-    """The requests of `site` to others, over one connection after the other. It is a Member of the link."""
+    """The requests of `site` to others, over successive connections; a Member of the link."""
 
     def __init__(self, site: str, why_down: Callable[[], str]) -> None:
-        """`why_down` says why there is no connection."""
+        """Create it without a connection. `why_down` returns why there is none."""
         self.site = site
         self._why_down = why_down
         self._connection: NatsConnection | None = None
         self._clocks: dict[str, Clocks] = {}
-        #: Since when each site is listened to over this connection.
+        #: When listening to each site began on this connection.
         self._listening_since: dict[str, float] = {}
         self._changed = asyncio.Event()
-        #: By how the reply subjects of their requests begin.
+        #: Ports by the beginning of their reply subjects.
         self._ports: dict[str, SitePort] = {}
 
     async def connected(self, connection: "NatsConnection") -> None:
-        """See Member."""
+        """Subscribe to answers, and let waiting openers look again."""
         await connection.subscribe(all_answers(self.site), self._answered)
         self._listening_since.clear()
         self._connection = connection
         self._wake_all()
 
     def disconnected(self) -> None:
-        """See Member."""
+        """Lose all ports."""
         self._connection = None
         for port in tuple(self._ports.values()):
             port.lose(PortError(f"fleet://{port.site}: NATS cannot be reached: {self._why_down()}"))
 
     async def open(self, site: str, user: PortUser) -> "SitePort":
-        """A port to a site that is there.
+        """Open a port to `site`, once a heartbeat of it is heard.
 
         Raises:
-            PortError: there is no connection, or the site is not heard.
+            PortError: there is no connection, or no heartbeat within OPENING_TIME.
         """
         clocks = self._clocks.setdefault(site, Clocks())
         try:
@@ -75,7 +75,7 @@ class Exchange:
             raise PortError(f"fleet://{site}: {why}") from None
         except FleetError as error:
             raise PortError(f"fleet://{site}: {error}") from error
-        # Only the site that is asked learns it: no other one can have the server publish an answer there.
+        # Only the owner learns this random part: no other site can have the server publish an answer there.
         folder = f"{answer_folder(self.site, site)}{os.urandom(8).hex()}"
         now = asyncio.get_running_loop().time()
         self._ports = {each: port for each, port in self._ports.items() if now - port.lost_at < _KEPT_FOR}
@@ -83,7 +83,7 @@ class Exchange:
         return opened
 
     def silence(self, site: str) -> float | None:
-        """How long a site has not been heard, in seconds; None if it is heard, or nobody has listened for so long."""
+        """Return the seconds since `site` was heard; None if it is heard, or was not listened to long enough."""
         now = asyncio.get_running_loop().time()
         if self._connection is None or now - self._listening_since.get(site, now) < SILENCE:
             return None
@@ -107,17 +107,17 @@ class Exchange:
         return self._connection is not None and self._connection.publish(message)
 
     def _heard(self, clocks: Clocks, message: Message) -> None:
-        """A heartbeat. One with headers is no gateway's: JetStream has published what another site has stored."""
+        """Take a heartbeat. With headers it is data that another site has stored, published by JetStream."""
         if not message.headers and clocks.hear(message.body, asyncio.get_running_loop().time()):
             self._wake_all()
 
     def _wake_all(self) -> None:
-        """Whoever waits for a site looks again."""
+        """Let all waiting openers look again."""
         self._changed.set()
         self._changed = asyncio.Event()
 
     def _answered(self, message: Message) -> None:
-        """An answer, or that there is nobody to answer. Gateways send no headers with one."""
+        """Take an answer, or the notice that nobody is subscribed. Gateways send answers without headers."""
         if message.headers and not message.has_no_responders:
             return
         folder, _, number = message.subject.rpartition(".")
@@ -127,10 +127,9 @@ class Exchange:
 
 
 class SitePort:
-    """A port to a `site`, which carries messages; it is lost when the connection is, or the site falls silent.
+    """A port to `site` that carries messages. It is lost with the connection, or when the site falls silent.
 
-    The answer to a request comes to the subject in `folder` that has its number, so it is to this request and to no
-    other.
+    The reply subject of a request is its number in `folder`, so an answer belongs to exactly one request.
     """
 
     latency = 0.0
@@ -144,10 +143,10 @@ class SitePort:
     ) -> None:
         self.site = site
         self.clocks = clocks
-        #: When it was lost, by the clock of the event loop.
+        #: When it was lost, by the event loop's clock; infinite while open.
         self.lost_at = inf
         self._sender = sender
-        #: Who gets the answers, from the first request on.
+        #: The receiver of the answers; set before the first request.
         self.asking: Asking | None = None
         self._folder = folder
         self._user = user
@@ -161,12 +160,12 @@ class SitePort:
         return self.lost_at == inf
 
     def ask(self, number: int, unit: int, pdu: bytes, headers: Mapping[str, str]) -> bool:
-        """Send a request; False if it cannot be sent."""
+        """Send a request. Return False if it cannot be sent."""
         subject = request_subject(self.site, unit, self._sender)
         return self.is_open and self._publish(Message(subject, pdu, f"{self._folder}.{number}", headers))
 
     def answered(self, number: int, message: Message) -> None:
-        """What came for the request with this number."""
+        """Pass on the answer to request `number`, or that nobody got it."""
         if self.asking is None:
             return
         if message.has_no_responders:
@@ -175,34 +174,34 @@ class SitePort:
             self.asking.answered(number, message.body)
 
     def write(self, data: bytes) -> None:
-        """See Port: messages are not bytes."""
+        """Ignore bytes: this port carries messages."""
 
     def pause(self) -> bool:
-        """See Port."""
+        """Refuse to pause (see Port)."""
         return False
 
     def read_now(self) -> None:
-        """See Port."""
+        """Do nothing: messages are delivered as they come."""
 
     def change_baud(self, baud: int) -> None:
-        """See Port."""
+        """Do nothing: there is no rate."""
 
     def lose(self, error: PortError) -> None:
-        """Lose it. Answers that still come are passed on: requests that were sent have their time."""
+        """Report the port as lost. Answers that still come are passed on: sent requests keep their time."""
         if self.is_open:
             self.lost_at = self._loop.time()
             self._timer.cancel()
             self._user.lost(error)
 
     def close(self) -> None:
-        """See Port."""
+        """Close the port for good."""
         self.lose(PortClosed())
 
     async def wait_closed(self) -> None:
-        """See Port."""
+        """Return at once: nothing has to be closed."""
 
     def _listen(self) -> None:
-        """Lose it when the site falls silent."""
+        """Lose the port when the site has fallen silent."""
         now, deadline = self._loop.time(), self.clocks.deadline()
         if deadline is None or deadline <= now:
             self.lose(PortError(f"fleet://{self.site}: it is not heard any more"))

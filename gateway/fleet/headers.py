@@ -1,13 +1,13 @@
-"""The headers of a request to another site. Rights depend on none of them."""
+"""The headers of a request to another site. Rights never depend on them."""
 
 from typing import Final
 
-#: By which clock of the owner's until when it may be sent; see `gateway.fleet.clock`.
+#: The time up to which it may be sent, by the clock of each of the owner's gateways; see `gateway.fleet.clock`.
 DEADLINE: Final = "Deadline"
-#: Who asks at the sender, with which role, for the audit.
+#: The sender's client and its role, for the audit.
 CLIENT: Final = "Client"
 ROLE: Final = "Role"
-#: How many sites it has passed. A circle of sites ends when there are too many.
+#: The number of sites passed. A loop of sites ends at MOST_HOPS.
 HOPS: Final = "Hops"
 MOST_HOPS: Final = 4
 
@@ -15,10 +15,10 @@ _LONGEST: Final = 64
 
 
 def text_of(value: str) -> str:
-    """What another site says, so that it may be logged and shown."""
+    """Make text from another site safe to log and show: printable, and at most 64 characters."""
     return "".join(each for each in value[:_LONGEST] if each.isprintable())
 
 
 def hops_of(value: str) -> int:
-    """How many sites a request has passed; too many if the header says nothing that can be understood."""
+    """Read the number of sites passed; MOST_HOPS + 1 if the header is malformed."""
     return int(value) if value.isascii() and value.isdecimal() and len(value) <= 2 else MOST_HOPS + 1

@@ -34,16 +34,16 @@ from gateway.fleet.lease_records import OwnWrites, StoreView
 from gateway.fleet.lease_settings import LeaseSettings
 from gateway.timing.lease_time import HOLDS, LOOKS
 
-#: Why nobody holds a lease whose store was rolled back.
+#: The reason after a rollback of the store.
 _OLDER: Final = "NATS came back with an older entry"
 
 
 class Read(NamedTuple):
-    """Read the entry."""
+    """The call that reads the entry."""
 
 
 class Write(NamedTuple):
-    """Write `value` if the entry still has this revision; 0: if there is none."""
+    """The call that writes `value` if the entry still has this `revision`; 0 means that there is no entry."""
 
     value: bytes
     revision: int
@@ -55,9 +55,9 @@ StoreCall = Read | Write
 class Lease:
     """One lease, for the process `instance` of the gateway `holder`.
 
-    `until` is when writing to the line must have stopped, and `silent_until` when it may begin; both by CLOCK_BOOTTIME.
-    `inherited` is what another holder has left; None if there was no other since we held it. `state` is what the next
-    one is left. The caller sets both: `inherited` to None once it has taken that over.
+    Writing to the line may begin at `silent_until` and must have stopped at `until`, both by CLOCK_BOOTTIME. The caller
+    sets `state`, which the next holder gets. `inherited` is the state left by another holder, None if there was none
+    since this gateway held the lease; the caller sets it to None when it has adopted it.
     """
 
     def __init__(self, settings: LeaseSettings, holder: str, instance: str) -> None:
@@ -67,36 +67,36 @@ class Lease:
         self.silent_until = -inf
         self.state: State = {}
         self.inherited: State | None = None
-        #: Why it is not held.
+        #: Why it is not held; empty if it is.
         self.reason = "not asked for yet"
-        #: Why the store has not answered last; empty if it has.
+        #: Why the last call of the store failed; empty if it did not.
         self.trouble = ""
         self._store = StoreView(settings.ttl)
         self._writes = OwnWrites(holder, instance, settings.ttl)
-        #: When a renewal was sent by which our share is counted.
+        #: When the renewal was sent that our share counts from.
         self._counts_from = -inf
         self._must_read = True
         self._asks_at = -inf
         self._claims_from = -inf
-        #: Whether what is claimed was somebody else's since we held it.
+        #: Whether another gateway has held it since we did, so that its state must be inherited.
         self._inherits = False
-        #: How long the line must be silent when the lease is taken: since the last entry that was not ours.
+        #: How long the line must be silent after a claim, in seconds, because of the last entry that was not ours.
         self._silence = settings.late
-        #: Whether the store must be told that the lease is free.
+        #: Whether the entry must still be written as released.
         self._releases = False
 
     @property
     def holder(self) -> str:
-        """Who holds it as far as is known; empty if nobody does."""
+        """The holder as far as known; empty if there is none."""
         entry = self._store.entry
         return "" if entry is None or entry.is_released else entry.holder
 
     def may_send(self, now: float) -> bool:
-        """Whether a request may be written to the line."""
+        """Tell whether a request may be written to the line."""
         return now < self.until
 
     def next(self, now: float) -> StoreCall | None:
-        """What to ask of the store now. Its result must be reported before the next question."""
+        """Return the store call that is due, if any. Report its result before calling this again."""
         self.tick(now)
         if self._releases:
             return self._release(now)
@@ -110,7 +110,7 @@ class Lease:
         return Read() if now >= self._asks_at else None
 
     def deadline(self) -> float:
-        """When `next` must be called, at the latest."""
+        """Return the latest time to call `next`."""
         if self._must_read or self._releases:
             return -inf
         if self.is_held:
@@ -119,12 +119,12 @@ class Lease:
         return min(self._asks_at, claims_at) if self._store.is_fresh(claims_at) else self._asks_at
 
     def tick(self, now: float) -> None:
-        """Let time pass: our share may have ended."""
+        """Let time pass: the share may end."""
         if self.is_held and now >= self._ends_at:
             self._drop(f"it could not be renewed in time{self.trouble and f': {self.trouble}'}")
 
     def found(self, value: bytes | None, revision: int, now: float) -> None:
-        """The entry was read; None: there is none."""
+        """Take the result of a Read; `value` is None if there is no entry."""
         self.tick(now)
         self._must_read = False
         self._asks_at = now + LOOKS * self.settings.ttl
@@ -141,7 +141,7 @@ class Lease:
             self._found_another(entry, is_older=is_older)
 
     def written(self, revision: int, now: float) -> None:
-        """What was written is the entry now."""
+        """Take the result of a Write that succeeded, with the new revision."""
         self.tick(now)
         entry = self._writes.asked
         if entry is None:
@@ -151,13 +151,13 @@ class Lease:
             self._accept(self._writes.sent[entry.beat], entry, now)
 
     def refused(self, now: float) -> None:
-        """Somebody has changed the entry, or an earlier write of ours was carried out after all."""
+        """Take the result of a Write that met another revision: of another gateway, or of an earlier write of ours."""
         self.tick(now)
         self._writes.refused()
         self._must_read = True
 
     def failed(self, reason: str, now: float) -> None:
-        """The store did not answer: nobody knows whether what was asked was done."""
+        """Take the failure of a store call. Whether it was carried out is unknown."""
         self.tick(now)
         self.trouble = reason
         if not self.is_held and not self.holder:
@@ -169,21 +169,24 @@ class Lease:
             self.until = self._counts_from = inf
 
     def heard_other(self, now: float) -> None:
-        """Somebody else asks on the line. Nothing is written any more, and the lease not claimed while one lasts."""
+        """Stop writing because another client was heard. Claim again only after a time to live without one."""
         if self.is_held:
             self._drop("another client was heard on the line")
             self._give_back(self.settings.guard + self.settings.late)
             self._claims_from = now + self.settings.ttl
 
     def give_way(self, now: float, reason: str) -> None:
-        """The line cannot be used from here: others have time to take the lease, then it is claimed again."""
+        """Release the lease because the line cannot be used from here. Others have time to claim it first."""
         if self.is_held:
             self._drop(reason)
             self._give_back(self.settings.guard + self.settings.late)
             self._claims_from = now + 3 * LOOKS * self.settings.ttl
 
     def release(self, silent: float, state: State) -> None:
-        """Give the lease back: nothing is on the line for longer than `silent` seconds. It is asked for no more."""
+        """Give the lease back for good, with `state` for the next holder.
+
+        `silent` is how long something of ours may still be on the line, in seconds.
+        """
         if self.is_held:
             self.state = state
             self._drop("it was released")
@@ -196,21 +199,21 @@ class Lease:
 
     @property
     def _claims_at(self) -> float:
-        """From when on the lease may be claimed, as far as is known."""
+        """The earliest time for a claim, as far as known."""
         entry = self._store.entry
         if entry is not None and (entry.is_released or self._writes.is_ours(entry)):
             return self._store.is_lost_until
         return self._store.is_abandoned_at
 
     def _found_none(self, now: float) -> None:
-        """There is no entry. Nobody else can take the lease before our share ends, so it is written again at once."""
+        """Write the entry again at once if the lease is held: others cannot take it before our share ends."""
         if self.is_held:
             self._asks_at = now
         else:
             self.reason = "nobody holds it; it may be taken soon"
 
     def _note(self, entry: LeaseEntry | None, revision: int, now: float) -> bool:
-        """This was read. Whether the store has lost a later entry."""
+        """Note what was read. Return True if the store has lost a later entry."""
         is_news = self._store.found(entry, revision, now)
         is_older = is_news and entry is not None and self._store.is_lost_since == now
         if is_news:
@@ -220,7 +223,7 @@ class Lease:
         return is_older
 
     def _found_another(self, entry: LeaseEntry, *, is_older: bool) -> None:
-        """Another one's entry: what we wrote before cannot take effect any more."""
+        """Give up the lease, if it is held: our earlier writes cannot take effect any more."""
         self._writes.sent = {}
         if self.is_held:
             self._drop(_OLDER if is_older else f"{entry.holder} has taken it")
@@ -228,14 +231,14 @@ class Lease:
             self.reason = f"{entry.holder} holds it"
 
     def _require_silence(self, entry: LeaseEntry | None) -> None:
-        """The line must be silent if somebody else has asked there, or may have, as the store has lost an entry."""
+        """Require silence if another gateway has used the line, or may have after an entry that was lost."""
         if entry is None:
             self._silence = self.settings.late
         elif not self._writes.is_ours(entry):
             self._silence = entry.silent if entry.is_released else self.settings.late
 
     def _claim(self, now: float) -> Write:
-        """What others have left is kept for whoever takes it after us."""
+        """Write the entry for us. The state of another holder is kept until it is inherited."""
         entry = self._store.entry
         self._inherits |= entry is not None and not self._writes.is_ours(entry)
         return self._write(entry.state if self._inherits and entry is not None else self.state, now)
@@ -248,7 +251,7 @@ class Lease:
         self._silence = max(self._silence, silent)
 
     def _release(self, now: float) -> Write | None:
-        """Write that it is free, once: if that fails the others wait. What we were to be silent for they are too."""
+        """Return the write that frees the lease, tried once. The next holder must be silent as long as we had to be."""
         self._releases = False
         self._asks_at = now + LOOKS * self.settings.ttl
         entry = self._store.entry
@@ -258,7 +261,7 @@ class Lease:
         return Write(self._writes.release(self.state, silent), self._store.revision)
 
     def _accept(self, sent_at: float, entry: LeaseEntry, now: float) -> None:
-        """The entry is ours since it was sent."""
+        """Count our share from when the entry was sent."""
         self._writes.accepted(entry)
         self._asks_at = sent_at + self.settings.step
         if not self.is_held:
@@ -267,7 +270,7 @@ class Lease:
                 return
             if now >= sent_at + self.settings.writes_for:
                 self._asks_at = now
-                return  # too late to be of use; it is ours, so the next claim need not wait
+                return  # too late for this share; the entry is ours, so the next claim need not wait
             self._take(entry, now)
         self._counts_from = sent_at
         self.until = sent_at + self.settings.writes_for

@@ -1,26 +1,26 @@
-"""What stands in the store of leases: one entry for each lease."""
+"""The entry of a lease in the store."""
 
 import json
 from math import isfinite
 from typing import Any, Final, NamedTuple
 
-#: The longest time to live that an entry may claim, in seconds; more is damage.
+#: The longest valid time to live, in seconds; more is damage.
 _LONGEST: Final = 3600.0
-#: The longest name of a holder, and how deep what moves may be nested; more is damage.
+#: The longest valid name of a holder, and the deepest nesting of a state; more is damage.
 _LONGEST_NAME: Final = 500
 _DEEPEST: Final = 10
-#: Who holds a lease whose entry cannot be read.
+#: The holder named for an unreadable entry.
 _NOBODY: Final = "somebody whose entry cannot be read"
 
-#: What moves with the lease, as JSON has it.
+#: The state that moves with the lease, as JSON values.
 State = dict[str, Any]
 
 
 class LeaseEntry(NamedTuple):
-    """What stands in the store: who holds the lease, or has released it.
+    """An entry: the holder of the lease, or the one that has released it.
 
-    `instance` is the holder's process, `beat` counts its writes. Who takes a released lease is silent for `silent`
-    seconds. `state` is what moves.
+    `instance` is the holder's process, `beat` counts its writes. After a released entry the next holder is silent for
+    `silent` seconds. `state` moves to it.
     """
 
     holder: str
@@ -32,12 +32,12 @@ class LeaseEntry(NamedTuple):
     state: State = {}  # noqa: RUF012 - never changed
 
     def encode(self) -> bytes:
-        """As it is stored."""
+        """Encode the entry as JSON."""
         return json.dumps(self._asdict()).encode()
 
     @classmethod
     def decode(cls, value: bytes, ttl: float) -> "LeaseEntry":
-        """A stored entry. One that cannot be read is somebody's who lives for `ttl`."""
+        """Decode a stored entry. An unreadable one counts as another holder's with the time to live `ttl`."""
         try:
             entry = cls(**json.loads(value))
             return entry if _is_sound(entry) else cls(_NOBODY, "", 0, ttl)
@@ -46,7 +46,7 @@ class LeaseEntry(NamedTuple):
 
 
 def _is_sound(entry: Any) -> bool:
-    """Whether all that was read is what it should be. Raises TypeError too if it is not."""
+    """Check the fields of an entry. Raises TypeError too if they are wrong."""
     types = isinstance(entry.instance, str) and isinstance(entry.beat, int) and isinstance(entry.is_released, bool)
     times = 0 < entry.ttl <= _LONGEST and 0 <= entry.silent <= _LONGEST
     return types and times and _is_name(entry.holder) and isinstance(entry.state, dict) and _can_move(entry.state)
@@ -57,7 +57,7 @@ def _is_name(holder: Any) -> bool:
 
 
 def _can_move(value: Any, deepest: int = _DEEPEST) -> bool:
-    """Whether this can be written again: it is nested no deeper, and all numbers are finite."""
+    """Tell whether a state can be written again: all numbers are finite, and it is not nested too deeply."""
     if isinstance(value, dict | list):
         held = value.values() if isinstance(value, dict) else value
         return deepest > 0 and all(_can_move(each, deepest - 1) for each in held)

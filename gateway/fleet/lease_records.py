@@ -1,4 +1,4 @@
-"""What one gateway knows of the store of a lease, and what it has written there itself."""
+"""What one gateway knows of a lease's store, and what it has written there."""
 
 from math import inf
 from typing import Final
@@ -6,33 +6,33 @@ from typing import Final
 from gateway.fleet.lease_entry import LeaseEntry, State
 from gateway.timing.lease_time import LOOKS, WAITS
 
-#: At most this many writes without a known result are remembered.
+#: The most writes with an unknown result that are remembered.
 _UNKNOWN: Final = 8
 
 
 class StoreView:
-    """What is known of the store: the latest entry and its revision, since when, and when it was looked at last.
+    """The latest known entry and its revision, since when it is known, and the time of the last answer.
 
-    It has lost entries when it has none, or one whose revision is not above the latest that was seen.
+    The store has lost entries if it has none, or one whose revision is not above the latest seen.
     """
 
     def __init__(self, ttl: float) -> None:
         self.entry: LeaseEntry | None = None
         self.revision = 0
         self.looked_at = -inf
-        #: When it was seen that it has lost entries, last.
+        #: When a loss of entries was last seen.
         self.is_lost_since = -inf
-        #: The longest time to live that was seen, for the case that an entry is lost.
+        #: The longest time to live seen, in seconds: a lost entry may have had it.
         self.longest = ttl
         self._ttl = ttl
-        #: When the latest entry was seen; None: nothing is known.
+        #: When the latest entry was seen; None if nothing is known.
         self._since: float | None = None
-        #: The revision of the latest entry, which may be lost.
+        #: The latest revision seen, whose entry may be lost.
         self._latest = 0
 
     @property
     def is_abandoned_at(self) -> float:
-        """From when on nobody can hold the lease by this entry, or by one that was lost."""
+        """Time after which no holder can count on the known entry, nor on a lost one."""
         if self._since is None:
             return inf
         seen_until = -inf if self.entry is None else self._since + WAITS * self.entry.ttl
@@ -40,7 +40,7 @@ class StoreView:
 
     @property
     def is_lost_until(self) -> float:
-        """From when on nobody can hold the lease by an entry that was lost."""
+        """Time after which no holder can count on a lost entry."""
         return self.is_lost_since + WAITS * self.longest
 
     def is_fresh(self, now: float) -> bool:
@@ -58,7 +58,7 @@ class StoreView:
         return True
 
     def know(self, entry: LeaseEntry | None, revision: int, now: float) -> None:
-        """This is there since now at the latest."""
+        """Note that this entry exists now."""
         self.entry, self.revision, self._since = entry, revision, now
         self.looked_at = now
         if entry is not None:
@@ -66,14 +66,14 @@ class StoreView:
             self.longest = max(self.longest, entry.ttl)
 
     def failed(self) -> None:
-        """It has not answered. One that has lost an entry was away: nobody knows since when there is none."""
+        """Note that the store did not answer. It may lose entries meanwhile, so a missing entry tells nothing."""
         self.looked_at = -inf
         if self.entry is None:
             self._since = None
 
 
 class OwnWrites:
-    """What this process writes: `asked` last, and `sent` when if the result is not known, by beat."""
+    """The writes of this process: the last one in `asked`, and by beat the times of those with unknown result."""
 
     def __init__(self, holder: str, instance: str, ttl: float) -> None:
         self.asked: LeaseEntry | None = None
@@ -82,19 +82,19 @@ class OwnWrites:
         self._instance = instance
         self._ttl = ttl
         self._beat = 0
-        #: What the store has of us.
+        #: The state in the store.
         self._state: State = {}
 
     def is_ours(self, entry: LeaseEntry) -> bool:
-        """Whether this process has written it."""
+        """Tell whether this process has written the entry."""
         return entry.instance == self._instance
 
     def is_news(self, state: State) -> bool:
-        """Whether the store has something else, and nothing is under way to it."""
+        """Tell whether `state` differs from the store's, and no write is under way."""
         return state != self._state and not self.sent
 
     def claim(self, state: State, now: float) -> bytes:
-        """We hold the lease from now on."""
+        """Encode the next entry that claims or renews the lease, and note when it was sent."""
         entry = self._next(state)
         if len(self.sent) >= _UNKNOWN:
             del self.sent[min(self.sent)]
@@ -102,17 +102,17 @@ class OwnWrites:
         return entry.encode()
 
     def release(self, state: State, silent: float) -> bytes:
-        """We do not hold it any more."""
+        """Encode an entry that releases the lease."""
         self.asked = self._next(state)._replace(is_released=True, silent=silent)
         return self.asked.encode()
 
     def accepted(self, entry: LeaseEntry) -> None:
-        """The store has this."""
+        """Note that the store has this entry."""
         self.sent = {}
         self._state = entry.state
 
     def refused(self) -> None:
-        """The store does not take what was asked last."""
+        """Note that the store has rejected the last write."""
         if self.asked is not None:
             self.sent.pop(self.asked.beat, None)
 

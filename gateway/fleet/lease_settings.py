@@ -1,11 +1,11 @@
-"""The settings of a lease, and what follows from them."""
+"""The settings of a lease, and the times derived from them."""
 
 from dataclasses import dataclass
 from typing import Final, Literal
 
 from gateway.timing.lease_time import HOLDS
 
-#: The holder renews this many times in the time in which it may write.
+#: Renewals per time in which the holder may write.
 _RENEWALS: Final = 3
 
 
@@ -13,8 +13,8 @@ _RENEWALS: Final = 3
 class LeaseSettings:
     """The settings of one lease; all times in seconds.
 
-    `ttl` is how long it lasts without a renewal. `guard` is longer than any transaction on the line, `late` is how long
-    after that an answer may still come. `fallback` is what the holder does when the store cannot be reached.
+    `ttl` is its time to live without a renewal. `guard` is longer than any transaction on the line; an answer may still
+    come for `late` seconds after that. `fallback` is what the holder does when the store cannot be reached.
     """
 
     name: str
@@ -25,10 +25,10 @@ class LeaseSettings:
 
     @property
     def writes_for(self) -> float:
-        """How long the holder may write after it has sent a renewal."""
+        """How long the holder may write after sending a renewal, in seconds."""
         return HOLDS * self.ttl - self.guard
 
     @property
     def step(self) -> float:
-        """How often the holder renews, and how long any answer of the store is waited for."""
+        """Time between renewals, and the limit of each call of the store, in seconds."""
         return self.writes_for / _RENEWALS

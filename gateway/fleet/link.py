@@ -1,4 +1,4 @@
-"""Keeps a connection to NATS, and tells those who use it when there is one."""
+"""The lasting link to NATS: connects again after a loss, and tells its members."""
 
 import asyncio
 import random
@@ -12,38 +12,45 @@ from gateway.fleet.connection import NatsConnection
 from gateway.fleet.counts import LostMessages
 from gateway.fleet.settings import Login, Server
 
-#: The first pause before the gateway connects again, and the longest; each is twice the one before. In seconds.
+#: The first and the longest pause before connecting again, in seconds; each is twice the one before.
 FIRST_PAUSE: Final = 0.25
 LONGEST_PAUSE: Final = 2.0
-#: A connection that lasted this long, in seconds, makes the next pause the first one again.
+#: After a connection that lasted this long, in seconds, the next pause is the first one again.
 STEADY: Final = 10.0
-#: The most refusals of one connection that are told.
+#: The most refusals reported for one connection.
 _MOST_REFUSALS: Final = 20
 
 
 class Member(Protocol):
-    """Something that needs NATS: the owner of units, what asks other sites, the list of sites."""
+    """A user of NATS: the owner of units, the requests to other sites, the list of sites."""
 
     async def connected(self, connection: NatsConnection) -> None:
-        """There is a connection from now on. Raises FleetError if no member can use it: then it is closed."""
+        """Use `connection` from now on.
+
+        Raises:
+            FleetError: no member can use it, so it is closed.
+        """
 
     def disconnected(self) -> None:
-        """It is lost. Called once for each time that `connected` was called, perhaps before that has returned."""
+        """Stop using the connection.
+
+        Called once for each call of `connected`, perhaps before that has returned.
+        """
 
 
 class Link:
-    """The connection to one of `servers`. `login` reads how to log in, and may block."""
+    """The link to one of `servers`. `login` reads the login settings, and may block."""
 
     def __init__(self, servers: Sequence[Server], login: Callable[[], Login], emit: Emit) -> None:
         #: The connection in use; None if there is none.
         self.connection: NatsConnection | None = None
         #: Why there is none; empty if there is one.
         self.reason = "not tried yet"
-        #: Since when, by the clock of the event loop; None if there is one.
+        #: Since when there is none, by the event loop's clock; None if there is one.
         self.down_since: float | None = asyncio.get_running_loop().time()
         self.server = servers[0]
         self.attempts = 0
-        #: Of all its connections.
+        #: Lost messages of all its connections.
         self.messages = LostMessages()
         self._servers = servers
         self._first = random.randrange(len(servers))  # noqa: S311 - no secret
@@ -71,7 +78,7 @@ class Link:
             self._pause = min(2 * self._pause, LONGEST_PAUSE)
 
     async def _connect(self, members: Sequence[Member]) -> None:
-        """One connection, until it is lost.
+        """Connect, and use the connection until it is lost.
 
         Raises:
             FleetError: it cannot be made, or is lost.
@@ -90,7 +97,7 @@ class Link:
             await connection.close()
 
     async def _use(self, connection: NatsConnection, members: Sequence[Member]) -> None:
-        """Tell the members of the connection, and that it is lost.
+        """Report the connection to the members, and then its loss.
 
         Raises:
             FleetError: a member cannot use it, or it is lost.
@@ -109,13 +116,13 @@ class Link:
                 member.disconnected()
 
     def _refused(self, reason: str) -> None:
-        """The server refuses a subject. Each is told once for each connection."""
+        """Report a refused subject, once per connection."""
         if reason not in self._refusals and len(self._refusals) < _MOST_REFUSALS:
             self._refusals.add(reason)
             self._emit(FleetRefused(str(self.server), reason))
 
     def _warn(self, reason: str) -> None:
-        """A bucket is not as it must be."""
+        """Report an unsafe bucket."""
         self._emit(FleetBucketUnsafe(str(self.server), reason))
 
     def _up(self, connection: NatsConnection) -> None:
@@ -125,7 +132,7 @@ class Link:
         self._emit(FleetUp(str(self.server)))
 
     def _lost(self, reason: str) -> None:
-        """It is told once, and again when the reason is another one."""
+        """Report a lost connection, once per reason."""
         self.reason = reason
         if self.down_since is None:
             self.down_since = asyncio.get_running_loop().time()

@@ -1,4 +1,4 @@
-"""What goes through NATS, and what a bucket of its key-value store holds."""
+"""Messages of NATS, and entries of its key-value store."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class Message:
-    """A message on a subject. `reply` is the subject for the answer, empty if none is wanted.
+    """A message on a subject. `reply` is the subject for the answer, empty if none is expected.
 
-    `has_no_responders`: it says that nobody has subscribed to what was asked; then nobody got it.
+    With `has_no_responders` it is the server's notice that nobody is subscribed, so the request was not delivered.
     """
 
     subject: str
@@ -20,9 +20,9 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What a bucket holds for `key`, in its `revision`.
+    """The value for `key` in this `revision` of a bucket.
 
-    `created` is when the server took it, in seconds since 1970 by the server's clock; None if that is not told.
+    `created` is when the server stored it, in seconds since 1970 by the server's clock; None if unknown.
     """
 
     key: str

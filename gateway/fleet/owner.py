@@ -1,4 +1,4 @@
-"""The units of this gateway for other sites: their requests are those of clients, with rights by who sends them.
+"""Requests from other sites to the units of this gateway, with the rights of the site that sends them.
 
     request ──subject, reply, size──▶ dropped
        │ too many of this sender: 06 · too many hops, no such gateway: 0A · too late: 0B
@@ -7,7 +7,7 @@
        ▼
     response to the subject of the sender
 
-There is no I/O here. `clock` is the one that deadlines are told by: monotonic, and it goes on while the machine sleeps.
+There is no I/O here. Deadlines are by `clock`: it is monotonic, and goes on while the machine sleeps.
 """
 
 from collections.abc import Callable
@@ -25,12 +25,12 @@ from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.pdu import exception_response
 from gateway.request import Caller, Request, Target
 
-#: What rows of [[access]] call other sites.
+#: The name of other sites in [[access]].
 LISTENER: Final = "fleet"
 
 
 class SiteOrigin:
-    """The origin of one request of another site. `expires_at` is its deadline, `hops` how many sites it has passed."""
+    """The origin of one request from another site, with its deadline `expires_at` and the number of sites passed."""
 
     __slots__ = ("_owner", "caller", "expires_at", "hops", "reply", "slot")
 
@@ -44,11 +44,11 @@ class SiteOrigin:
 
     @property
     def seconds_left(self) -> float:
-        """Until its deadline."""
+        """Seconds until its deadline."""
         return self.expires_at - self._owner.clock()
 
     def wants(self, request: Request) -> bool:  # noqa: ARG002 - the same for reads and writes
-        """Whether it should still be sent. Lines ask this right before they send it."""
+        """Tell whether there is still time to send it. Lines ask right before they send it."""
         return self.seconds_left > 0
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
@@ -57,7 +57,7 @@ class SiteOrigin:
 
 
 class Owner:
-    """The units of `site`. `instance` is the name of this process for deadlines."""
+    """The units of `site` for other sites. Deadlines name this process `instance`."""
 
     def __init__(
         self,
@@ -79,15 +79,15 @@ class Owner:
 
     @property
     def under_way(self) -> int:
-        """How many requests have no response yet."""
+        """Number of requests without a response."""
         return self._slots.under_way
 
     def received(self, message: Message, now: float) -> None:
-        """Take a request. `now` is the clock of requests, not that of deadlines."""
+        """Take a request at `now`, by the clock of requests and not that of deadlines."""
         asked = asked_by(message.subject, self.site)
         if asked is None or not 1 <= len(message.body) <= MAX_PDU:
             self._drop(now)
-        # Who may send a request may name any reply subject, also that of a request to a third site.
+        # A sender may name any reply subject, also that of a request to a third site.
         elif not message.reply.startswith(answer_folder(asked.sender, self.site)):
             self._drop(now)
             self._emit(AccessDenied(LISTENER, asked.sender, asked.unit, message.body[0]))
@@ -100,7 +100,7 @@ class Owner:
         self.counts.dropped_at = now
 
     def answered(self, origin: SiteOrigin, request: Request, pdu: bytes | None) -> None:
-        """A request has its response, or ends without one."""
+        """Send the response of a request; `pdu` is None if it ends without one."""
         self._slots.give_back(origin.slot)
         if pdu is None:
             return
@@ -112,7 +112,7 @@ class Owner:
         self._publish(Message(origin.reply, pdu))
 
     def _accept(self, asked: Asked, message: Message, now: float) -> None:
-        """Pass a request to the router, unless its headers or the requests before it forbid that."""
+        """Pass a request to the router, unless its headers or the number of requests under way forbid it."""
         headers = message.headers or {}
         hops = hops_of(headers.get(HOPS, "1"))
         expires_at = deadline_for(self.instance, headers.get(DEADLINE, ""))
@@ -130,7 +130,7 @@ class Owner:
             self.counts.busy += 1
             self._refuse(message, ExceptionCode.SERVER_DEVICE_BUSY)
             return
-        # Numbered as an address has a port: what a sender says of its clients is no name that may be trusted.
+        # Numbered like a port of an address: a client name from another site cannot be trusted.
         name, role = f"{slot.sender}:{slot.number}", text_of(headers.get(ROLE, ""))
         caller = Caller(name, host=slot.sender, share_key=slot.sender, subject=client, role=role)
         origin = SiteOrigin(self, caller, slot, message.reply, expires_at, hops)

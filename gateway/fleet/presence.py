@@ -1,4 +1,4 @@
-"""What all sites of a fleet say of themselves, in a bucket: this one's own entry, and those of the others."""
+"""The status of all sites of a fleet, in a bucket: this site's own entry, and those of the others."""
 
 import asyncio
 import json
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
     from gateway.fleet.connection import NatsConnection
 
 BUCKET: Final = "mbgw-status"
-#: How often a site renews its entry, in seconds, and after how long one that is not renewed is lost.
+#: Seconds between renewals of an entry, and the age at which a site counts as lost.
 PERIOD: Final = 10.0
 LOST_AFTER: Final = 35.0
-#: How often a site that has nothing to tell yet tries again.
+#: Seconds between attempts while a site has no status yet.
 _START: Final = 0.5
-#: The most names of lines in an entry.
+#: The most line names in an entry.
 _MOST_NAMES: Final = 100
 
-#: What a gateway says of itself: values that JSON has.
+#: The status of a gateway, as JSON values.
 Told = Mapping[str, Any]
 
 
 class Presence:
-    """Keeps the entry of `site` up to date with what `tell` says. It is a Member of the link."""
+    """Keeps the entry of `site` up to date with the result of `tell`; a Member of the link."""
 
     def __init__(self, site: str, tell: Callable[[], Told], emit: Emit, unix: Callable[[], float]) -> None:
         self.site = site
-        #: Why the others do not see this site; empty if they do.
+        #: Why other sites do not see this one; empty if they do.
         self.reason = "not tried yet"
         self._tell = tell
         self._emit = emit
@@ -44,26 +44,26 @@ class Presence:
         self._task: asyncio.Task[None] | None = None
 
     async def connected(self, connection: "NatsConnection") -> None:
-        """See Member."""
+        """Renew the entry from now on."""
         self._connection = connection
         self._task = asyncio.create_task(self._renew(), name="fleet: presence")
 
     def disconnected(self) -> None:
-        """See Member."""
+        """Stop renewing the entry."""
         self._connection = None
         self.reason = "NATS cannot be reached"
         if self._task is not None:
             self._task.cancel()
 
     async def leave(self) -> None:
-        """Say that this site has left."""
+        """Mark this site as left."""
         if self._task is not None:
             self._task.cancel()
         with suppress(FleetError):
             await self._put("left")
 
     async def sites(self) -> list[SiteStatus]:
-        """All sites, by name.
+        """Read the status of all sites, sorted by name.
 
         Raises:
             FleetError: the bucket cannot be read.
@@ -71,7 +71,7 @@ class Presence:
         with suppress(FleetError):
             await self._put("up")
         entries = await (await self._bucket()).entries()
-        # The time is that of the server, which has just taken our own entry: no two clocks are compared.
+        # The server's time, from our own entry just stored there: no two clocks are compared.
         mine = next((each.created for each in entries if each.key == self.site and not self.reason), None)
         now = mine or self._unix()
         found = (status_of(each, now) for each in sorted(entries, key=lambda entry: entry.key))
@@ -102,7 +102,7 @@ class Presence:
 
 
 def status_of(entry: Entry, now: float) -> SiteStatus | None:
-    """What an entry says at `now` by the server's clock; None if it says nothing, or what no site would say."""
+    """Decode an entry at `now`, by the server's clock; None if it is malformed."""
     try:
         told = json.loads(entry.value)
         age = max(0.0, now - (entry.created or now))
@@ -124,7 +124,7 @@ def status_of(entry: Entry, now: float) -> SiteStatus | None:
 
 
 def _seconds(told: Any) -> float:
-    """Raises ValueError or TypeError if it is no time."""
+    """Convert to seconds; raises ValueError or TypeError if it is no time."""
     seconds = float(told)
     if not isfinite(seconds):
         raise ValueError

@@ -1,4 +1,4 @@
-"""Keeps the units of this gateway within reach of other sites, and tells them what its clock shows."""
+"""Offers the units of this gateway to other sites, and sends heartbeats."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
@@ -16,14 +16,14 @@ from gateway.request import Target
 if TYPE_CHECKING:
     from gateway.fleet.connection import NatsConnection
 
-#: The most requests to a unit that wait to be looked at: several senders may send all that they may at once.
+#: The most undelivered requests to a unit: several senders may send their maximum at once.
 MOST_WAITING: Final = 4 * MOST_OF_SENDER
 
 
 class Serving:
-    """Serves the units that there are at the moment. It is a Member of the link.
+    """Serves the current units; a Member of the link.
 
-    There is a subscription for each unit: who asks for another one learns at once that nobody has it.
+    Each unit has its own subscription, so a request to any other unit fails at once: nobody is subscribed.
     """
 
     def __init__(self, site: str, instance: str, router: Target, clock: Callable[[], float], emit: Emit) -> None:
@@ -34,31 +34,31 @@ class Serving:
         self._units: Callable[[], Iterable[int]] = tuple
         self._connection: NatsConnection | None = None
         self._subscribed: dict[int, Callable[[], Awaitable[None]]] = {}
-        #: The connection that these are of.
+        #: The connection of these subscriptions.
         self._subscribed_at: NatsConnection | None = None
         self._subscribing = asyncio.Lock()
         self._timer: asyncio.TimerHandle | None = None
         self._task: asyncio.Task[None] | None = None
 
     async def connected(self, connection: "NatsConnection") -> None:
-        """See Member."""
+        """Subscribe to requests, and send heartbeats."""
         self._connection = connection
         await self._subscribe()
         self._send_heartbeat()
 
     def disconnected(self) -> None:
-        """See Member."""
+        """Stop the heartbeats."""
         self._connection = None
         if self._timer is not None:
             self._timer.cancel()
 
     async def serve(self, units: Callable[[], Iterable[int]]) -> None:
-        """Serve the `units` that there are at the moment, and no others."""
+        """Serve exactly the units that `units` returns, now and at each heartbeat."""
         self._units = units
         await self._subscribe()
 
     async def _subscribe(self) -> None:
-        """Have the subscriptions that are needed, and no others. A connection that is lost meanwhile has none."""
+        """Make the subscriptions match the units. A connection lost meanwhile has none."""
         async with self._subscribing:
             connection, units = self._connection, frozenset(self._units())
             if connection is not self._subscribed_at:
@@ -79,7 +79,7 @@ class Serving:
     def _received(self, message: Message) -> None:
         try:
             self.owner.received(message, self._loop.time())
-        except Exception as error:  # noqa: BLE001 - an error boundary: the next request may be without the defect
+        except Exception as error:  # noqa: BLE001 - an error boundary: the next request may succeed
             self._emit(PartFailed.of("fleet", error))
 
     def _publish(self, message: Message) -> bool:

@@ -1,4 +1,4 @@
-"""Where the NATS servers are, and how the gateway of a site logs in there."""
+"""The NATS servers, and the login of a site's gateway there."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Server:
-    """Where a NATS server is. With `is_encrypted` the connection is one of TLS, or there is none."""
+    """Address of a NATS server. With `is_encrypted` only TLS is used."""
 
     host: str
     port: int
@@ -22,7 +22,7 @@ class Server:
 
 @dataclass(frozen=True, slots=True)
 class Login:
-    """How the gateway of `site` logs in: with user and password, or with the text of a credentials file."""
+    """The login of the gateway of `site`: user and password, or the text of a credentials file."""
 
     site: str
     user: str | None = None

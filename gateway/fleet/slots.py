@@ -1,18 +1,18 @@
-"""How many requests of other sites are under way: of all, of each site, of each client there."""
+"""Limits on requests of other sites under way: in all, of each site, of each client there."""
 
 from typing import Final
 
-#: The most requests under way, of one sender and of all.
+#: The most requests under way of one sender, and of all.
 MOST_OF_SENDER: Final = 64
 MOST: Final = 1024
-#: This many clients of one sender take turns with local clients. All further ones share one more turn.
+#: The most clients of one sender that take turns with local clients. Further ones share one more turn.
 MOST_CLIENTS: Final = 16
-#: The name of all clients beyond MOST_CLIENTS; no header has such a one.
+#: The shared bucket for further clients; cannot occur in a header.
 _OTHERS: Final = "\n"
 
 
 class Slot:
-    """A `client` of another site: its number there, and its requests under way."""
+    """A `client` of another site, its number there, and the number of its requests under way."""
 
     __slots__ = ("client", "number", "sender", "under_way")
 
@@ -24,15 +24,15 @@ class Slot:
 
 
 class Slots:
-    """The slots in use, and the requests `under_way` in all of them."""
+    """The slots in use, and the number of requests under way in all of them."""
 
     def __init__(self) -> None:
         self.under_way = 0
-        #: By sender, by what it calls its client.
+        #: By sender, then by the sender's name of the client.
         self._slots: dict[str, dict[str, Slot]] = {}
 
     def take(self, sender: str, told_client: str) -> Slot | None:
-        """The slot for one request more; None if too many are under way."""
+        """Count one more request of a client. Return its slot; None if too many are under way."""
         slots = self._slots.get(sender) or {}
         if self.under_way >= MOST or sum(slot.under_way for slot in slots.values()) >= MOST_OF_SENDER:
             return None
@@ -48,7 +48,7 @@ class Slots:
         return slot
 
     def give_back(self, slot: Slot) -> None:
-        """One of its requests has ended."""
+        """Count the end of a request."""
         slots = self._slots[slot.sender]
         slot.under_way -= 1
         self.under_way -= 1

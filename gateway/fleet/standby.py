@@ -1,4 +1,4 @@
-"""Keeps a line's port open while its lease is held: the only part of a lease that knows clock, event loop and store."""
+"""Opens a line's port while its lease is held; connects the lease to clock, event loop and store."""
 
 import asyncio
 import os
@@ -15,42 +15,42 @@ from gateway.fleet.lease_settings import LeaseSettings
 
 #: The bucket with all leases.
 BUCKET: Final = "mbgw-lease"
-#: How long a port may take to close, and how long the store may take when a lease is given back, in seconds.
+#: How long a port may take to close, and the store to take back a lease, in seconds.
 CLOSING_TIME: Final = 0.7
 RELEASE_TIME: Final = 0.5
 
 
 class Found(Protocol):
-    """An entry of a bucket; its value is None if it was deleted."""
+    """An entry of a bucket."""
 
     @property
     def value(self) -> bytes | None:
-        """What was put there."""
+        """Its value; None if it was deleted."""
 
     @property
     def revision(self) -> int:
-        """It changes with each change of the entry."""
+        """Its revision, which changes with each write."""
 
 
 class Bucket(Protocol):
-    """What the leases are kept in. Each call raises FleetError if nobody knows whether it was carried out."""
+    """The store of the leases. Each call raises FleetError if it may or may not have been carried out."""
 
     async def get(self, key: str) -> Found | None:
-        """The entry; None if there is none."""
+        """Read the entry; None if there is none."""
 
     async def create(self, key: str, value: bytes) -> int | None:
-        """Put an entry where none is: its revision, or None if there is one."""
+        """Write the first value. Return its revision, or None if there is an entry."""
 
     async def update(self, key: str, value: bytes, revision: int) -> int | None:
-        """Replace the entry of this revision: the new one, or None if there is another entry."""
+        """Replace the entry of this revision. Return the new revision, or None if the entry has changed."""
 
 
-#: The bucket at hand. Raises FleetError if the store cannot be reached.
+#: Opens the bucket. Raises FleetError if the store cannot be reached.
 OpenBucket = Callable[[], Awaitable[Bucket]]
 
 
 class SharedLine(Protocol):
-    """A line on which gateways ask in turn."""
+    """A line that several gateways may use, one at a time."""
 
     @property
     def is_usable(self) -> bool:
@@ -60,22 +60,22 @@ class SharedLine(Protocol):
         """Open the port, and keep it open until cancelled."""
 
     def withhold(self, reason: PortError) -> None:
-        """The port stays closed."""
+        """Keep the port closed for this reason."""
 
     def state(self) -> State:
-        """What moves to the next holder at any time."""
+        """Return the state that the next holder would get now."""
 
     def adopt(self, state: State) -> None:
-        """Go on from what another holder has left."""
+        """Continue from the state of another holder."""
 
     def final_state(self) -> State:
-        """What moves to the next holder when this one stops, late answers included."""
+        """Return the state for the next holder when this one stops, late answers included."""
 
 
 class Standby:
-    """One line and its lease. `settings` are those of the lease, `holder` is what others are told of us.
+    """One line and its lease with these `settings`; the Permission of the line's driver.
 
-    `taken` counts how often the lease was taken. It is the Permission of the line's driver.
+    `holder` is how other gateways know this one. `taken` counts how often the lease was taken.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Standby:
         self._emit = emit
         self._shared = shared
         self._keeping: asyncio.Task[None] | None = None
-        #: Whether others were told that the lease is held.
+        #: Whether LeaseTaken was emitted for the lease that is held.
         self._is_told = False
         self._unusable_since: float | None = None
         self._wake = asyncio.Event()
@@ -107,20 +107,20 @@ class Standby:
         return self._settings.name
 
     def may_send(self) -> bool:
-        """See Permission: by CLOCK_BOOTTIME, which counts while the machine sleeps and cannot be set."""
+        """Tell whether the share lasts, by CLOCK_BOOTTIME: it counts during suspend and cannot be set."""
         return _now() < self.lease.until
 
     def silence(self) -> float:
-        """See Permission."""
+        """Return how long the line must still be silent, in seconds."""
         return max(0.0, self.lease.silent_until - _now())
 
     def heard_other(self) -> None:
-        """See Permission."""
+        """Give up the lease: another client was heard."""
         self.lease.heard_other(_now())
         self._wake.set()
 
     async def run(self) -> None:
-        """Ask for the lease, and have the port open while it is held, until cancelled; then give it back."""
+        """Claim the lease, and keep the port open while it is held, until cancelled; then release it."""
         self.lease = Lease(self._settings, self._holder, os.urandom(8).hex())
         self._withhold()
         try:
@@ -135,14 +135,14 @@ class Standby:
             await self._give_back()
 
     async def _pause(self) -> None:
-        """Wait for the lease's deadline, or for a reason to act before it."""
+        """Wait for the lease's deadline, or an earlier reason to act."""
         self._wake.clear()
         with suppress(TimeoutError):
             async with asyncio.timeout(max(0.0, self.lease.deadline() - _now())):
                 await self._wake.wait()
 
     async def _ask(self, question: StoreCall, within: float) -> None:
-        """Put a question to the store, and report what became of it."""
+        """Send a call to the store, and report its result to the lease."""
         try:
             async with asyncio.timeout(within):
                 await self._put(question)
@@ -168,7 +168,7 @@ class Standby:
             self.lease.written(revision, _now())
 
     async def _act(self) -> None:
-        """Do with the port what the lease says."""
+        """Open or close the port as the lease requires."""
         lease, now = self.lease, _now()
         lease.tick(now)
         self._check_keeping()
@@ -181,14 +181,14 @@ class Standby:
         self._watch_port(now)
 
     def _check_keeping(self) -> None:
-        """A port that took long to close is closed at last; a defect ends the standby."""
+        """Notice that a slow port has closed at last. A defect in it ends the standby."""
         if self._keeping is not None and self._keeping.done():
             keeping, self._keeping = self._keeping, None
             if not keeping.cancelled():
                 keeping.result()
 
     async def _stop_asking(self) -> None:
-        """Close the port, if it is open, and say why."""
+        """Close the port if it is open, and record why."""
         if self._is_told:
             self._is_told = False
             self._emit(LeaseLost(self._line, self.name, self.lease.reason))
@@ -196,10 +196,10 @@ class Standby:
         self._withhold()
 
     async def _close(self) -> bool:
-        """Close the port; whether it is closed, for a driver may hang."""
+        """Close the port. Return False if its driver hangs."""
         if self._keeping is None:
             return True
-        if not self._keeping.cancelling():  # a second one would end the wait for the driver
+        if not self._keeping.cancelling():  # cancelling twice would end the wait for the driver
             self._keeping.cancel()
         closed, _ = await asyncio.wait((self._keeping,), timeout=CLOSING_TIME)
         if closed:
@@ -218,7 +218,7 @@ class Standby:
         self._keeping = asyncio.create_task(self._shared.keep_open(), name=f"line:{self._line}")
 
     def _watch_port(self, now: float) -> None:
-        """Who cannot use the line leaves it to others."""
+        """Release the lease if the port stays unusable for a time to live."""
         if self._shared.is_usable:
             self._unusable_since = None
         elif self._unusable_since is None:
@@ -230,7 +230,7 @@ class Standby:
         self._shared.withhold(PortError(f"standby for the lease {self.name}: {self.lease.reason}"))
 
     async def _give_back(self) -> None:
-        """Close the port, and tell the others that the lease is free."""
+        """Close the port, and release the lease."""
         lease, was_held = self.lease, self.lease.is_held
         silent = 0.0 if await self._close() else self._settings.guard + self._settings.late
         lease.release(silent, self._shared.final_state())

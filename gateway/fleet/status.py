@@ -1,4 +1,4 @@
-"""The connection to other sites, and the sites, for the status."""
+"""The status of the connection to other sites, and of the sites."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,12 +6,13 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True)
 class FleetStatus:
-    """The connection to NATS. `reason` says why there is none, `unseen` why others do not see this site.
+    """The connection to NATS. `reason` is why there is none, `unseen` why others do not see this site.
 
-    It has been down for `down_ms`; None if it is up. Of `requests` from other sites, so many got `responses`; `busy`
-    ones were too many at once, `expired` ones too late to be sent, `refused` ones for no gateway, or in a circle.
-    `dropped` ones came with a subject that NATS should not have let through, the last one `last_dropped_ms` ago. Of
-    messages, so many were `unreadable`, or `overflowed` a queue: these were not delivered.
+    It has been down for `down_ms`; None if it is up. `requests` from other sites were received and `responses` sent;
+    `busy` ones were rejected because too many were in progress, `expired` ones because their deadline had passed,
+    `refused` ones because they name no instance of this gateway or have passed too many sites. `dropped` ones came with
+    a subject that NATS should have rejected, the last one `last_dropped_ms` ago. `unreadable` messages and those that
+    `overflowed` a queue were not delivered.
     """
 
     server: str
@@ -35,11 +36,11 @@ class FleetStatus:
 
 @dataclass(frozen=True, slots=True)
 class SiteStatus:
-    """A site, as it said itself. Times are in seconds.
+    """The status of a site, as published by itself. Times are in seconds.
 
-    It is `up`, has `left`, or is `lost`: it has not renewed its entry. It is `silent` if this site asks its units and
-    does not hear it. That has been so `for_s` seconds. So many `lines` are up; `lines_down` are the names of those that
-    are not, and of other servers and sites that are not reached. It serves so many `units`.
+    It is `up`, has `left`, or is `lost` because it has not renewed its entry. It is `silent` if this site uses its
+    units and does not hear it. It has been in this state for `for_s`. `lines` is the number of lines that are up;
+    `lines_down` names those that are down, and other servers and sites that it cannot reach. It serves `units` units.
     """
 
     site: str
