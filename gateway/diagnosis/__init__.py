@@ -1,6 +1,6 @@
-"""Rules that find what is wrong with a set-up, and what mends it. `tools` gathers the evidence.
+"""Rules that find faults of a set-up, and their remedies. `tools` gathers the evidence.
 
-- ports, lines, units, clients, state    one module for each subject
-- last         when a fault may have been repaired
-- finding, evidence    what is found, and of what
+- ports, lines, units, clients, state    the rules, by subject
+- last         faults that may have been repaired
+- finding, evidence    the results of the rules, and their input
 """

@@ -10,12 +10,12 @@ from gateway.diagnosis.finding import Finding
 
 #: A client that has left this often before its response does so regularly.
 OFTEN: Final = 3
-#: No client has a shorter time-out, in seconds: one that leaves sooner was ended, as by Ctrl-C.
+#: No client has a shorter time-out, in seconds: one that leaves sooner was stopped, as by Ctrl-C.
 SHORTEST_TIME_OUT: Final = 0.1
 
 
 def about_client(client: ClientEvidence) -> Iterator[Finding]:
-    """A client whose time-out is shorter than its responses may take."""
+    """Find a client whose time-out is shorter than its responses may take."""
     if client.left < OFTEN:
         return
     about = f"client {client.host} of {client.listener}"

@@ -1,4 +1,4 @@
-"""The evidence for the rules. Counters are since the start of the gateway; times are in seconds."""
+"""The evidence for the rules. Counters start with the gateway; times are in seconds."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from gateway.ports.port import CharacterErrors
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """A program that has a serial port open; `is_interpreter` if it may run anything, as `python` does."""
+    """A program that has a serial port open; `is_interpreter` if it may run any script, as `python` does."""
 
     name: str
     pid: int
@@ -17,7 +17,7 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class PortInUse:
-    """A serial port of the config. The gateway has it open, or `is_standby`: another gateway may have."""
+    """A serial port of the config. The gateway has it open, or `is_standby`: another gateway may have it."""
 
     line: str
     source: str
@@ -28,12 +28,13 @@ class PortInUse:
 
 @dataclass(frozen=True, slots=True)
 class PortEvidence:
-    """What is known of a serial port without opening it. It belongs to `line`, `source` is its place in the config.
+    """The facts about a serial port that are known without opening it.
 
-    `device` is its name in /dev. `stable_path` is a link to it that survives a replug, empty if there is none. `user`
-    runs the gateway and `may_open` it or not; its group is `group`. `latency_timer` is that of an FTDI adapter, None
-    for others. `is_ours`: the gateway has it open. `holders` are other programs that have, `probers` programs that open
-    serial ports when they appear. If it `is_standby`, another gateway may have it.
+    It belongs to `line`; `source` is its place in the config. `device` is its name in /dev. `stable_path` is a link to
+    it that survives a replug, empty if there is none. `user` runs the gateway and has access if `may_open`; the port's
+    group is `group`. `latency_timer` is that of an FTDI adapter in seconds, None for other adapters. `is_ours`: the
+    gateway has it open. `holders` are other programs that have it open, `probers` programs that open serial ports when
+    they appear. With `is_standby` another gateway may have it.
     """
 
     line: str
@@ -56,18 +57,18 @@ class PortEvidence:
 
 @dataclass(frozen=True, slots=True)
 class UnitEvidence:
-    """A unit on a line: `unit` to clients, `on_the_wire` there.
+    """A unit on a line: `unit` for clients, `on_the_wire` there.
 
-    `answered` includes `exceptions`; `late` answers came after their limit, the slowest one after `latest`, when it was
-    `latest_limit`; `behind` ones came within it, behind one that another client may have asked for, and were dropped
-    too. `limit` is the longest of the last ones of all functions, 0 before the first request, and `limit_share` what 99
-    of 100 answers took of theirs. `twice` are answers that came a second time. `instead` is what was received lately in
-    place of answers. Of the bad frames, so many are `explained`; `why` is that of the last failure, empty if nothing
-    explains it. The last `in_a_row` requests failed. The last answer came so many seconds `ago`, None if none did. Of
-    units that are not `is_configured` only clients say that they exist. `last_failed` is the last request without a
-    valid response, `last_bad` that with a bad frame, `last_late` the last late answer and `last_twice` the last one
-    that came a second time. If it `has_table`, its limits come from the timing table of its profile. `moved_from` is
-    the address in the config, if it is, or may be, at another one.
+    `answered` includes `exceptions`. `late` answers came after their limit, the slowest one after `latest`, when the
+    limit was `latest_limit`. `behind` answers came in time, but after one that another client may have requested, and
+    were dropped. `limit` is the longest current limit of all functions, 0 before the first request; 99 of 100 answers
+    took up to `limit_share` of theirs. `twice` answers came a second time. `instead` holds bytes received lately in
+    place of answers. `explained` bad frames have a known reason; `why` is that of the last failure, empty if unknown.
+    The last `in_a_row` requests failed. The last answer came `ago` seconds ago, None if none did. A unit that is not
+    `is_configured` is known only from requests of clients. `last_failed` is the last request without a valid response,
+    `last_bad` the last with a bad frame, `last_late` the last late answer and `last_twice` the last one that came a
+    second time. If it `has_table`, its limits come from the timing table of its profile. `moved_from` is the address in
+    the config, if the unit is, or may be, at another one.
     """
 
     unit: int
@@ -102,17 +103,17 @@ class UnitEvidence:
 
     @property
     def asked(self) -> int:
-        """Requests that were sent and are over."""
+        """Number of requests that were sent and have ended."""
         return self.answered + self.failed
 
     @property
     def failed(self) -> int:
-        """Requests that were sent and got no valid response within their limit."""
+        """Number of requests that were sent and got no valid response within their limit."""
         return self.timeouts + self.bad_frames + self.ambiguous
 
     @property
     def damaged(self) -> int:
-        """Bad frames that nothing explains."""
+        """Number of bad frames without a known reason."""
         return self.bad_frames - self.explained
 
     @property
@@ -122,7 +123,7 @@ class UnitEvidence:
 
     @property
     def is_answering(self) -> bool:
-        """Whether it has answered, and its last request too."""
+        """Whether it has answered, including its last request."""
         return bool(self.answered) and not self.in_a_row
 
 
@@ -131,7 +132,7 @@ class Search:
     """The search for silent units of a line.
 
     `addresses` that are not configured were read, and `found` responded; then `speeds` other rates and formats were
-    tried. Without `has_parity` the port is a virtual one, where only rates can be tried.
+    tried. Without `has_parity` the port is virtual, and only rates can be tried.
     """
 
     addresses: tuple[int, ...] = ()
@@ -146,12 +147,11 @@ class Search:
 class LineEvidence:
     """A client line, or an upstream, which gets up to `in_flight` requests at once.
 
-    `reason` says why it is down, or why it `is_standby`; it is empty while the line is up.
+    `reason` is why it is down or `is_standby`; empty while the line is up.
 
-    `sent` requests have left; `copies` of them came back, of the last `copies_in_a_row` each. `others` are requests of
-    other clients that were heard; `last_copy` and `last_other` are the last ones.
-    `errors` are what the driver says of received characters, None where it does not count them. `last_parity` and
-    `last_framing` are the last ones of these.
+    `sent` requests have left; `copies` of them were received again, of the last `copies_in_a_row` each. `others`
+    requests of other clients were heard; `last_copy` and `last_other` are the last of both. `errors` are the driver's
+    counts of damaged characters, None where it has none; `last_parity` and `last_framing` are the last of these.
     """
 
     name: str
@@ -178,12 +178,12 @@ class LineEvidence:
 
     @property
     def is_silent(self) -> bool:
-        """Whether requests were sent to several units, and to all of them, and nothing was received."""
+        """Whether several units were all sent requests, and nothing was received."""
         return len(self.units) > 1 and not self.others and all(unit.is_silent for unit in self.units)
 
     @property
     def has_stopped(self) -> bool:
-        """Whether several units were asked, some have answered before, and the last requests of all of them failed."""
+        """Whether several units were asked, some have answered before, and the last requests to all of them failed."""
         asked = [unit for unit in self.units if unit.asked]
         if len(asked) < 2 or self.others or not any(unit.answered for unit in asked):
             return False
@@ -193,9 +193,9 @@ class LineEvidence:
 
 @dataclass(frozen=True, slots=True)
 class ClientEvidence:
-    """A client address. Its clients `left` so often before their response, the `last` one after `waited` seconds.
+    """Clients at one address that closed the connection before their response: `left` times.
 
-    A response may take up to `longest_wait`.
+    The last of these had waited for `waited` seconds. A response may take up to `longest_wait` seconds.
     """
 
     host: str

@@ -5,16 +5,15 @@ from typing import Final, Literal
 
 Level = Literal["ok", "note", "fix"]
 
-#: How it begins, what is said of a line that is down.
+#: The beginning of the finding about a line that is down.
 IS_DOWN: Final = "is down: "
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One row: `what` was found `about` a port, line, unit or client. `remedy` is the command or config line for it.
+    """One row: `what` was found `about` a port, line, unit or client; `remedy` is a command, config line or advice.
 
-    `unit` is the name of the unit if it is about one. A `fix` needs something to be done; a `note` may be as it is
-    meant to be.
+    `unit` is the name of the unit if it is about one. A `fix` needs action; a `note` may be intended.
     """
 
     level: Level

@@ -10,18 +10,17 @@ from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.last import RECENT, Last
 from gateway.diagnosis.units import about_unit
 
-#: An adapter that echoes returns every request: some may be lost in noise.
+#: An echoing adapter returns this share of the requests at least: noise may hide some.
 ECHOED: Final = 0.8
-#: From this many on, it is no coincidence.
+#: This many are no coincidence.
 ENOUGH: Final = 3
-#: From which share of the received characters on errors are no chance, and from which share of the time on a line is
-#: full.
+#: From this share of the received characters on, errors are a fault; from this share of the time on, a line is full.
 WRONG: Final = 0.01
 FULL: Final = 0.9
 
 
 def about_line(line: LineEvidence) -> Iterator[Finding]:
-    """The findings about a line and its units; `ok` if nothing is wrong, or for the units that answer beside others."""
+    """Find the faults of a line and its units; yield an `ok` row for the units that answer."""
     if line.is_standby:
         yield Finding("note", line.name, f"does not ask: {line.reason}")
         return
@@ -46,7 +45,7 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
 
 
 def _how_it_is(line: LineEvidence, units: list[UnitEvidence]) -> Finding:
-    """How many of its requests the units have answered; what is long ago is no proof that they do it now."""
+    """Count the answered requests: `ok`, or a `note` if the last answer is too old to prove anything."""
     requests, answered = sum(unit.asked for unit in units), sum(unit.answered for unit in units)
     counted = f"{100 * answered // requests} % of {requests} requests"
     ago = min(unit.ago or 0.0 for unit in units)
@@ -72,7 +71,7 @@ def _echo(line: LineEvidence) -> Iterator[Finding]:
 
 
 def _copies(line: LineEvidence) -> Iterator[Finding]:
-    """Too few for an adapter that was there all the time; it may have been changed."""
+    """Find copies of requests that are too few for a lasting echo; the adapter may have been replaced."""
     if line.copies >= ENOUGH and line.others < ENOUGH and not (_is_echoing(line) or line.echo):
         what = f"{line.copies} of {line.sent} requests came back: the adapter echoes, or another client asks the same"
         remedy = f"{to_write(line.source, {'echo': 'true'})}; if the adapter does not echo, disconnect the other client"

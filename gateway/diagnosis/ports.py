@@ -7,13 +7,13 @@ from gateway.diagnosis.evidence import Holder, PortEvidence
 from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.hardware.device_files import make_udev_rule
 
-#: The longest that an FTDI adapter may hold received bytes back, in seconds, without a word about it.
+#: The longest acceptable latency timer of an FTDI adapter, in seconds.
 LATENCY: Final = 0.002
 
-#: How the program of a gateway is named.
+#: The name of the gateway's program.
 GATEWAY: Final = "modbus-gateway"
 
-#: How programs that open serial ports are kept away from them.
+#: The commands that keep these programs away from serial ports.
 _KEEPING_AWAY: Final = {
     GATEWAY: "give one of the two another port, or stop the other: systemctl stop modbus-gateway, or Ctrl-C",
     "ModemManager": "systemctl disable --now ModemManager",
@@ -23,7 +23,7 @@ _KEEPING_AWAY: Final = {
 
 
 def about_ports(port: PortEvidence) -> Iterator[Finding]:
-    """The findings about a port; one `ok` if nothing is wrong."""
+    """Find the faults of a port; yield one `ok` if nothing has to be fixed."""
     if not port.exists:
         yield _fix(port, f"{port.port} does not exist", "plug the adapter in; modbus-gateway ports lists what is there")
         return
@@ -34,7 +34,7 @@ def about_ports(port: PortEvidence) -> Iterator[Finding]:
 
 
 def with_ports(of_ports: Sequence[Finding], others: Iterable[Finding]) -> list[Finding]:
-    """Both, each fault once: a line is not said to be down as well, if there is something to fix about its port."""
+    """Join both, without the rows of lines that are down because of a fault of their port."""
     faulty = {each.about for each in of_ports if each.level == "fix"}
     told = (each for each in others if f"port of {each.about}" not in faulty or not each.what.startswith(IS_DOWN))
     return [*of_ports, *told]
@@ -64,7 +64,7 @@ def _other_programs(port: PortEvidence) -> Iterator[Finding]:
 
 
 def _ending(holder: Holder) -> str:
-    """How to make a program leave the port alone. If only its interpreter is known, the advice is to look first."""
+    """Return the way to end a program; for an interpreter, advice to look first."""
     if holder.is_interpreter:
         return f"ps -fp {holder.pid} shows what it is; end it if nothing needs it"
     return _KEEPING_AWAY.get(holder.name, f"end it: kill {holder.pid}")

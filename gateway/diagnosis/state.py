@@ -4,7 +4,7 @@ from gateway.diagnosis.finding import Finding
 
 
 def about_state_file(file: str, reason: str, *, was_damaged: bool) -> Finding:
-    """A file or folder that cannot be written, or a file that was damaged at the start, and why."""
+    """Return the finding for a file or folder that cannot be written, or a file that was damaged at the start."""
     if was_damaged:
         return Finding("note", "state", f"{file} was damaged: {reason}", "check the disk, and the values of images")
     remedy = f"findmnt -T {file}; df {file}; ls -ld {file}: the user of the gateway must be able to write, with room"

@@ -12,15 +12,15 @@ from gateway.diagnosis.finding import Finding, Level
 from gateway.timing.verdict import CLOSE
 from gateway.timing.verdict import ENOUGH as ENOUGH_RESPONSES
 
-#: From which share of its requests on something is wrong with a unit, and not only now and then.
+#: From this share of the requests on, a fault is more than occasional.
 WRONG: Final = 0.05
-#: From which share on late or damaged answers are more than chance.
+#: From this share on, late or damaged answers are more than chance.
 SOME: Final = 0.01
-#: Less than that says nothing yet.
+#: Fewer than this prove nothing.
 ENOUGH: Final = 3
-#: This many units are named in a row.
+#: The most units named in one row.
 MOST: Final = 5
-#: A limit is this many times what an answer takes.
+#: The proposed limit as a multiple of the slowest answer.
 _MARGIN: Final = 1.5
 
 
@@ -35,18 +35,18 @@ _Rule = Callable[[UnitEvidence, LineEvidence], Iterator[_Found]]
 
 
 def about_unit(unit: UnitEvidence, line: LineEvidence) -> Iterator[Finding]:
-    """The findings about a unit, the largest first: what is to be mended, then what concerns the most requests."""
+    """Find the faults of a unit: first those to fix, then those that concern the most requests."""
     found = [each for rules in _RULES for each in _first(rules, unit, line)]
     yield from (each.finding for each in sorted(found, key=lambda each: (each.finding.level != "fix", -each.requests)))
 
 
 def _first(rules: Sequence[_Rule], unit: UnitEvidence, line: LineEvidence) -> list[_Found]:
-    """What the first rule finds that finds anything: the others would tell the same in another way."""
+    """Return the findings of the first rule that has any: the others would describe the same fault."""
     return next(filter(None, (list(rule(unit, line)) for rule in rules)), [])
 
 
 def name(unit: UnitEvidence) -> str:
-    """How rows name the unit."""
+    """Return the name of the unit in rows."""
     return f"unit {unit.unit}, {unit.name}"
 
 
@@ -67,7 +67,7 @@ def _answers_late(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
 
 
 def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    """Two devices that respond at once damage both responses, each time differently."""
+    """Find two devices at one address: both respond at once, and damage each other differently each time."""
     what, last, double = "", unit.last_bad, f"two devices may have the address {unit.on_the_wire}"
     if unit.twice:
         what, last = f"{unit.twice} responses came twice{unit.last_twice}: {double}", unit.last_twice
@@ -81,7 +81,7 @@ def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Fou
 
 
 def _does_not_fit(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:  # noqa: ARG001 - a rule as the others
-    """What came was intact, or is of another kind: neither wires nor addresses are wrong."""
+    """Find intact frames that do not answer the request: neither wires nor addresses are wrong."""
     if unit.why and unit.explained > WRONG * unit.asked:
         what = f"{unit.explained} of {unit.asked} responses did not fit their requests{unit.last_bad}: {unit.why}"
         remedy = "compare function, addresses, number and values with what the document of the device allows"
@@ -132,13 +132,13 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
 
 
 def _found_for(unit: UnitEvidence, line: LineEvidence) -> list[int]:
-    """The addresses that were found, but for those that the config gives to other units."""
+    """Return the addresses that were found, except those that the config gives to other units."""
     taken = {other.moved_from for other in line.units if other is not unit}
     return [] if line.search is None else [each for each in line.search.found if each not in taken]
 
 
 def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    """What comes in place of its responses, where another client asks other units, is most likely theirs."""
+    """Find a unit that has never answered, where another client asks: what came was probably traffic of others."""
     if _hears_others_only(unit, line):
         instead = unit.bad_frames + unit.ambiguous
         what = f"has never answered: what came after {instead} of {unit.asked} requests was probably other traffic"
@@ -146,7 +146,7 @@ def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
 
 
 def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    """However many requests were answered before."""
+    """Find a unit whose last requests failed, regardless of earlier answers."""
     if not unit.in_a_row or unit.is_silent or unit.why or line.has_stopped or _others_tell(unit, line):
         return
     if any(each.finding.level == "fix" for each in _shares_its_address(unit, line)):
@@ -163,7 +163,7 @@ def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if unit.is_silent or line.has_stopped or _others_tell(unit, line):
         return
     bad = unit.bad_frames if unit.bad_frames >= max(ENOUGH, SOME * unit.asked) else unit.explained
-    failed = unit.failed - min(bad + unit.late, unit.failed)  # the others have rows of their own
+    failed = unit.failed - min(bad + unit.late, unit.failed)  # the rest has rows of its own
     if failed > WRONG * unit.asked and (failed >= ENOUGH or not unit.answered):
         what = f"{failed} of {unit.asked} requests were not answered{unit.last_failed}"
         remedy = "check power and wiring of the device; modbus-gateway status shows if it goes on"
@@ -173,7 +173,7 @@ def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
 
 
 def _is_refusing(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    """A unit that answers with exceptions only is a device of another kind than configured."""
+    """Find a unit that answers only with exceptions: probably another kind of device than configured."""
     if unit.exceptions < ENOUGH or unit.exceptions < unit.answered:
         return
     what = f"answers with exceptions only; is it a {unit.profile}?"
@@ -201,7 +201,7 @@ def _check(unit: UnitEvidence) -> str:
 
 
 def _others_tell(unit: UnitEvidence, line: LineEvidence) -> bool:
-    """Whether the row of the line says why it fails, or another one of the unit."""
+    """Tell whether a row of the line, or another row of the unit, explains its failures."""
     return unit.ambiguous > WRONG * unit.asked or _hears_others_only(unit, line)
 
 
@@ -230,9 +230,9 @@ def _others_answer(unit: UnitEvidence, line: LineEvidence) -> bool:
 
 
 def _longer(unit: UnitEvidence, line: LineEvidence) -> str:
-    """What gives the unit more time: the config line with a time-out that is long enough for all units of its row.
+    """Return the remedy that gives the unit more time: a time-out for all units of its config row.
 
-    A time-out would replace the table of its profile, so of such a unit the times are to be measured.
+    A time-out would replace the timing table of a profile; for a unit with one, the remedy is to measure its times.
     """
     if unit.has_table:
         return f"modbus-gateway calibrate {unit.name} --active --write-profile FILE makes a profile with longer times"
@@ -248,7 +248,7 @@ def _longer(unit: UnitEvidence, line: LineEvidence) -> str:
 
 _CHECK_DEVICE: Final = "check power, wiring and address of the device"
 
-#: Of the rules of a row, only the first one that finds anything is told.
+#: Only the first rule of each row that finds anything is reported.
 _RULES: Final[Sequence[Sequence[_Rule]]] = (
     (_answers_late, _is_close_to_limit),
     (_never_answers, _shares_its_address, _does_not_fit, _is_damaged, _is_damaged_at_times),
