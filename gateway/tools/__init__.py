@@ -1,8 +1,8 @@
-"""What finds faults and measures: these send requests of their own.
+"""Tools that find faults and measure; they send requests of their own.
 
-- doctor, evidence, questions, search    what `doctor` looks at and asks; `diagnosis` has the rules
-- examinations, outside    an examination for a page; what is seen of a port without opening it
-- scan, scans    units that answer on a line, and which scans may be begun
-- bench        what a line carries
-- hardware_report    what an adapter does
+- doctor, evidence, questions, search    `doctor`: its evidence and its reads; `diagnosis` has the rules
+- examinations, outside    examinations for the web page; facts about a port without opening it
+- scan, scans    a scan of a line for units, and the conditions for it
+- bench        the throughput of a line
+- hardware_report    the behaviour of an adapter
 """

@@ -1,7 +1,7 @@
-"""`bench`: what a line can carry by arithmetic, and what it carries in a time of reads, one right behind the other.
+"""The verb `bench`: the calculated throughput of a line, and the measured one of consecutive reads.
 
-The reads are requests of the client `control`: they wait in the line's queue, in turn with those of other clients, and
-have its rights. At most READS_AHEAD of them are under way, so another client waits for one of them at most.
+The reads are requests of the client `control`, with its rights: they take turns in the line's queue with those of other
+clients. At most READS_AHEAD of them are under way, so another client waits for one of them at most.
 """
 
 import asyncio
@@ -31,20 +31,20 @@ from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
 
-#: One is on the line, and the next one waits.
+#: One on the line, and one waiting.
 READS_AHEAD: Final = 2
-#: After this many failures in a row a unit is no longer read: after one more it would rest, for clients too.
+#: After this many failures in a row a unit is not read any more: one more, and it would rest for clients too.
 MOST_FAILURES: Final = FAILURES - 1
 _NOT_ANSWERED: Final = ("timeout", "bad_frame", "ambiguous")
-#: How often it is told how far a measurement is, in seconds.
+#: Seconds between progress reports.
 _STEP: Final = 1.0
-#: How long after a read that failed the next one follows, in seconds: a line that is down refuses at once.
+#: Pause after a failed read, in seconds: a line that is down refuses at once.
 _PAUSE: Final = 0.1
 
 
 @dataclass(slots=True, eq=False)
 class _Read:
-    """A read of a device, how often it has failed in a row, and how often it is under way."""
+    """A read of a device, its failures in a row, and how often it is under way."""
 
     name: str
     unit: int
@@ -54,12 +54,12 @@ class _Read:
 
     @property
     def may_be_sent(self) -> bool:
-        """Whether its unit would still not rest if it failed again."""
+        """Whether one more failure would not yet make its unit rest."""
         return self.failures + self.under_way < MOST_FAILURES
 
 
 async def measure(operator: Operator, asked: ToMeasure, asker: Asker) -> AsyncGenerator[BenchStep, None]:
-    """Measure a line, and tell how far the measurement is to whoever wants to know its progress.
+    """Measure a line, and yield its progress, if asked for, and the result.
 
     Raises:
         WrongQuestion: as `bench`.
@@ -86,9 +86,10 @@ async def bench(
     is_there: IsThere,
     begin: Callable[[BenchResult], object] = lambda _: None,
 ) -> BenchResult:
-    """Read the units of `line`, or one `unit` of it, for this many `seconds`; `begin` gets the result as it grows.
+    """Read the units of a line, or one of them, for `asked.seconds`, and count the answers.
 
-    Each read is of this many `items` from `address` on. It ends sooner if the client has left, or no unit answers.
+    Each read is of `asked.items` items, from `asked.address` on if that is given. `begin` gets the result, which grows
+    while it measures. It ends early if the client has left, or no unit answers.
 
     Raises:
         WrongQuestion: there is no such line or unit, nothing of it can be read, or a reload has changed the line.
@@ -129,7 +130,7 @@ async def bench(
 
 
 def _expected(reads: Sequence[BenchRead]) -> float | None:
-    """Calculate how many of these reads in turn the line carries in a second; None if they take it no time."""
+    """Calculate how many of these reads per second the line can carry; None if they take no time."""
     time = sum(one.line_time_ms for one in reads)
     return round(1000 * len(reads) / time, 3) if time else None
 
@@ -142,7 +143,7 @@ class _Planned(NamedTuple):
 async def _read_on(
     control: Router, reads: deque[_Read], until: float, is_wanted: Callable[[], bool], result: BenchResult
 ) -> None:
-    """Read until it is time to stop or no unit answers, and count what becomes of it."""
+    """Read until it is time to stop or no unit answers, and count the results."""
     now = asyncio.get_running_loop().time
     while now() < until and is_wanted() and any(each.failures < MOST_FAILURES for each in reads):
         read, origin = reads[0], AwaitedOrigin(is_wanted)
@@ -158,7 +159,7 @@ async def _read_on(
             read.failures = 0
         elif error.result in _NOT_ANSWERED:
             read.failures += 1
-        if error is not None and error.result == "resting":  # by what other clients have asked meanwhile
+        if error is not None and error.result == "resting":  # because of requests of other clients
             read.failures = MOST_FAILURES
             result.left_out = sorted({*result.left_out, read.name})
         elif error is not None and error.result == "overdue":  # a late response of the unit may still come
@@ -174,7 +175,7 @@ async def _read_on(
 
 
 def _reads(gateway: Gateway, line: LinePlan, asked: ToMeasure) -> Iterator[_Planned]:
-    """Plan what is read of which devices."""
+    """Plan the reads, and their devices."""
     for device in _devices(gateway, line, asked.unit):
         span = _span(gateway.plan, device, asked.items)
         if span is not None:
@@ -192,7 +193,7 @@ def _devices(gateway: Gateway, line: LinePlan, wanted: object) -> list[DeviceSet
 
 
 def _span(plan: Plan, device: DeviceSettings, items: int) -> Span | None:
-    """A read that the device answers: of the longest run of its points, or what its profile has."""
+    """Choose a read that the device answers: from its longest run of points, else from its profile."""
     points = [point for point in plan.points.get(device.known_as, ()) if point.write != "only"]
     runs = [batch.span for batch in batches(points, device.profile.limits)]
     known = [span for span in runs if device.profile.knows(READERS[span.area][0])]

@@ -1,6 +1,6 @@
-"""The verb `doctor`: reads units of which too little is known, and finds what is wrong on the lines.
+"""The verb `doctor`: reads units with too little evidence, and finds the faults of the lines.
 
-What can be seen of ports from outside, `tools/outside.py` says; the caller puts them together.
+`tools/outside.py` examines ports without opening them; the caller joins both.
 """
 
 import asyncio
@@ -44,23 +44,23 @@ from gateway.tools.search import search
 
 #: How long an examination waits for another one to end, in seconds.
 _TURN: Final = 60.0
-#: What has units that can be asked.
+#: The parts with units that can be read.
 _Asked = GatewayLine | GatewayUpstream
 
-#: A unit with fewer requests than this is asked until it has this many, or until it has failed to answer this often.
+#: A unit is read until it has this many requests, or until it has failed to answer this often.
 SAMPLES: Final = 4
 FAILURES: Final = 2
-#: How long all that may take on a line, and how long late answers are waited for at least and at most, in seconds.
+#: How long all reads of a line may take, and how long to wait for late answers at least and at most, in seconds.
 LONGEST_ASKING: Final = 30.0
 SHORTEST_WINDOW: Final = 2.0
 LONGEST_WINDOW: Final = 5.0
 _STEP: Final = 0.05
-#: How long a line is listened to of which little is known, in seconds.
+#: Listening time for a line with few samples, in seconds.
 LISTENING: Final = 3.0
 
 
 async def examine(operator: Operator, asked: ToExamine, asker: Asker) -> Examination:
-    """Examine one line, server line or upstream, or all of them, once it is this examination's turn.
+    """Examine one line, server line or upstream, or all of them, after any other examination.
 
     Raises:
         WrongQuestion: there is no such line, or another examination does not end.
@@ -85,7 +85,9 @@ async def examine(operator: Operator, asked: ToExamine, asker: Asker) -> Examina
 async def examined(
     running: Running, wanted: object, is_there: IsThere, *, asks: bool
 ) -> tuple[list[tuple[str, list[Finding]]], list[PortInUse]]:
-    """The findings by line, under no name those about clients; and the ports to look at.
+    """Find faults by line, and under an empty name those of all else; also return the serial ports.
+
+    `asks`: units with too little evidence are read first.
 
     Raises:
         WrongQuestion: there is no such line.
@@ -99,7 +101,7 @@ async def examined(
     asked: tuple[_Asked, ...] = (*lines, *upstreams)
     if asks:
         found_about = await asyncio.gather(*(_about(running, part, is_there, asks=True) for part in asked))
-    else:  # one after the other, each with pauses
+    else:  # in turn, each with pauses
         found_about = [await _about(running, part, is_there, asks=False) for part in asked]
     about = {part.name: found for part, found in zip(asked, found_about, strict=True)}
     groups = [(line.name, about[line.name]) for line in lines]
@@ -169,7 +171,7 @@ def _has_sent(part: _Asked, said: list[str]) -> Finding:
 
 
 async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple[int, bool]:
-    """Read the units of which too little is known; the number of requests, and whether LONGEST_ASKING was too short."""
+    """Read units with too little evidence. Return the number of requests, and whether LONGEST_ASKING cut it short."""
 
     def is_wanted() -> bool:
         return is_there() and running.ports.keeps(part)
@@ -194,7 +196,7 @@ async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple
 
 
 def _doubtful_first(part: _Asked) -> list[Device]:
-    """The units to ask: if one of them does not answer, the others must answer after that."""
+    """Return the units to read, failing ones first: then later answers prove that the line still works."""
     named = part.plan.shared if isinstance(part, GatewayLine) else part.plan.devices
     names = {settings.name for settings in named}
     return sorted((device for device in shown_devices(part) if device.name in names), key=_has_answered)
@@ -206,11 +208,11 @@ def _has_answered(device: Device) -> bool:
 
 
 async def _wait_for_late_answer(line: GatewayLine) -> None:
-    """Wait for the end of the late windows, and at least SHORTEST_WINDOW: a response may come even later."""
+    """Wait for the end of the late windows, and at least SHORTEST_WINDOW: some answers come even later."""
     now = asyncio.get_running_loop().time
     until = now() + LONGEST_WINDOW
     await asyncio.sleep(SHORTEST_WINDOW)
-    while line.driver.line.ledger.count_late(now()) and now() < until:  # noqa: ASYNC110 - nobody tells when it is over
+    while line.driver.line.ledger.count_late(now()) and now() < until:  # noqa: ASYNC110 - no event tells the end
         await asyncio.sleep(_STEP)
 
 
@@ -225,7 +227,7 @@ async def _look_for_silent_units(running: Running, line: GatewayLine, is_there: 
 
 
 def _may_be_searched(running: Running, line: GatewayLine) -> bool:
-    """Whether other addresses may be asked. A late response from one would be that of a device asked at address 0."""
+    """Tell whether other addresses may be read; not if a late response could pass for one to address 0."""
     answers_from_any = any(device.unit == BROADCAST_UNIT for device in line.devices.values())
     return may_read_all(running) and not (line.plan.passes_through or answers_from_any)
 
@@ -251,7 +253,7 @@ def _needs_more(part: _Asked, device: Device, asked_here: int) -> bool:
 
 
 def _failed_ago(part: _Asked) -> float:
-    """How long ago a unit of the line has failed that has not answered since, in seconds."""
+    """Return the seconds since the last failure of a unit that has not answered since; infinite if there is none."""
     failing = (device.counts.last_error_at for device in part.all_devices if device.breaker.failures)
     return part.now() - max(failing, default=NEVER)
 

@@ -1,4 +1,4 @@
-"""Evidence about lines, units and clients for the rules of `diagnosis`, from the counters."""
+"""Evidence about lines, units and clients for the rules of `diagnosis`, taken from the counters."""
 
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
@@ -16,12 +16,12 @@ from gateway.timing.measured import NEVER
 
 
 async def units_evidence(part: GatewayLine | GatewayUpstream) -> tuple[UnitEvidence, ...]:
-    """The evidence about the devices of a line or an upstream, with pauses for the lines."""
+    """Gather the evidence about the units of a line or an upstream, with pauses for other work."""
     return tuple(await in_slices(unit_evidence(part, device) for device in shown_devices(part)))
 
 
 def upstream_evidence(upstream: GatewayUpstream, units: tuple[UnitEvidence, ...]) -> LineEvidence:
-    """The evidence about an upstream that is not down, with that about its `units`."""
+    """Gather the evidence about an upstream that is up, including its `units`."""
     settings = upstream.plan.upstream
     return LineEvidence(
         settings.name, settings.source, 0, "", is_serial=False, units=units, in_flight=settings.in_flight
@@ -31,7 +31,7 @@ def upstream_evidence(upstream: GatewayUpstream, units: tuple[UnitEvidence, ...]
 def line_evidence(
     line: GatewayLine, now: float, recent: Recent, units: tuple[UnitEvidence, ...], found: Search | None = None
 ) -> LineEvidence:
-    """The evidence about a line with that about its `units`; `found` is the result of a search there."""
+    """Gather the evidence about a line, including its `units`; `found` is the result of a search there."""
     machine, plan = line.driver.line, line.plan
     timing, overheard = machine.settings.timing, machine.attribution.overheard
     rate = recent.rate(line, now)
@@ -60,19 +60,19 @@ def line_evidence(
 
 
 def shown_devices(part: GatewayLine | GatewayUpstream) -> list[Device]:
-    """The devices of a line or an upstream; of those that the config does not name, the ones that got requests."""
+    """Select the devices to show: all that the config names, and others that got requests."""
     return [device for device in part.all_devices if device.counts or _is_configured(part, device)]
 
 
 def _is_configured(part: GatewayLine | GatewayUpstream, device: Device) -> bool:
-    """Tell whether the config names the device, which is else only passed through."""
+    """Tell whether the config names the device."""
     if isinstance(part, GatewayLine):
         return not part.plan.passes_through
     return part.unnamed.get(device.settings.unit) is not device
 
 
 def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEvidence:
-    """The evidence about a device of the line, or of the upstream."""
+    """Gather the evidence about a device of a line or an upstream."""
     settings, counts = device.settings, device.counts
     whole = total(counts.values())
     times = tuple(counts.times[function] for function in counts)
@@ -116,7 +116,7 @@ def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEv
 
 
 def _last(counts: UnitCounts, now: float, *what: str) -> Last:
-    """The last time of any of them; now, if that is not known."""
+    """Return the last time of any of these results; NOW if unknown."""
     found = [counts.last_times[each] for each in what if each in counts.last_times]
     if not found:
         return NOW
@@ -125,7 +125,7 @@ def _last(counts: UnitCounts, now: float, *what: str) -> Last:
 
 
 def client_evidence(listener: Listener, gateway: Gateway, now: float) -> list[ClientEvidence]:
-    """The evidence about clients of a listener that left before their response."""
+    """Gather the evidence about clients of a listener that left before their response."""
     if not isinstance(listener, TcpListener):
         return []
     parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)

@@ -1,6 +1,6 @@
-"""What `doctor` finds, for a page: at once what was measured, and by order of an operator also what devices answer.
+"""The findings of `doctor` for the web page: from the counters at any time, and after reads on a user's order.
 
-Who asks devices may disturb their lines, so that is done one at a time, and not again for a while.
+Reads may disturb a line, so there is one such examination at a time, and a pause after it.
 """
 
 import asyncio
@@ -20,8 +20,8 @@ from gateway.runtime.running import Running
 from gateway.tools.doctor import examined
 from gateway.tools.outside import look_at
 
-#: How long what was measured is told again, how long it may take to ask devices, and how long after that they are left
-#: alone, in seconds.
+#: How long a report from the counters is kept, the limit of an examination with reads, and the pause after it, in
+#: seconds.
 KEPT: Final = 10.0
 LONGEST: Final = 120.0
 PAUSE: Final = 60.0
@@ -29,7 +29,7 @@ PAUSE: Final = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Findings by line, under no name those about clients; `at` this time of the day, `by` whose order, if any."""
+    """Findings by line, with an empty name for all else; made `at` this Unix time, `by` order of this user, if any."""
 
     at: float
     groups: tuple[tuple[str, tuple[Finding, ...]], ...]
@@ -38,7 +38,7 @@ class Report:
 
 
 class Examinations:
-    """Those of a running gateway. `last` is the last one for which devices were asked."""
+    """The examinations of a running gateway. `last` is the last report with reads."""
 
     def __init__(self, running: Running, clock: Callable[[], float] = time.time) -> None:
         self.last: Report | None = None
@@ -56,7 +56,7 @@ class Examinations:
         return self._task is not None
 
     async def measured(self) -> Report:
-        """What can be found without asking anybody: of now, or of less than some seconds ago."""
+        """Report without reading anything; the report may be up to KEPT seconds old."""
         async with self._one_at_a_time:
             now = asyncio.get_running_loop().time()
             if self._measured is None or now - self._measured_at >= KEPT:
@@ -65,7 +65,7 @@ class Examinations:
             return self._measured
 
     def start(self, user: str) -> str:
-        """Begin to ask devices, by order of `user`; or why that is not done now."""
+        """Start an examination with reads for `user`. Return an empty string, or why that is not possible now."""
         now = asyncio.get_running_loop().time()
         if self._task is not None or self._running.examining.locked():
             return "an examination is in progress"
@@ -75,7 +75,7 @@ class Examinations:
         return ""
 
     async def close(self) -> None:
-        """End what is in progress."""
+        """Cancel the examination in progress."""
         if self._task is not None:
             self._task.cancel()
             with suppress(asyncio.CancelledError):
@@ -88,7 +88,7 @@ class Examinations:
         except TimeoutError:
             found = Finding("note", "doctor", f"the examination took longer than {LONGEST:.0f} s, and was ended")
             self.last = Report(self._clock(), (("", (found,)),), user, LONGEST)
-        except Exception as error:  # noqa: BLE001 - a defect in the examination ends there
+        except Exception as error:  # noqa: BLE001 - an error boundary: a defect ends only the examination
             self._running.emit(events.PartFailed.of("doctor", error))
         finally:
             self._ended_at = asyncio.get_running_loop().time()

@@ -1,7 +1,7 @@
-"""What a serial adapter and its driver do, for a report: `doctor --hardware-report`.
+"""The report `doctor --hardware-report`: the behaviour of a serial adapter and its driver.
 
-The port is opened as for a line, through the same code. Nothing is sent, unless a unit is named: that is read, one
-holding register at address 0. The report holds no name of the machine or its users, no address and no serial number.
+The port is opened by the same code as for a line. Nothing is sent unless a unit is named; then one holding register at
+address 0 is read from it. The report has no names of the machine or its users, no addresses and no serial numbers.
 """
 
 import asyncio
@@ -19,19 +19,19 @@ from gateway.modbus.rtu import SHORTEST, crc_fits, encode
 from gateway.ports.port import CharacterErrors, Opener, Port, SerialSettings
 from gateway.timing.characters import CharacterFormat, LineTiming
 
-#: Usual rates, and some for which few UARTs have a whole divisor.
+#: Usual rates, and some that few UARTs can divide exactly.
 RATES: Final = (
     *(1200, 2400, 4800, 9600, 14400, 19200, 28800, 38400, 57600, 76800, 100000, 115200),
     *(187500, 230400, 250000, 460800, 500000, 921600),
 )
 FORMATS: Final = ("8N1", "8E1", "8O1", "8N2", "7N2", "7E1", "7O1")
-#: This many reads show the times, and one may take this long, in seconds.
+#: The number of reads that are timed, and the limit of each, in seconds.
 READS: Final = 20
 LIMIT: Final = 1.0
-#: How long what is done by hand is waited for, and how long is read meanwhile, in seconds.
+#: How long to wait for a manual action, and how long to read meanwhile, in seconds.
 PATIENCE: Final = 60.0
 WATCHING: Final = 20.0
-#: Between two reads, and between two attempts to open a port, in seconds.
+#: Pause between reads, and between attempts to open a port, in seconds.
 PAUSE: Final = 0.05
 #: FC 03, address 0, one register.
 _QUESTION: Final = b"\x03\x00\x00\x00\x01"
@@ -48,14 +48,14 @@ class ReportRow(NamedTuple):
 
 
 class Section(NamedTuple):
-    """Facts that belong together."""
+    """Related facts."""
 
     title: str
     rows: list[ReportRow]
 
 
 class Read(NamedTuple):
-    """One read: until the first and the last byte of its answer in seconds, and in how many pieces it came."""
+    """One read: the seconds until the first and the last byte of its answer, and the pieces in which it came."""
 
     outcome: Outcome
     first: float = 0.0
@@ -66,13 +66,13 @@ class Read(NamedTuple):
 
 @dataclass
 class _Listener:
-    """Who uses the port: notes what comes, and when."""
+    """The user of the port: records received bytes and their times."""
 
     now: Callable[[], float]
     heard: list[tuple[float, bytes]] = field(default_factory=list)
     damaged: bool = False
     error: PortError | None = None
-    #: Something has come, or the port is lost.
+    #: Set when something was received, or the port was lost.
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
@@ -90,7 +90,7 @@ class _Listener:
 
 
 class _Held:
-    """A port that is held open."""
+    """Context manager that holds a port open."""
 
     def __init__(self, opener: Opener, settings: SerialSettings) -> None:
         self._open = opener(settings)
@@ -102,16 +102,16 @@ class _Held:
 
     async def __aexit__(self, *_: object) -> None:
         self._port.close()
-        with suppress(TimeoutError):  # its driver hangs
+        with suppress(TimeoutError):  # the driver may hang
             async with asyncio.timeout(PATIENCE):
                 await self._port.wait_closed()
 
 
 async def look_at(opener: Opener, settings: SerialSettings, unit: int | None) -> list[Section]:
-    """What the port is and does; `unit` is read, if it is not None.
+    """Examine the port; read `unit`, unless it is None.
 
     Raises:
-        PortError: it cannot be opened.
+        PortError: the port cannot be opened.
     """
     found = describe_adapter(settings.port)
     sections = [Section("Machine", about_machine()), Section("Adapter", about_adapter(found))]
@@ -125,7 +125,7 @@ async def look_at(opener: Opener, settings: SerialSettings, unit: int | None) ->
 
 
 def about_machine() -> list[ReportRow]:
-    """The programs that take part."""
+    """Name the versions of gateway, Python, kernel and system."""
     system = "unknown"
     with suppress(OSError):
         system = platform.freedesktop_os_release().get("PRETTY_NAME", system)
@@ -138,7 +138,7 @@ def about_machine() -> list[ReportRow]:
 
 
 def about_adapter(found: Adapter) -> list[ReportRow]:
-    """What the system says of the hardware."""
+    """Describe the adapter as the system knows it."""
     links = ", ".join(found.links)
     rows = [
         ReportRow("device", found.device),
@@ -178,7 +178,7 @@ async def _about_driver(opener: Opener, settings: SerialSettings) -> list[Report
 
 
 def why(error: PortError, settings: SerialSettings) -> str:
-    """The error without the path of the port, which may have the adapter's serial number in it."""
+    """Return the error without the path of the port, which may contain the adapter's serial number."""
     return str(error).replace(settings.port, "the port")
 
 
@@ -201,7 +201,7 @@ async def _tried(opener: Opener, settings: SerialSettings, what: str) -> ReportR
 async def read_for(
     opener: Opener, settings: SerialSettings, unit: int, *, count: int | None = None, seconds: float = PATIENCE
 ) -> list[ReportRow]:
-    """Read the unit this often, or for this many seconds, and say what came of it.
+    """Read the unit `count` times, or for this many seconds, and describe the results.
 
     Raises:
         PortError: the port cannot be opened.
@@ -237,7 +237,7 @@ async def _read(port: Port, listener: _Listener, request: bytes) -> Read:
 
 
 def _heard(listener: _Listener, request: bytes) -> tuple[bytes, list[float]]:
-    """What came behind an echo of the request, and when its pieces came."""
+    """Return the bytes received after an echo of the request, if any, and the arrival times of their pieces."""
     heard = _joined(listener.heard)
     echoed = len(request) if heard.startswith(request) else 0
     size, arrivals = 0, []
@@ -257,7 +257,7 @@ def _is_answer(data: bytes, request: bytes) -> bool:
 
 
 def told(reads: Sequence[Read], timing: LineTiming) -> list[ReportRow]:
-    """What came of reads, in words."""
+    """Describe the results of reads."""
     outcomes = [read.outcome for read in reads]
     counts = ", ".join(f"{outcomes.count(each)} {each}" for each in ("answered", "damaged", "silent"))
     rows = [ReportRow("reads", f"{len(reads)}: {counts}")]
@@ -292,10 +292,10 @@ def _counted(errors: CharacterErrors | None) -> list[ReportRow]:
 
 
 async def wait_for_loss(opener: Opener, settings: SerialSettings, ready: Callable[[], None]) -> ReportRow:
-    """Hold the port until it is lost, within PATIENCE. `ready` is called when it is open.
+    """Hold the port until it is lost, for PATIENCE at most. `ready` is called once it is open.
 
     Raises:
-        PortError: it cannot be opened.
+        PortError: the port cannot be opened.
     """
     async with _Held(opener, settings) as (_, listener):
         ready()
@@ -309,7 +309,7 @@ async def wait_for_loss(opener: Opener, settings: SerialSettings, ready: Callabl
 
 
 async def wait_for_return(opener: Opener, settings: SerialSettings) -> ReportRow:
-    """Try to open the port until that works, within PATIENCE."""
+    """Try to open the port until that works, for PATIENCE at most."""
     now, error = asyncio.get_running_loop().time, ""
     until = now() + PATIENCE
     while now() < until:

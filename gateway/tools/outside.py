@@ -15,13 +15,13 @@ from gateway.hardware.device_files import VIRTUAL_MAJORS, find_group
 from gateway.hardware.holders import PROC, find_holders, is_interpreter, list_programs, name_program
 from gateway.hardware.listing import DEVICES, TERMINALS, find_stable_links
 
-#: Programs that open serial ports when they appear, to find out what is behind them.
+#: Programs that probe serial ports when they appear.
 PROBERS: Final = frozenset({"ModemManager", "brltty", "gpsd"})
 
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Folders of the system; tests have others."""
+    """Folders of the system; tests use others."""
 
     devices: Path = DEVICES
     terminals: Path = TERMINALS
@@ -29,12 +29,12 @@ class Places:
 
 
 def findings_about(ports: Iterable[PortInUse], gateway_pid: int | None) -> list[Finding]:
-    """What is right and wrong with ports; `gateway_pid` is the process of the gateway, None if none runs."""
+    """Examine ports from outside. `gateway_pid` is the process of the gateway, None if it does not run."""
     return [finding for port in ports for finding in about_ports(look_at(port, gateway_pid))]
 
 
 def look_at(port: PortInUse, gateway_pid: int | None, places: Places = Places()) -> PortEvidence:
-    """The evidence about `port`. `gateway_pid` is the process of the running gateway, None if there is none."""
+    """Gather the evidence about `port`. `gateway_pid` is the process of the gateway, None if it does not run."""
     path = Path(port.port)
     try:
         device, status = path.resolve(strict=True), path.stat()
@@ -68,14 +68,14 @@ def _holder(pid: int, programs: Path) -> Holder:
 
 
 def _latency_timer(terminal: Path) -> float | None:
-    """The latency timer of an FTDI adapter, in seconds; None for others."""
+    """Read the latency timer of an FTDI adapter, in seconds; None for others."""
     with suppress(OSError, ValueError):
         return int((terminal / "device/latency_timer").read_text()) / 1000
     return None
 
 
 def _user(pid: int | None, node: os.stat_result, places: Places) -> tuple[str, bool]:
-    """The user of the running gateway, else of this command, and whether that user may read and write the port."""
+    """Return the user of the gateway, else of this command, and whether that user may read and write the port."""
     ids = None if pid is None else _ids(places.programs / str(pid))
     uid, groups = ids or (os.geteuid(), {os.getegid(), *os.getgroups()})
     mode = node.st_mode
@@ -95,7 +95,7 @@ def _user(pid: int | None, node: os.stat_result, places: Places) -> tuple[str, b
 
 
 def _ids(process: Path) -> tuple[int, set[int]] | None:
-    """The effective user of a process, and its groups; None if that cannot be seen."""
+    """Read the effective user and the groups of a process; None if they cannot be read."""
     fields = {}
     with suppress(OSError, ValueError, KeyError, IndexError):
         for line in (process / "status").read_text().splitlines():

@@ -1,4 +1,4 @@
-"""Harmless reads, which the gateway sends when an operator searches for a fault."""
+"""Harmless reads, sent when an operator looks for a fault."""
 
 import asyncio
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from gateway.operator.requests import AwaitedOrigin
 from gateway.profiles.profile import Profile
 from gateway.request import Request, Target
 
-#: The functions that read, the most usual first, and what they read.
+#: Functions that read and their areas, the most usual first.
 _READS: Final = (
     (FunctionCode.READ_HOLDING_REGISTERS, Area.HOLDING),
     (FunctionCode.READ_INPUT_REGISTERS, Area.INPUT),
@@ -20,7 +20,7 @@ _READS: Final = (
 
 
 def harmless_read(profile: Profile) -> bytes | None:
-    """A read of the first item that such a device has; None if it has none."""
+    """Return the PDU that reads the first item of such a device; None if it has none."""
     for function, area in _READS:
         ranges = profile.areas.get(area, ((0, 0),))
         if profile.knows(function) and ranges:
@@ -31,7 +31,7 @@ def harmless_read(profile: Profile) -> bytes | None:
 async def outcome_of(
     target: Target, unit: int, pdu: bytes, is_there: Callable[[], bool]
 ) -> tuple[RequestError | None, bytes | None]:
-    """Send a request; its error, if any, and its response."""
+    """Send a request, and return its error, if any, and its response."""
     loop = asyncio.get_running_loop()
     question = AwaitedOrigin(is_there)
     target.submit(Request(unit, pdu, question, loop.time()), loop.time())

@@ -1,11 +1,11 @@
-"""A scan: asks each unit of a line one harmless question in the line's idle time, and finds out who is there.
+"""A scan: reads from each unit of a line in the line's idle time, and finds the units that answer.
 
-What is asked changes nothing: one holding register is read at address 0, and from those who answer a few more that tell
-kinds of devices apart. An exception is an answer too. The questions are no device's requests: silence is neither
-counted nor logged, and no client waits for more than one of them (`lines.idle`).
+The reads change nothing: one holding register at address 0, and for units that answer a few more that tell kinds of
+devices apart. An exception is an answer too. The reads belong to no device: silence is neither counted nor logged, and
+no client waits for more than one of them (`lines.idle`).
 
-A late answer is heard as long as late windows last, and so is a second one: then two devices have the address. Where
-something was heard that is no answer, the question is asked again before that is believed.
+Late answers are noticed while late windows last. A second answer means that two devices have the address. After bytes
+that are no answer the read is repeated before the unit is believed to exist.
 """
 
 import asyncio
@@ -38,15 +38,15 @@ from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import Mode
 from gateway.timing.table import TimingTable
 
-#: How long an answer may take before it is late, in seconds, unless somebody says otherwise.
+#: The default limit of an answer, in seconds; later ones are late.
 USUAL_LIMIT: Final = 0.3
-#: How long a question may wait for idle time, in seconds. A busy line has some for it every few seconds.
+#: How long a read may wait for idle time, in seconds. A busy line has some every few seconds.
 PATIENCE: Final = 60.0
 #: The usual rates, the most usual ones first.
 RATES: Final = (9600, 19200, 38400, 115200, 57600, 4800, 2400, 1200, 14400)
-#: How often the progress is told at most, in seconds.
+#: Seconds between progress reports, at least.
 PACE: Final = 0.25
-#: How often a unit is asked that was not understood.
+#: How often a unit is read whose answers are garbled.
 TRIES: Final = 3
 
 
@@ -54,18 +54,18 @@ def _question(function: int, address: int, count: int = 1) -> bytes:
     return bytes((function, *address.to_bytes(2, "big"), *count.to_bytes(2, "big")))
 
 
-#: The one question to each unit; at address 0 a weigher answers when it is asked where it is.
+#: The first read of each unit. At address 0 a weigher answers a read of its own address.
 FIRST_QUESTION: Final = _question(FunctionCode.READ_HOLDING_REGISTERS, 0)
 QUESTION_AT_ZERO: Final = _question(FunctionCode.READ_HOLDING_REGISTERS, 0x10)
 
 
-#: The progress of a scan, and at last all that was found.
+#: The progress of a scan, and at the end all units found.
 Steps = AsyncGenerator[Progress | tuple[Found, ...], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """A question, and which answers of a unit with this address a kind of device gives."""
+    """A read, and a test of whether an answer is typical of a kind of device."""
 
     question: bytes
     fits: Callable[[bytes, int], bool]
@@ -95,7 +95,7 @@ _V80: Final = (
     Sign(_question(_COILS, 0, 1024), _answers),
     Sign(_question(_COILS, 0, 1025), _refuses(ExceptionCode.ILLEGAL_DATA_VALUE)),
 )
-#: What the documents say of each kind, as far as reading can tell: see the sources in profiles/*.toml.
+#: The signs of each kind, from the documents named in profiles/*.toml, as far as reads can tell.
 SIGNS: Final[Mapping[Mode, Mapping[str, Sequence[Sign]]]] = {
     "rtu": {
         "weigher": [Sign(QUESTION_AT_ZERO, _is_own_address), Sign(_question(_HOLDING, 0x20, 2), _is_rate)],
@@ -110,7 +110,7 @@ SIGNS: Final[Mapping[Mode, Mapping[str, Sequence[Sign]]]] = {
         "v80": _V80,
     },
 }
-#: What every other device is.
+#: The profile of all other devices.
 OTHERS: Final = "generic"
 
 
@@ -119,10 +119,9 @@ def _first_question(unit: ScannedUnit) -> bytes:
 
 
 class Scan:
-    """Asks `units` of a line. An answer has `limit` seconds before it is late.
+    """Reads `units` of a line. An answer later than `limit` seconds is late.
 
-    Raises, also while it runs:
-        WrongQuestion: the line is down, or has no idle time.
+    Also while it runs it raises WrongQuestion: the line is down, or has no idle time.
     """
 
     def __init__(self, line: GatewayLine, units: Sequence[int], limit: float = USUAL_LIMIT) -> None:
@@ -133,13 +132,13 @@ class Scan:
         self._of = len(units)
         answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=limit)
         self._units = [ScannedUnit(unit, answer_time, loop.time) for unit in units]
-        #: How often something was heard of a unit that is no answer.
+        #: How often each unit was garbled.
         self._garbled: dict[ScannedUnit, int] = {}
         self._windows_end = 0.0
         self._sent_by_others = line.sent
 
     async def run(self) -> Steps:
-        """Tells the progress, and at last what was found."""
+        """Yield the progress, and at the end the units found."""
         started = told = self._now()
         for asked, unit in enumerate(self._units, 1):
             await self._ask_first(unit)
@@ -160,18 +159,18 @@ class Scan:
         yield tuple(found)
 
     async def _late_windows_over(self) -> None:
-        """Wait until nothing more can come."""
+        """Wait until no late answer can come any more."""
         await asyncio.sleep(self._windows_end - self._now())
 
     def _progress(self, asked: int, left: float = 0.0) -> Progress:
         return Progress(asked, self._of, round(left, 1), tuple(each.unit for each in self._there()), self._baud)
 
     def _there(self) -> list[ScannedUnit]:
-        """The units that were heard."""
+        """Return the units that were heard."""
         return [unit for unit in self._units if unit.heard or self._garbled.get(unit, 0) > 1]
 
     async def _ask_first(self, unit: ScannedUnit) -> None:
-        """Ask whether it is there, and leave the others on the line as much time as that took."""
+        """Read once from a unit. On a line in use, pause as long as that took, for the other clients."""
         started, others = self._now(), self._line.sent
         unit.heard.clear()
         error = await self._ask(unit, _first_question(unit), awaits_second=True)
@@ -182,7 +181,7 @@ class Scan:
             await asyncio.sleep(self._now() - started)
 
     async def _describe(self, unit: ScannedUnit) -> Found:
-        """What is to be told of a unit that was heard."""
+        """Describe a unit that was heard."""
         if self._garbled.get(unit, 0) > 1 or len(unit.heard) > 1 or not unit.heard:
             return Found(unit.unit, "garbled", baud=self._baud)
         frame, elapsed = unit.heard[0]
@@ -200,7 +199,7 @@ class Scan:
         )
 
     async def _profile_of(self, unit: ScannedUnit, answers: dict[bytes, bytes | None]) -> str:
-        """The first profile of which all signs fit; some `answers` are known."""
+        """Return the first profile whose signs all fit. `answers` holds known answers by read."""
         for profile, signs in SIGNS[self._line.plan.line.timing.mode].items():
             for sign in signs:
                 if sign.question not in answers:
@@ -213,16 +212,16 @@ class Scan:
         return OTHERS
 
     async def _answer(self, unit: ScannedUnit, pdu: bytes) -> bytes | None:
-        """What a unit answers in time, if anything."""
+        """Return what the unit answers in time, if anything."""
         unit.heard.clear()
         await self._ask(unit, pdu)
         return unit.heard[0][0].pdu if unit.heard else None
 
     async def _ask(self, unit: ScannedUnit, pdu: bytes, *, awaits_second: bool = False) -> RequestError | None:
-        """Ask when the line is idle. What has come is in `unit.heard`; the error if nothing has, or nothing good.
+        """Send a read when the line is idle. What comes is in `unit.heard`; return the error if no good answer came.
 
         Raises:
-            WrongQuestion: the line cannot be asked.
+            WrongQuestion: the line is down, has no idle time, or another scan of it has begun.
         """
         origin = AwaitedOrigin(lambda: True)
         request = Request(unit.unit, pdu, origin, self._now())
@@ -247,7 +246,7 @@ class Scan:
 
 @asynccontextmanager
 async def opened(line: GatewayLine) -> AsyncIterator[None]:
-    """In its context a line that belongs to no gateway is open.
+    """Keep a line that belongs to no gateway open in this context.
 
     Raises:
         PortError: its port cannot be opened.
@@ -265,12 +264,10 @@ async def opened(line: GatewayLine) -> AsyncIterator[None]:
 
 
 async def scan_speeds(at_rate: Callable[[int], GatewayLine], units: Sequence[int], limit: float) -> Steps:
-    """A scan at each of RATES. `at_rate` gives a line that belongs to no gateway.
-
-    A rate that the port cannot do is left out.
+    """Scan at each of RATES that the port can do. `at_rate` makes a line that belongs to no gateway.
 
     Raises:
-        PortError: it can do none of them.
+        PortError: the port can do none of them.
         WrongQuestion: as a Scan.
     """
     found: tuple[Found, ...] = ()

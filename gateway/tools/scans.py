@@ -1,4 +1,4 @@
-"""Scans of the lines of the running gateway: which may be asked for, and what is left out."""
+"""Scans of the running gateway's lines: conditions, and the units that are left out."""
 
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
@@ -19,12 +19,12 @@ from gateway.tools.scan import Scan, Steps, scan_speeds
 
 
 async def scan(operator: Operator, asked: ToScan, _asker: Asker) -> AsyncGenerator[ScanStep, None]:
-    """Scan a line for units that the config does not name, and tell how far the scan is.
+    """Scan a line for units that the config does not name, and yield the progress.
 
     With `all_speeds` the line must not be in use.
 
     Raises:
-        WrongQuestion: that cannot be asked, or the line cannot.
+        WrongQuestion: the request is invalid, or the line cannot be scanned.
     """
     running = operator.running
     await running.settled()
@@ -77,7 +77,7 @@ async def _steps(running: Running, line: GatewayLine, units: list[int], limit: f
 
 
 def _is_answered(line: GatewayLine) -> bool:
-    """Whether a configured unit has answered since the start, and has not failed since then."""
+    """Tell whether a configured unit has answered since the start, and has not failed since then."""
     return any(
         not device.breaker.failures and any(each.ok or each.exception for each in device.counts.values())
         for device in line.devices.values()
@@ -85,7 +85,7 @@ def _is_answered(line: GatewayLine) -> bool:
 
 
 def _units(line: GatewayLine, wanted: object) -> tuple[list[int], str]:
-    """The numbers to ask, and the others of the unit set: they are configured, or in use where units pass through."""
+    """Return the units to scan, and as text the rest of the unit set: they are configured or in use."""
     try:
         units = parse_units(f"{FIRST_UNIT}-{LAST_UNIT}" if wanted is None else wanted, first=BROADCAST_UNIT)
     except WrongValue as wrong:

@@ -1,8 +1,7 @@
-"""Looks for a device that does not answer: at other addresses, then at other rates and formats.
+"""The search for a device that does not answer: at other addresses, then at other rates and formats.
 
-All of it is asked because an operator has ordered it. Addresses are asked on the line as it is, between the requests of
-its clients. Rates and formats are tried only where no unit answers: the port is taken from the line for some seconds,
-in which its clients get 0A.
+It runs only on an operator's order. Addresses are read on the line between the requests of its clients. Rates and
+formats are tried only if no unit answers: the port is taken from the line for some seconds, in which clients get 0A.
 """
 
 import asyncio
@@ -30,9 +29,9 @@ from gateway.timing.table import TimingTable
 from gateway.tools.questions import harmless_read, outcome_of
 from gateway.tools.scan import RATES, Scan, opened
 
-#: How long a device may think that is looked for, in seconds.
+#: The limit of an answer, in seconds.
 PATIENCE: Final = 0.25
-#: At most this many addresses are asked, and this many units at each rate and format.
+#: The most addresses that are read, and the most units per rate and format.
 MOST_ADDRESSES: Final = 16
 MOST_UNITS: Final = 2
 #: The longest that a search at other rates and formats may take, in seconds.
@@ -43,7 +42,7 @@ FORMATS: Final = {
     "rtu": (CharacterFormat(8, "E", 1), CharacterFormat(8, "N", 1), CharacterFormat(8, "O", 1)),
     "ascii": (CharacterFormat(7, "E", 1), CharacterFormat(7, "O", 1), CharacterFormat(8, "N", 1)),
 }
-#: Devices often leave the factory with these addresses.
+#: Usual factory settings.
 _USUAL_ADDRESSES: Final = (*range(1, 11), LAST_UNIT)
 
 
@@ -57,7 +56,7 @@ class Speed(NamedTuple):
 async def search(
     running: Running, line: GatewayLine, silent: list[Device], *, is_dead: bool, asked_by: IsThere
 ) -> Search:
-    """Search the `silent` devices. `is_dead`: no unit of the line responds, so other rates may be tried."""
+    """Search for the `silent` devices. `is_dead`: no unit of the line responds, so other rates may be tried."""
 
     def is_wanted() -> bool:
         return asked_by() and running.ports.keeps(line)
@@ -78,7 +77,7 @@ async def search(
 
 
 def candidates(line: GatewayLine, silent: list[Device]) -> list[int]:
-    """Addresses that are not configured, where the silent devices may be: clients' numbers, neighbours, usual ones."""
+    """Return likely addresses of silent devices that are not configured: clients' numbers, neighbours, usual ones."""
     wanted = chain(
         (device.settings.known_as for device in silent),
         *((device.unit + 1, device.unit - 1) for device in silent),
@@ -90,7 +89,7 @@ def candidates(line: GatewayLine, silent: list[Device]) -> list[int]:
 
 
 def speeds(line: GatewayLine) -> Iterator[Speed]:
-    """Rates and formats other than that of the line, the most likely first."""
+    """Yield rates and formats other than those of the line, the most likely first."""
     timing = line.driver.line.settings.timing
     formats = dict.fromkeys((timing.format, *FORMATS[timing.mode]))
     for baud in dict.fromkeys((timing.baud, *RATES)):
@@ -100,7 +99,7 @@ def speeds(line: GatewayLine) -> Iterator[Speed]:
 
 
 async def _answering(line: GatewayLine, addresses: list[int], is_wanted: IsThere) -> list[int]:
-    """The addresses at which a unit responds, found by a scan: nothing is logged or counted, and clients go first."""
+    """Scan for the addresses at which a unit responds: nothing is logged or counted, and clients go first."""
     with suppress(WrongQuestion):  # the line is down or never idle: then nothing is known
         async with aclosing(Scan(line, addresses, PATIENCE).run()) as steps:
             async for step in steps:
@@ -137,7 +136,7 @@ async def _search_speeds(
 
 
 async def _answer_there(line: GatewayLine, units: list[Device], asked_by: IsThere) -> tuple[bool, bool]:
-    """Whether one of the units answers on a line at another speed, and whether its port is virtual, without parity.
+    """Tell whether a unit answers on a line at another speed, and whether its port is virtual, without parity.
 
     Raises:
         PortError: the port cannot be opened like this.
@@ -151,7 +150,7 @@ async def _answer_there(line: GatewayLine, units: list[Device], asked_by: IsTher
 
 
 async def _answers(driver: LineDriver, address: int, asked_by: IsThere, profile: Profile | None = None) -> bool:
-    """Whether a unit responds at an address; an exception is a response too."""
+    """Tell whether a unit responds at an address; an exception is a response too."""
     patience = AnswerTime(TimingTable(), margin=1.0, timeout=PATIENCE, fixed=True)
     settings = DeviceSettings(f"address {address}", address, address, Profile("generic"), patience, source="doctor")
     pdu = harmless_read(profile or settings.profile)
