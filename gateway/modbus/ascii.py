@@ -23,12 +23,12 @@ _SEVEN_BITS: Final = bytes(range(128)) * 2
 
 
 def lrc(data: bytes) -> int:
-    """Compute the LRC of `data` (S 2.5.2.2): two's complement of the sum of its bytes, one byte."""
+    """Compute the LRC of `data` (S 2.5.2.2): the two's complement of the sum of its bytes, one byte."""
     return -sum(data) & 0xFF
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
-    """Make the ASCII ADU of `pdu`, with upper-case digits."""
+    """Encode the ASCII ADU of `pdu`, with upper-case digits."""
     body = bytes((unit,)) + pdu
     return START + (body + bytes((lrc(body),))).hex().upper().encode() + END
 
@@ -39,21 +39,21 @@ def characters(size: int) -> int:
 
 
 def plain(text: bytes) -> bytes:
-    """Clear the eighth bits of a text."""
+    """Clear the eighth bit of each character."""
     return text.translate(_SEVEN_BITS)
 
 
 class AsciiCutter:
-    """Cuts received characters at the ends of frames. `begun` is the frame that is not complete, from its colon on."""
+    """Cuts received characters at the ends of frames. `begun` is the incomplete frame, from its colon on."""
 
     def __init__(self) -> None:
         self.begun = b""
         self._last = 0.0
 
     def cut(self, data: bytes, now: float) -> list[tuple[int, bytes]]:
-        """Take bytes; return the texts that end with CR LF, each with the number of characters skipped before it.
+        """Take bytes. Return the texts that end with CR LF, each with the number of characters skipped before it.
 
-        Characters that are skipped after the last one are a part with an empty text.
+        Characters skipped after the last one form a part with an empty text.
         """
         before = 0
         if now - self._last > CHARACTER_GAP:
@@ -75,29 +75,29 @@ class AsciiCutter:
         return parts
 
     def drop(self) -> int:
-        """Drop the frame that is not complete; returns its size."""
+        """Drop the incomplete frame. Return its size in characters."""
         count, self.begun = len(self.begun), b""
         return count
 
 
 class AsciiFramer(RequestFramer):
-    """See RequestFramer."""
+    """Finds requests on an ASCII line (see RequestFramer)."""
 
     def __init__(self) -> None:
         super().__init__()
         self._cutter = AsciiCutter()
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """See RequestFramer."""
+        """Encode the ASCII ADU of `pdu`."""
         return encode(unit, pdu)
 
     @property
     def unfinished(self) -> int:
-        """See RequestFramer."""
+        """Characters of the incomplete frame."""
         return len(self._cutter.begun)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
-        """See RequestFramer."""
+        """Take bytes, and return the completed frames; see RequestFramer."""
         if damaged:
             return self._received_damaged(data[:-1], data[-1:], now)
         frames = []
@@ -118,7 +118,7 @@ class AsciiFramer(RequestFramer):
 
 
 def decode(text: bytes) -> Frame | None:
-    """Decode the frame in this text, from its colon to CR LF; None if it is none."""
+    """Decode the frame that `text` is, from its colon to CR LF; None if it is not one."""
     if not text.startswith(START) or not len(START) + len(END) <= len(text) <= MAX_ASCII_ADU:
         return None
     try:

@@ -48,7 +48,7 @@ CLEAR_COUNTERS: Final = 0x0A
 COUNTERS: Final = range(0x0B, 0x13)
 CLEAR_OVERRUN_COUNTER: Final = 0x14
 
-#: Device identification: its MEI type of function 43, and its code for a single object (A 6.21).
+#: Device identification: the MEI type of function 43, and the code that reads a single object (A 6.21).
 DEVICE_IDENTIFICATION: Final = 14
 ONE_OBJECT: Final = 4
 

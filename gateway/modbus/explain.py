@@ -1,4 +1,4 @@
-"""Why something is not the response to a request, in words. Only asked when there was no response."""
+"""Explanations of what came in place of a response. Needed only when there was no response."""
 
 from typing import Final, Literal
 
@@ -13,22 +13,22 @@ from gateway.modbus.rtu import SHORTEST, crc_fits
 
 Mode = Literal["rtu", "ascii", "tcp"]
 
-#: What each mode is called, and what a device that speaks another one needs.
+#: The framing of each mode, and the remedy for a device that uses another one.
 _NAMES: Final[dict[Mode, Framing]] = {"rtu": "RTU", "ascii": "ASCII", "tcp": "Modbus TCP"}
 _REMEDIES: Final[dict[Framing, str]] = {
     "RTU": 'mode = "rtu", or rtu+tcp:// in port, is for that',
     "ASCII": 'mode = "ascii", or ascii+tcp:// in port, is for that',
     "Modbus TCP": "[[upstream]] is for that",
 }
-#: Functions whose responses repeat the address, and the values behind it.
+#: Functions whose responses repeat address and value; address and quantity.
 _REPEATING: Final = (Code.WRITE_SINGLE_COIL, Code.WRITE_SINGLE_REGISTER, Code.MASK_WRITE_REGISTER)
 _CONFIRMING: Final = (Code.WRITE_MULTIPLE_COILS, Code.WRITE_MULTIPLE_REGISTERS)
 
 
 def explain(asked: RequestPdu, unit: int | None, heard: bytes, mode: Mode) -> str:
-    """Say why `heard` is not the response of `unit`, or of any, to `asked`; empty if it tells nothing.
+    """Say why `heard` is not the response of `unit`, or of any if None, to `asked`; empty if it proves nothing.
 
-    On a line, frames of other units and functions tell nothing: they may be for others.
+    On a line, frames of other units and functions prove nothing: they may be for others.
     """
     if mode == "tcp":
         return _explain_adu(asked, unit, mbap.decode(heard))
@@ -40,7 +40,7 @@ def explain(asked: RequestPdu, unit: int | None, heard: bytes, mode: Mode) -> st
 
 
 def explain_pdu(asked: RequestPdu, pdu: bytes) -> str:
-    """Say why the PDU of an intact frame is not the response, if it has the function; else empty."""
+    """Say why the PDU of an intact frame with the same function is not the response; else return an empty text."""
     data = asked.data
     if pdu[0] != asked.function or response_size(pdu) not in (0, len(pdu)) or asked.accepts(pdu):
         return ""
@@ -70,7 +70,7 @@ def _explain_adu(asked: RequestPdu, unit: int | None, adu: mbap.TcpFrame | None)
 
 
 def _only_frame(heard: bytes, mode: Mode) -> tuple[int, bytes] | None:
-    """Return unit and PDU, if that is all that was heard."""
+    """Return unit and PDU, if nothing else was heard."""
     if mode == "ascii":
         framer = AsciiFramer()
         frames = framer.received(heard, 0.0)
@@ -83,5 +83,5 @@ def _hex(data: bytes) -> str:
 
 
 def _items(pdu: bytes) -> str:
-    """Say the address and the quantity behind the function code."""
+    """Format the quantity and the address behind the function code."""
     return f"{int.from_bytes(pdu[3:5])} from {int.from_bytes(pdu[1:3])} on"

@@ -1,13 +1,13 @@
-"""Frames on a serial line, and what all framers of a server have in common."""
+"""Frames on a serial line, and the common part of all framers of a server."""
 
 from collections.abc import Iterator
 from typing import Any
 
 
 class Frame:
-    """Unit identifier and PDU of a frame with a correct CRC or LRC. It equals the pair of both.
+    """Unit identifier and PDU of a frame with a correct CRC or LRC; equal to the tuple of both.
 
-    No NamedTuple: making one calls a function that is not compiled.
+    It is not a NamedTuple: creating one would call a function that is not compiled.
     """
 
     __slots__ = ("pdu", "unit")
@@ -42,27 +42,27 @@ class RequestFramer:
         self._skipped = 0
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """Make the ADU of `pdu`."""
+        """Encode the ADU of `pdu`."""
         raise NotImplementedError
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
-        """Take bytes; return the frames that are complete with them, in order.
+        """Take bytes. Return the frames that are complete with them, in order.
 
-        At least one byte of `damaged` ones is not what was sent: no frame contains all of them.
+        At least one byte of `damaged` ones differs from what was sent: no frame contains all of them.
         """
         raise NotImplementedError
 
     def deadline(self) -> float | None:
-        """Tell when to call `tick`; None if it need not be called."""
+        """Return when to call `tick`; None if there is no need to."""
         return None
 
-    def tick(self, now: float) -> list[Frame]:  # noqa: ARG002 - where silence ends nothing
-        """Let time pass; return the frames that silence has ended."""
+    def tick(self, now: float) -> list[Frame]:  # noqa: ARG002 - silence ends nothing by default
+        """Let time pass. Return the frames that silence has ended."""
         return []
 
     @property
     def unfinished(self) -> int:
-        """Bytes of a frame that is not complete yet."""
+        """Bytes of an incomplete frame."""
         raise NotImplementedError
 
     @property

@@ -1,4 +1,4 @@
-"""What bytes look like that are not what they should be. Only asked when something is wrong."""
+"""Guesses which framing unexpected bytes have. Needed only after an error."""
 
 from typing import Final, Literal
 
@@ -6,20 +6,20 @@ from gateway.modbus.ascii import END, decode
 from gateway.modbus.functions import request_size, response_size
 from gateway.modbus.rtu import crc_fits
 
-#: The framings, as messages name them.
+#: The framings, as in messages.
 Framing = Literal["Modbus TCP", "RTU", "ASCII"]
 
-#: The schemes of addresses where they are spoken.
+#: The URL scheme of each framing.
 _SCHEMES: Final[dict[Framing, str]] = {"Modbus TCP": "tcp", "RTU": "rtu+tcp", "ASCII": "ascii+tcp"}
-#: All of a TCP ADU before its PDU; all but the PDU of an RTU frame.
+#: The size of a TCP ADU before its PDU; that of an RTU frame without its PDU.
 _HEADER: Final = 7
 _OVERHEAD: Final = 3
-#: A request or response with less tells too little.
+#: A shorter request or response proves too little.
 _SHORTEST_PDU: Final = 2
 
 
 def looks_like(data: bytes) -> Framing | None:
-    """Find the framing of which `data` begins with a whole frame, if any."""
+    """Find a framing in which `data` begins with a whole frame; None if there is none."""
     if _is_tcp(data):
         return "Modbus TCP"
     if decode(data[: data.find(END) + len(END)]) is not None:
@@ -28,18 +28,18 @@ def looks_like(data: bytes) -> Framing | None:
 
 
 def likeness(data: bytes, own: Framing) -> str:
-    """Make the end of a message about `data` that begins with a whole frame of another framing than `own`."""
+    """Return the end of a message that says so if `data` begins with a frame of another framing than `own`."""
     framing = looks_like(data)
     return "" if framing in (None, own) else f": this looks like {framing}, which {_SCHEMES[framing]}:// is for"
 
 
 def _is_tcp(data: bytes) -> bool:
-    """Tell whether there is a header with the protocol identifier 0, and a PDU of its length that fits its function."""
+    """Tell whether `data` begins with a header with protocol identifier 0 and a PDU that fits its function."""
     if len(data) < _HEADER + _SHORTEST_PDU or data[2:4] != b"\0\0":
         return False
     size = 6 + int.from_bytes(data[4:6])
     if not _HEADER + _SHORTEST_PDU <= size <= len(data):
-        return False  # before it is cut: compiled, a slice that would end before its start is an error
+        return False  # compiled, a slice that ends before its start is an error
     pdu = data[_HEADER:size]
     return len(pdu) in (request_size(pdu), response_size(pdu))
 

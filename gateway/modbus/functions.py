@@ -22,15 +22,15 @@ from gateway.modbus.shapes import (
     record_registers,
 )
 
-#: What a request does. A `broadcast` is a write that may be sent to unit 0 (S 2.1). To `inspect` changes nothing, but
-#: needs the right to write, as all of its function does.
+#: The effect of a request. A `broadcast` is a write that may be sent to unit 0 (S 2.1). An `inspect` changes nothing,
+#: but needs the right to write, like the rest of its function.
 Effect = Literal["read", "inspect", "write", "broadcast"]
 
-#: How a request for device identification begins: the only use of function 43 that is known to only read.
+#: The beginning of a request for device identification: the only use of function 43 that is known to only read.
 READING_IDENTIFICATION: Final = bytes((Code.ENCAPSULATED_INTERFACE, DEVICE_IDENTIFICATION))
 #: The most events in a log (A 6.10).
 MOST_EVENTS: Final = 64
-#: A response that repeats the whole request.
+#: The response repeats the whole request.
 ALL: Final = MAX_PDU
 
 
@@ -38,8 +38,8 @@ ALL: Final = MAX_PDU
 class Items:
     """Up to `most` items of one area in a request.
 
-    Their address is `at` this byte, followed by their quantity if there can be more than one. From `values_at` on the
-    request has only their values; 0 if it has none.
+    Their address is at byte `at`, followed by their quantity if there can be several. Their values begin at byte
+    `values_at`; 0 if the request has none.
     """
 
     area: Area
@@ -48,18 +48,18 @@ class Items:
     values_at: int = 0
 
     def byte_count(self, count: int) -> int:
-        """Compute the bytes of this many items: two for a register, one for eight coils or inputs."""
+        """Compute the bytes of `count` items: two per register, one per eight coils or inputs."""
         return 2 * count if self.area in (Area.HOLDING, Area.INPUT) else (count + 7) // 8
 
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """One row: a function, from `section` of the specification.
+    """One row: a function, with its `section` of the specification.
 
     A normal response begins with the bytes of the request that it `repeats`; with the function code and a byte count if
-    it `reads` items; or with its own `head`. A request must follow the `rules` too, and a response must be one that
-    `accepts(request, response)`. `registers` are those of files or a queue in a request. Where the function code is not
-    enough, `parts` are rows by the first bytes of their requests, and this row is for all others.
+    it `reads` items; or with its own `head`. A request must also follow the `rules`, and a response must satisfy
+    `accepts(request, response)`. `registers` counts those of files or a queue in a request. Where the function code is
+    not enough, `parts` are rows by the first bytes of their requests, and this row is for all others.
     """
 
     code: int
@@ -79,13 +79,13 @@ class Function:
 
 
 def row_of(head: bytes) -> Function:
-    """Find the row of the request or response that begins with `head`."""
+    """Return the row of the request or response that begins with `head`."""
     row = _BY_CODE[head[0]]
     return row.parts.get(head[: row.repeats], row) if row.parts else row
 
 
 def request_size(head: bytes) -> int:
-    """Compute the size of the request PDU that begins with `head`: see Shape.size."""
+    """Compute the size of the request PDU that begins with `head`; see Shape.size."""
     if not head:
         return 1
     row = _BY_CODE[head[0]]
@@ -93,7 +93,7 @@ def request_size(head: bytes) -> int:
 
 
 def response_size(head: bytes) -> int:
-    """Compute the size of the response PDU, normal or exception, that begins with `head`: see Shape.size."""
+    """Compute the size of the response PDU, normal or exception, that begins with `head`; see Shape.size."""
     if not head:
         return 1
     row = _BY_CODE[head[0]]
@@ -101,14 +101,14 @@ def response_size(head: bytes) -> int:
 
 
 def only_reads(pdu: bytes) -> bool:
-    """Tell whether a request is known to change nothing, and its function has no requests that do."""
+    """Tell whether a request is known to change nothing, and needs no right to write (an `inspect` does)."""
     return row_of(pdu).effect == "read"
 
 
 def _one_word(*sub_functions: int, asks: bool = False, is_answered: bool = True) -> dict[bytes, Function]:
-    """Make the rows of sub-functions of 08 with one word of data in request and response.
+    """Make rows for sub-functions of 08 with one word of data in request and response.
 
-    One that `asks` for a value has the data 0000, and its response repeats only the sub-function.
+    With `asks` the data of the request is 0000, and the response repeats only the sub-function.
     """
     effect: Effect = "inspect" if asks else "write"
     repeats = 3 if asks else 5
@@ -152,7 +152,7 @@ _ROWS: Final = (
     Function(Code.READ_WRITE_MULTIPLE_REGISTERS, "6.17", "write", counted(9), counted(1),
              reads=Items(Area.HOLDING, 125), writes=Items(Area.HOLDING, 121, at=5, values_at=10)),
     Function(Code.READ_FIFO_QUEUE, "6.18", "read", fixed(3), counted(1, range(2, 65, 2), width=2),
-             registers=lambda _: [31],  # at most; the byte count of the response says the same as its queue count
+             registers=lambda _: [31],  # at most; byte count and queue count of the response must agree
              accepts=lambda _, response: 5 + 2 * int.from_bytes(response[3:5], "big") == len(response)),
     Function(Code.ENCAPSULATED_INTERFACE, "6.19", "write", any_size(2), any_size(2), 2, parts={
         READING_IDENTIFICATION: Function(
@@ -174,7 +174,7 @@ TABLE_FUNCTIONS: Final = frozenset(row.code for row in _ROWS if row.reads or row
 #: The function that reads each area, and the most items in one request.
 READERS: Final = {row.reads.area: (row.code, row.reads.most) for row in _ROWS if row.reads and not row.writes}
 
-#: Function 05 for devices to which other values mean something too: relay boards that toggle, or pulse.
+#: Function 05 for devices that accept other values too: relay boards that toggle or pulse.
 ANY_COIL: Final = replace(FUNCTIONS[Code.WRITE_SINGLE_COIL], rules={})
 
 _UNKNOWN: Final = Function(0, "5", "write", any_size(1), any_size(1))

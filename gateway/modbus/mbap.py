@@ -7,26 +7,26 @@ from gateway.errors import NotModbus
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_TCP_ADU, SERVER_UNIT
 from gateway.modbus.framings import likeness
 
-#: Transaction, protocol and length, which the length field does not count.
+#: Transaction, protocol and length: the bytes that the length field does not count.
 _UNCOUNTED: Final = 6
-#: Unit identifier and function code; unit identifier and the longest PDU.
+#: The least length: unit identifier and function code. The largest: unit identifier and the longest PDU.
 _SHORTEST: Final = 2
 _LONGEST: Final = 254
 #: Protocol identifier of Modbus (T 3.1.3).
 _MODBUS: Final = 0
 _PROTOCOL: Final = bytes((0, _MODBUS))
-#: All before the PDU.
+#: The size of the header.
 _HEAD: Final = 7
 #: Receive buffer of one connection: a burst of 64 reads, four of the largest ADUs.
 _BUFFER: Final = 4 * MAX_TCP_ADU
 #: The unit identifiers in responses of servers that have only one unit (T 4.4.1.2).
 NO_UNIT: Final = (BROADCAST_UNIT, SERVER_UNIT)
-#: It holds at most this many requests.
+#: The most requests in the buffer.
 MOST_AT_ONCE: Final = _BUFFER // (_UNCOUNTED + _SHORTEST)
 
 
 class TcpFrame:
-    """One ADU of a TCP connection, without its header's constants. It equals the triple of the rest; see `Frame`."""
+    """One ADU of a TCP connection, without the constants of its header; equal to the tuple of its parts. See Frame."""
 
     __slots__ = ("pdu", "transaction", "unit")
 
@@ -50,12 +50,12 @@ class TcpFrame:
 
 
 def encode(transaction: int, unit: int, pdu: bytes) -> bytes:
-    """Make the TCP ADU of `pdu`."""
+    """Encode the TCP ADU of `pdu`."""
     return (transaction << 40 | _MODBUS << 24 | (len(pdu) + 1) << 8 | unit).to_bytes(_HEAD, "big") + pdu
 
 
 def decode(datagram: bytes) -> TcpFrame | None:
-    """Decode the ADU in `datagram`; None if that is anything but one ADU."""
+    """Decode the ADU in `datagram`; None if it is not exactly one ADU."""
     framer = MbapFramer()
     framer.take(datagram)
     try:
@@ -66,7 +66,7 @@ def decode(datagram: bytes) -> TcpFrame | None:
 
 
 class MbapFramer:
-    """Finds the ADUs in a TCP stream, which is received into the framer's own buffer of fixed size.
+    """Finds the ADUs in a TCP stream that is received into the framer's own buffer of fixed size.
 
     Receive into `room()`, call `filled`, then `next` until it returns None. `strict`: other protocols are an error.
     """
@@ -77,21 +77,21 @@ class MbapFramer:
         self._strict = strict
         self._buffer = bytearray(_BUFFER)
         self._view = memoryview(self._buffer)
-        #: What has been received, and the place of the next ADU.
+        #: The received bytes, and the place of the next ADU.
         self._data = b""
         self._at = 0
 
     def room(self) -> memoryview:
-        """Return where the next bytes go; empty while complete ADUs fill the buffer."""
+        """Return the space for the next bytes; empty while complete ADUs fill the buffer."""
         unfinished = len(self._data) - self._at
         return self._view[: _BUFFER - unfinished] if unfinished else self._view
 
     def filled(self, count: int) -> None:
-        """Take `count` bytes that have been received into `room()`."""
+        """Take `count` bytes that were received into `room()`."""
         self.take(self._view[:count].tobytes())
 
     def take(self, data: bytes) -> None:
-        """Take bytes that have been received."""
+        """Take received bytes."""
         self._data = self._data[self._at :] + data if self._at < len(self._data) else data
         self._at = 0
 
@@ -120,7 +120,7 @@ class MbapFramer:
         return None
 
     def holds(self, transaction: bytes) -> bool:
-        """Tell whether an ADU with this identifier (two bytes) waits for `next`, or has begun."""
+        """Tell whether an ADU with this transaction identifier (two bytes) waits for `next`, or has begun."""
         data, at = self._data, self._at
         while at < len(data):
             begun = data[at : at + 4]
@@ -132,7 +132,7 @@ class MbapFramer:
         return False
 
     def cut(self, data: bytes) -> Iterator[TcpFrame]:
-        """Yield the complete ADUs up to the end of `data`; take all of them.
+        """Take `data`, and yield all ADUs that are complete.
 
         Raises:
             NotModbus: as `next` does.
@@ -143,22 +143,22 @@ class MbapFramer:
 
     @property
     def has_whole(self) -> bool:
-        """Whether `next` has more to look at: an ADU that is complete, or what is none."""
+        """Whether `next` has more to do: there is a complete ADU, or something that is not one."""
         data, at = self._data, self._at
         waiting = len(data) - at
         return waiting >= _UNCOUNTED and waiting >= _UNCOUNTED + (data[at + 4] << 8 | data[at + 5])
 
     @property
     def unfinished(self) -> int:
-        """Bytes of an ADU that is not complete yet."""
+        """Bytes of the ADU that is not complete yet."""
         return len(self._data) - self._at
 
     @property
     def hint(self) -> str:
-        """The words to add to a message if what comes next looks like another framing; else none."""
+        """The addition to a message if what comes next looks like another framing; else empty."""
         return likeness(self._data[self._at :], "Modbus TCP")
 
     def _check_protocol(self, protocol: int) -> None:
-        """See `next`. In RTU and ASCII frames there is no such field."""
+        """Raise NotModbus for another protocol if `strict`, or if the data looks like RTU or ASCII."""
         if self._strict or self.hint:
             raise NotModbus(f"a protocol identifier of {protocol}; that of Modbus is 0{self.hint}")

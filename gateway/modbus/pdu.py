@@ -1,4 +1,4 @@
-"""Protocol data units: what a request asks for, and how its response looks, by the table in `functions`."""
+"""Protocol data units: the meaning of a request and the form of its response, by the table in `functions`."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -8,10 +8,11 @@ from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
 from gateway.modbus.functions import ALL, ANY_COIL, Function, Items, request_size, response_size, row_of
 from gateway.modbus.shapes import need
 
-#: At most this many parsed requests are remembered.
+#: The most parsed requests that are cached.
 MOST_PARSED: Final = 2048
-#: Functions with frames that can be read both ways, unless the response repeats its request. A response to others has
-#: another size than any request, an even byte count (03, 04), or an odd length in place of the reference type 6 (20).
+#: Functions with frames that can be a request or a response, unless the response repeats its request. Responses of
+#: other functions differ from requests: in size, by an even byte count (03, 04), or by an odd length in place of the
+#: reference type 6 (20).
 _TWO_WAYS: Final = frozenset(
     {
         FunctionCode.READ_COILS,
@@ -37,7 +38,7 @@ class Span:
 
     @property
     def addresses(self) -> str:
-        """The addresses as messages show them: `7`, or `7-9`."""
+        """The addresses as in messages: `7`, or `7-9`."""
         return str(self.start) if self.count == 1 else f"{self.start}-{self.end - 1}"
 
 
@@ -48,8 +49,9 @@ class RequestPdu:
     `read` and `write` are the items it reads and changes, if known. `items` is the larger of the two quantities, or the
     number of registers in files or a queue; 0 for other functions. One that `only_reads` changes nothing, whatever
     right it needs. A unit responds if it `is_answered`.
-    A normal response begins with `response_head` and has `response_size` bytes. If that is None, its own first bytes
-    tell its size, at most `longest_response`; if that is 0, only silence ends it.
+
+    A normal response begins with `response_head` and has `response_size` bytes. If that is None, its first bytes tell
+    its size, at most `longest_response`; if that is 0, only silence ends it.
     """
 
     data: bytes
@@ -66,7 +68,7 @@ class RequestPdu:
 
     @property
     def values(self) -> bytes:
-        """The values for the items of `write`; empty if the request does not carry them."""
+        """The values for the items of `write`; empty if the request has none."""
         items = self.row.writes
         return self.data[items.values_at :] if items is not None and items.values_at else b""
 
@@ -85,16 +87,16 @@ class RequestPdu:
         return f"<RequestPdu {self.data.hex(' ').upper()}>"
 
 
-#: A dictionary, not `lru_cache`: that is a call of Python for the compiled modules, at four times the instructions.
+#: Not `lru_cache`: calling that from compiled modules takes four times the instructions.
 _parsed: Final[dict[bytes, RequestPdu]] = {}
 
 
 def parse_request(pdu: bytes) -> RequestPdu:
-    """Parse a request PDU of at least one byte. Results are remembered, because clients poll with the same PDUs.
+    """Parse a request PDU of at least one byte. Results are cached, because clients repeat the same PDUs.
 
     Raises:
         IllegalFunction: the function code is 0 or above 127.
-        IllegalDataValue: length, quantity, byte count or the value of a coil is against the specification (A 6).
+        IllegalDataValue: length, quantity, byte count or the value of a coil violates the specification (A 6).
         IllegalDataAddress: a file record has another reference type than 6.
     """
     asked = _parsed.get(pdu)
@@ -107,7 +109,7 @@ def parse_request(pdu: bytes) -> RequestPdu:
 
 
 def parse_sent(pdu: bytes) -> RequestPdu:
-    """Parse a request PDU that may have been sent to some device: function 05 with any value.
+    """Parse a request PDU that some device may accept: function 05 may have any value.
 
     Raises:
         RequestError: as parse_request.
@@ -116,7 +118,7 @@ def parse_sent(pdu: bytes) -> RequestPdu:
 
 
 def parse_anew(pdu: bytes) -> RequestPdu:
-    """Parse a request PDU without a look at what is remembered. See parse_request."""
+    """Parse a request PDU without the cache. See parse_request."""
     code = pdu[0]
     if not 0 < code < EXCEPTION_BIT:
         raise IllegalFunction(f"function {code} is not a request")
@@ -124,9 +126,9 @@ def parse_anew(pdu: bytes) -> RequestPdu:
 
 
 def can_be_read_both_ways(pdu: bytes) -> bool:
-    """Tell whether a PDU is a valid request, and may be a response that does not repeat its request.
+    """Tell whether a PDU is a valid request, and may also be a response that does not repeat its request.
 
-    That is so for 17 to 24 coils or discrete inputs (01, 02), a counter that is 0 (08), and five or more registers of
+    Possible for 17 to 24 coils or discrete inputs (01, 02), a counter that is 0 (08), and five or more registers of
     function 23. `01 03 10 00 18` is a read of 24 coils, and a response with 24 coils.
     """
     if pdu[0] not in _TWO_WAYS or not len(pdu) == request_size(pdu) == response_size(pdu):
@@ -169,5 +171,5 @@ def _span(items: Items | None, pdu: bytes) -> Span | None:
 
 
 def exception_response(function: int, code: int) -> bytes:
-    """Make the exception response to `function` (A 7)."""
+    """Make the exception response to `function` with `code` (A 7)."""
     return bytes((function | EXCEPTION_BIT, code))

@@ -1,6 +1,6 @@
 """RTU framing of a server (S 2.5.1): unit identifier, PDU, CRC; silence between frames.
 
-A frame of a known function ends on its last byte, whatever gaps it has: why, see `scan_rtu`, which is for clients.
+A frame of a known function ends on its last byte, whatever gaps it has; `scan_rtu`, for clients, says why.
 """
 
 from collections.abc import Callable, Container
@@ -16,7 +16,7 @@ from gateway.modbus.functions import request_size, response_size
 OVERHEAD = 3
 #: The shortest frame: a PDU of one byte.
 SHORTEST = OVERHEAD + 1
-#: Switching an RS-485 line may leave this many bytes before a frame.
+#: Switching the direction of an RS-485 line may leave this many bytes before a frame.
 _GLITCH = 3
 
 _modbus_crc: Final = _crc16.modbus
@@ -33,21 +33,21 @@ def with_crc(data: bytes) -> bytes:
 
 
 def crc_fits(frame: bytes) -> bool:
-    """Tell whether a frame ends with the CRC of what is before: the CRC over both is then zero."""
+    """Tell whether a frame ends with its CRC: the CRC over the whole frame is then zero."""
     return _modbus_crc(frame) == 0
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
-    """Make the RTU ADU of `pdu`."""
+    """Encode the RTU ADU of `pdu`."""
     return with_crc(bytes((unit,)) + pdu)
 
 
 class RtuFramer(RequestFramer):
-    """See RequestFramer.
+    """Finds requests on an RTU line (see RequestFramer).
 
-    `silence` ends a frame, in seconds: t3.5, or what the devices need. `ours` are the units that we answer for; None
-    for all. Responses of other units are on the line too, and may begin like a request of another size. So a frame of
-    another unit is read as both, and the next request begins where the one that fits ends.
+    `silence` ends a frame, in seconds: t3.5, or what the devices need. `ours` are the units that the gateway answers
+    for; None for all. Responses of other units are on the line too, and may begin like a request of another size. So a
+    frame of another unit is read as both, and the next request begins where the one that fits ends.
     """
 
     def __init__(self, silence: float, ours: Container[int] | None = None) -> None:
@@ -60,21 +60,21 @@ class RtuFramer(RequestFramer):
         self._asked_unit: int | None = None
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """See RequestFramer."""
+        """Encode the RTU ADU of `pdu`."""
         return encode(unit, pdu)
 
     @property
     def unfinished(self) -> int:
-        """See RequestFramer."""
+        """Bytes of an incomplete frame."""
         return len(self._buffer)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> list[Frame]:
-        """See RequestFramer."""
+        """Take bytes, and return the completed frames; see RequestFramer."""
         if damaged:
             return self._received_damaged(data[:-1], data[-1:], now)
         self._buffer += data
         frames = self._take_complete()
-        while len(self._buffer) > MAX_RTU_ADU:  # no frame is so long: it begins with noise
+        while len(self._buffer) > MAX_RTU_ADU:  # longer than any frame: it begins with noise
             del self._buffer[0]
             self._skip(1)
             frames += self._take_complete()
@@ -82,11 +82,11 @@ class RtuFramer(RequestFramer):
         return frames
 
     def deadline(self) -> float | None:
-        """See RequestFramer."""
+        """Return when silence ends what was received; None if nothing is unfinished."""
         return self._deadline
 
     def tick(self, now: float) -> list[Frame]:
-        """See RequestFramer. Frames after noise are found too."""
+        """Return the frames that silence has ended, also those after noise."""
         if self._deadline is None or now < self._deadline:
             return []
         data, self._deadline = bytes(self._buffer), None
@@ -126,10 +126,10 @@ class RtuFramer(RequestFramer):
         return frames
 
     def _size(self, data: bytes | bytearray, *, has_ended: bool) -> int:
-        """Find the size of the frame at the start of `data`; 0 while there is none.
+        """Find the size of the frame at the start of `data`; 0 if there is none yet.
 
-        The CRC alone does not distinguish the two readings: it also fits with a NUL after a frame. So the less likely
-        reading counts only once the other one is impossible.
+        The CRC alone does not decide between request and response: it also fits with a NUL after a frame. So the less
+        likely reading counts only once the other one is impossible.
         """
         pdu = bytes(data[1 : MAX_PDU + 1])
         for pdu_size in self._readings(data):
@@ -144,7 +144,7 @@ class RtuFramer(RequestFramer):
         return 0
 
     def _readings(self, data: bytes | bytearray) -> tuple[Callable[[bytes], int], ...]:
-        """Choose how to read a frame that begins with `data`, the likelier reading first."""
+        """Choose how to read a frame that begins with `data`, the more likely reading first."""
         unit = data[0] if data else BROADCAST_UNIT
         if self._ours is None or unit == BROADCAST_UNIT or unit in self._ours:
             return (request_size,)

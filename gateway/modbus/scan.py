@@ -1,6 +1,7 @@
-"""Scanners of a client: they find the frames in all bytes of a line, from every sender.
+"""Scanners of a client: they find the frames of all senders in the bytes of a line.
 
-Each frame found is a token, with its place in the bytes of the line. `lines.attribution` finds the frame's owner.
+Each frame found is a token, with its place in the bytes of the line. `lines.attribution` decides which request it
+answers.
 """
 
 from collections.abc import Sequence
@@ -12,16 +13,16 @@ from gateway.modbus.pdu import RequestPdu
 
 #: The PDU of an exception response.
 EXCEPTION_SIZE: Final = 2
-#: Each unit identifier as it begins a frame.
+#: Each unit identifier as the first byte of a frame.
 _BYTES: Final = tuple(bytes((unit,)) for unit in range(256))
-#: A place that no byte reaches.
+#: A place beyond all bytes.
 NEVER: Final = 1 << 60
 
 
 class Token:
-    """A frame with a correct check sum, at the places `start` to `end` of the line, whose last byte was read `at`.
+    """A frame with a correct checksum, at the places `start` to `end` of the line; its last byte was read `at`.
 
-    One that `is_damaged` contains a byte that is not what was sent.
+    A token that `is_damaged` contains a byte that differs from what was sent.
     """
 
     __slots__ = ("at", "end", "frame", "is_damaged", "start")
@@ -35,7 +36,7 @@ class Token:
 
 
 class Expected:
-    """A response to `asked` from the unit `answers_from`, None for any. It begins at the place `since` or later."""
+    """A response to `asked` from the unit `answers_from`, None for any. It begins at place `since` or later."""
 
     __slots__ = ("answers_from", "asked", "head", "since", "skipped")
 
@@ -44,7 +45,7 @@ class Expected:
         self.answers_from = answers_from
         self.asked = asked
         self.since = since
-        #: How a normal response begins, after this many unknown bytes.
+        #: The beginning of a normal response, after this many unknown bytes.
         self.skipped = 1 - len(known)
         self.head = known + asked.response_head
 
@@ -54,23 +55,23 @@ class Expected:
         return self.head[: 1 - self.skipped] + bytes((self.asked.function | EXCEPTION_BIT,))
 
     def can_be_damaged(self, pdu_size: int, *, shared: bool) -> bool:
-        """Tell whether a frame with a wrong check sum and a PDU of this size can be the response.
+        """Tell whether a frame with a wrong checksum and a PDU of this size can be the response.
 
-        On a `shared` line it must not be a request, nor a copy of this one.
+        On a `shared` line it must not be as long as the request: it may be one.
         """
         size = self.asked.response_size
         return pdu_size == EXCEPTION_SIZE or (pdu_size == size and not (shared and size == len(self.asked.data)))
 
     def head_of(self, pdu_size: int) -> bytes:
-        """Return how a response with a PDU of this size begins."""
+        """Return the beginning of a response with a PDU of this size."""
         return self.head if pdu_size == self.asked.response_size else self.exception_head
 
 
 class Scanner:
     """Finds the frames on one line, in the order of their ends.
 
-    `position` is the place of the next byte. `late` are late responses that may come. `silence` ends a frame of unknown
-    size, in seconds.
+    `position` is the place of the next byte. `late` are late responses that may still come. `silence` ends a frame of
+    unknown size, in seconds.
     """
 
     def __init__(self, silence: float = 0.0) -> None:
@@ -83,7 +84,7 @@ class Scanner:
         self._damage: list[tuple[int, int]] = []
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """Return the ADU of `pdu`."""
+        """Encode the ADU of `pdu`."""
         raise NotImplementedError
 
     def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
@@ -92,25 +93,25 @@ class Scanner:
         expected.since = NEVER if echoes else self.position
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
-        """Take bytes. Returns the frames that are complete with them.
+        """Take bytes. Return the frames that are complete with them.
 
-        At least one of `damaged` ones is not what was sent: a frame that contains all of them is damaged. The response
-        begins after `early` ones.
+        At least one of `damaged` bytes differs from what was sent: a frame that contains all of them is damaged. The
+        response begins after `early` bytes.
         """
         raise NotImplementedError
 
-    def deadline(self, expected: Expected) -> float | None:  # noqa: ARG002 - where silence ends nothing
-        """Return when silence may end this response, or None."""
+    def deadline(self, expected: Expected) -> float | None:  # noqa: ARG002 - silence ends nothing by default
+        """Return when silence may end this response; None if it cannot."""
         return None
 
-    def tick(self, now: float) -> list[Token]:  # noqa: ARG002 - where silence ends nothing
-        """Let time pass. Returns the frames that silence has ended."""
+    def tick(self, now: float) -> list[Token]:  # noqa: ARG002 - silence ends nothing by default
+        """Let time pass. Return the frames that silence has ended."""
         return []
 
     def end(self) -> list[Token]:
-        """End the request. Returns the frames that may have been part of its response.
+        """End the request. Return the frames that may have been part of its response.
 
-        It may still come late, even if its echo was lost.
+        The response may still come late, even if its echo was lost.
         """
         if self._expected is not None and self._expected.since == NEVER:
             self._expected.since = self.position
@@ -119,13 +120,13 @@ class Scanner:
 
     @property
     def missing(self) -> int:
-        """The number of bytes that the response still needs at least; 0 if it has not begun, or that is unknown."""
+        """The least number of bytes that the response still needs; 0 if it has not begun, or that is unknown."""
         raise NotImplementedError
 
     def is_damaged(self, data: bytes, expected: Expected, *, shared: bool) -> bool:
-        """Tell whether `data` looks like this response with a wrong check sum; if `shared`, like no damaged request.
+        """Tell whether `data` looks like this response with a wrong checksum; if `shared`, like no damaged request.
 
-        It begins like the response, normal or exception, and has its size.
+        It must begin like the response, normal or exception, and have its size.
         """
         raise NotImplementedError
 
@@ -133,12 +134,12 @@ class Scanner:
         """Tell whether `data` contains the first bytes of a frame."""
         raise NotImplementedError
 
-    def ended_by_silence(self, units: set[int]) -> list[Frame]:  # noqa: ARG002 - where silence ends nothing
-        """Return frames of unknown size from `units` that end with the last byte, if nothing follows."""
+    def ended_by_silence(self, units: set[int]) -> list[Frame]:  # noqa: ARG002 - silence ends nothing by default
+        """Return frames of unknown size from `units` that end with the last byte, if silence follows."""
         return []
 
     def _has_damage(self, start: int, end: int) -> bool:
-        """Tell whether all of some damaged bytes are between these places."""
+        """Tell whether a damaged range lies between these places."""
         return any(start <= begin and behind <= end for begin, behind in self._damage)
 
     def _came_early(self) -> None:

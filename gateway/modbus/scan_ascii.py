@@ -15,18 +15,18 @@ _encoded: Final = lru_cache(maxsize=512)(ascii_framing.encode)
 
 
 class AsciiScanner(Scanner):
-    """See `Scanner`."""
+    """Finds the frames on an ASCII line (see `Scanner`)."""
 
     def __init__(self) -> None:
         super().__init__()
         self._cutter = AsciiCutter()
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """See `Scanner`."""
+        """Encode the ASCII ADU of `pdu`; recent ones are cached."""
         return _encoded(unit, pdu)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
-        """See `Scanner`."""
+        """Take bytes, and return the completed frames; see `Scanner`."""
         end = self.position - len(self._cutter.begun)
         if damaged:
             self._damage = [each for each in self._damage if each[1] > end]
@@ -46,7 +46,7 @@ class AsciiScanner(Scanner):
 
     @property
     def missing(self) -> int:
-        """See `Scanner`. A colon may begin another frame at any time, and that may be an exception."""
+        """The least number of bytes needed. A colon may begin another frame at any time, perhaps an exception."""
         begun, expected = self._cutter.begun, self._expected
         if not begun or expected is None:
             return 0
@@ -57,7 +57,10 @@ class AsciiScanner(Scanner):
         return max(0, min(characters(size + _OVERHEAD) - len(begun), characters(EXCEPTION_SIZE + _OVERHEAD)))
 
     def is_damaged(self, data: bytes, expected: Expected, *, shared: bool) -> bool:
-        """See `Scanner`. One of the two characters at the end may be damaged."""
+        """Tell whether `data` looks like this response with a wrong LRC; one character of CR LF may be damaged.
+
+        See `Scanner`.
+        """
         text = plain(data).upper()
         size, odd = divmod(len(text) - characters(_OVERHEAD), 2)
         if odd or not expected.can_be_damaged(size, shared=shared):
@@ -67,5 +70,5 @@ class AsciiScanner(Scanner):
         return has_ended and text.startswith(START) and text.startswith(digits, len(START) + 2 * expected.skipped)
 
     def has_begun(self, data: bytes, head: bytes) -> bool:
-        """See `Scanner`."""
+        """Tell whether `data` contains the digits of `head`."""
         return head.hex().upper().encode() in plain(data).upper()

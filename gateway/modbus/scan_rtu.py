@@ -6,11 +6,10 @@ own first bytes, ends on its last byte. Only a frame of an unknown function ends
 CRC does not show that a frame is complete: one frame in 256 has a shorter one at its start.
 
 A frame may begin anywhere, and be a request or a response. So each place is tried once as the beginning of either, and
-the CRC is checked where that frame would end. A frame inside of the expected response waits for the end of that: it may
+the CRC is checked where that frame would end. A frame inside the expected response is held back until that ends: it may
 be data.
 
-Nearly always only the response comes. As long as all bytes since the request can be its beginning, nothing else is
-tried.
+Usually only the response comes. While all bytes since the request can be its beginning, nothing else is tried.
 """
 
 import re
@@ -29,50 +28,51 @@ from gateway.modbus.scan import EXCEPTION_SIZE, NEVER, Expected, Scanner, Token
 _EXCEPTION_ADU: Final = EXCEPTION_SIZE + OVERHEAD
 #: On the idle line, a longer gap separates frames, in seconds.
 HOLE: Final = 1.0
-#: How a frame may be read.
+#: The readings of a frame.
 _READINGS: Final = (request_size, response_size)
 _RESPONSE: Final = 1
-#: For each function code: the readings in which frames tell their size, and the size that the function code tells.
+#: For each function code: the readings in which it tells a first size, with that size.
 _FIRST_SIZES: Final = tuple(
     tuple((reading, size) for reading, pdu_size in enumerate(_READINGS) if (size := pdu_size(bytes((code,)))))
     for code in range(256)
 )
-#: Clients repeat the same few requests, so their ADUs are kept by unit and PDU: at most this many for each unit.
+#: Clients repeat the same few requests, so their ADUs are cached by unit and PDU: at most this many per unit.
 _encoded: Final[tuple[dict[bytes, bytes], ...]] = tuple({} for _ in range(256))
 _MOST_ENCODED: Final = 64
-#: A unit identifier before a function code, no exception, whose frames tell their size.
+#: A unit identifier before a function code below 128 whose frames tell their size.
 _BEGIN: Final = re.compile(
     b"(?s).(?=[" + re.escape(bytes(code for code in range(1, 128) if _FIRST_SIZES[code])) + b"])"
 )
-#: A whole exception response: half of all noise looks like the beginning of one.
+#: A whole exception response: its first two bytes occur too often in noise.
 _EXCEPTION: Final = re.compile(b"(?s).(?=[\x80-\xff]...)")
 
 
 class RtuScanner(Scanner):
-    """See `Scanner`."""
+    """Finds the frames on an RTU line (see `Scanner`)."""
 
     def __init__(self, silence: float = 0.0) -> None:
         super().__init__(silence)
-        #: When the last byte was read, and the place of the last silence that was noticed.
+        #: When the last byte was read, and the place of the last silence noticed.
         self._last = 0.0
         self._silent_at = 0
         #: The place of the request, and the size of its echo.
         self._sent_at: int
         self._echo_size: int
-        #: The size of the response as long as all bytes can be its beginning, else 0; those bytes, and their pieces.
+        #: The size of the response while all bytes can be its beginning, else 0; those bytes, and the size and time of
+        #: their pieces.
         self._size = 0
         self._coming = b""
         self._pieces: list[tuple[int, float]] = []
-        #: The last bytes before those, and the place after them. Possible frames by their ends: end, start, reading.
+        #: The last bytes before those, and the place after them. Possible frames, by end: end, start, reading.
         self._buffer = b""
         self._scanned = 0
         self._begun: list[tuple[int, int, int]] = []
-        #: Frames in the buffer, and those that may be data of the response.
+        #: Frames in the buffer, and frames held back because they may be data of the response.
         self._found: list[Token] = []
         self._waiting: list[Token] = []
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """See `Scanner`."""
+        """Encode the RTU ADU of `pdu`; recent ones are cached."""
         of_unit = _encoded[unit]
         adu = of_unit.get(pdu)
         if adu is None:
@@ -82,14 +82,14 @@ class RtuScanner(Scanner):
         return adu
 
     def expect(self, expected: Expected, sent: bytes, *, echoes: bool) -> None:
-        """See `Scanner`."""
+        """Expect this response; see `Scanner`."""
         super().expect(expected, sent, echoes=echoes)
         self._sent_at, self._echo_size = self.position, len(sent) if echoes else 0
         size = expected.asked.response_size
         self._size = 0 if size is None or expected.answers_from is None else size + OVERHEAD
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> list[Token]:
-        """See `Scanner`."""
+        """Take bytes, and return the completed frames; see `Scanner`."""
         if now - self._last > HOLE and self._expected is None:
             self._restart()
         self._last = now
@@ -111,20 +111,20 @@ class RtuScanner(Scanner):
 
     @property
     def missing(self) -> int:
-        """See `Scanner`."""
+        """The least number of bytes that the response still needs; 0 if it has not begun."""
         come, expected = self._coming[self._echo_size :], self._expected
         if expected is None or not come:
             return 0
         return (_EXCEPTION_ADU if _can_begin(come, expected.exception_head) else self._size) - len(come)
 
     def deadline(self, expected: Expected) -> float | None:
-        """See `Scanner`. A response that tells its size may have begun in noise: frames after that count too."""
+        """Return when silence may end this response, or release frames held back because of it; see `Scanner`."""
         if expected.asked.response_size is not None or max(expected.since, self._silent_at) >= self.position:
             return None
         return None if expected.asked.longest_response and not self._waiting else self._last + self.silence
 
     def tick(self, now: float) -> list[Token]:
-        """See `Scanner`."""
+        """Return the frames that silence has ended, and those held back for a response of unknown size."""
         if self._silent_at == self.position or now < self._last + self.silence:
             return []
         unknown = [each for each in self._awaited() if not each.asked.longest_response]
@@ -136,8 +136,8 @@ class RtuScanner(Scanner):
         return tokens + [self._token(at, len(self._buffer), self._last) for at in sorted(ended)]
 
     def end(self) -> list[Token]:
-        """See `Scanner`."""
-        if not (self._coming or self._waiting):  # nearly always
+        """End the request, and return the frames held back; see `Scanner`."""
+        if not (self._coming or self._waiting):  # the usual case
             self._size = 0
             return super().end()
         tokens = self._scan_again() if self._coming else []
@@ -147,18 +147,18 @@ class RtuScanner(Scanner):
         return tokens + super().end()
 
     def is_damaged(self, data: bytes, expected: Expected, *, shared: bool) -> bool:
-        """See `Scanner`."""
+        """Tell whether `data` looks like this response with a wrong CRC; see `Scanner`."""
         size = len(data) - OVERHEAD
         return expected.can_be_damaged(size, shared=shared) and data.startswith(
             expected.head_of(size), expected.skipped
         )
 
     def has_begun(self, data: bytes, head: bytes) -> bool:
-        """See `Scanner`."""
+        """Tell whether `data` contains `head`."""
         return head in data
 
     def ended_by_silence(self, units: set[int]) -> list[Frame]:
-        """See `Scanner`."""
+        """Return frames of unknown size from `units` that end with the last byte; see `Scanner`."""
         data = self._buffer
         places = [at for at in range(len(data)) if data[at] in units and not response_size(data[at + 1 :])]
         return [Frame(data[at], data[at + 1 : -2]) for at in places if self._ends_here(at)]
@@ -186,14 +186,14 @@ class RtuScanner(Scanner):
         return self._take_alone(come, now) if len(come) == size and crc_fits(come) else self._scan_again()
 
     def _is_response(self, data: bytes) -> bool:
-        """Tell whether this is all of the normal response."""
+        """Tell whether `data` is exactly the normal response."""
         expected = self._expected
         if expected is None or self._echo_size or len(data) != self._size:
             return False
         return data.startswith(expected.head) and crc_fits(data)
 
     def _scan_again(self) -> list[Token]:
-        """Scan the bytes that were not only the response."""
+        """Scan the bytes that turned out not to be only the response."""
         self._size = 0
         coming, pieces, at = self._coming, self._pieces, 0
         self._coming, self._pieces = b"", []
@@ -204,7 +204,7 @@ class RtuScanner(Scanner):
         return tokens
 
     def _take_alone(self, adu: bytes, now: float) -> list[Token]:
-        """Take a response that came alone: what seemed to begin before it was no frame."""
+        """Take a response that came alone: whatever seemed to begin before it was not a frame."""
         self._restart()
         start = self.position - len(adu)
         if self._expected is not None:
@@ -212,7 +212,7 @@ class RtuScanner(Scanner):
         return [Token(start, self.position, now, Frame(adu[0], adu[1:-2]))]
 
     def _restart(self) -> None:
-        """Drop all frames that have begun."""
+        """Forget all frames that have begun."""
         self._coming, self._scanned, self._size = b"", self.position, 0
         if self._pieces:
             self._pieces.clear()
@@ -263,7 +263,7 @@ class RtuScanner(Scanner):
                 heappush(self._begun, (offset + at + _EXCEPTION_ADU, offset + at, _RESPONSE))
 
     def _ended(self) -> set[tuple[int, int]]:
-        """Find the ends and beginnings of complete frames. One that now tells more of its size is noted again."""
+        """Find the ends and beginnings of complete frames. Frames that now tell a larger size are noted again."""
         ends = set()
         buffer, offset = self._buffer, self._offset
         while self._begun and self._begun[0][0] <= self._scanned:
@@ -277,7 +277,7 @@ class RtuScanner(Scanner):
         return ends
 
     def _exact(self, expected: Expected, known: int) -> set[tuple[int, int]]:
-        """Find the same for an expected response whose size is known from the request."""
+        """Find complete frames of an expected response whose size is known from the request."""
         if expected.asked.response_size is None:
             return set()
         size = expected.asked.response_size + OVERHEAD
@@ -285,7 +285,7 @@ class RtuScanner(Scanner):
         return {(at + size, at) for at in places if crc_fits(self._buffer[at : at + size])}
 
     def _copies(self, known: int) -> set[tuple[int, int]]:
-        """Find the same for a copy of the request. If an echo is expected, the response comes after the first one.
+        """Find a copy of the request. If an echo is expected, the response comes after the first copy.
 
         A later copy may be the beginning of a response of unknown size; else it is found like any request.
         """
@@ -315,7 +315,7 @@ class RtuScanner(Scanner):
         return released + waiting
 
     def _find_response(self, since: int, *, wait: bool) -> tuple[int, int] | None:
-        """Start and end of the first normal response after `since`, which may be incomplete."""
+        """Find start and end of the first normal response after `since`, perhaps incomplete; None if there is none."""
         expected = self._expected
         if expected is None:
             return None
@@ -332,7 +332,10 @@ class RtuScanner(Scanner):
         return None
 
     def _size_of(self, expected: Expected, at: int, *, wait: bool) -> int:
-        """Return the size of the response that begins here, as far as its bytes tell; 0 if none can."""
+        """Return the size of the response that begins at `at`, as far as its bytes tell; 0 if no response can.
+
+        `wait`: a response of unknown size counts as one byte longer than what was received.
+        """
         if expected.asked.response_size is not None:
             return expected.asked.response_size + OVERHEAD
         longest = expected.asked.longest_response
@@ -355,7 +358,7 @@ class RtuScanner(Scanner):
         return starts
 
     def _ends_here(self, at: int) -> bool:
-        """Tell whether all from `at` on is a frame. A NUL at the end decides nothing: the CRC fits without it too."""
+        """Tell whether everything from `at` on is one frame; not if it ends with NUL: the CRC fits without it too."""
         adu = self._buffer[at:]
         return len(adu) >= SHORTEST and adu[-1] > 0 and crc_fits(adu)
 
@@ -371,10 +374,10 @@ class RtuScanner(Scanner):
 
     @property
     def _offset(self) -> int:
-        """The place of the first byte in the buffer."""
+        """Place of the first byte in the buffer."""
         return self._scanned - len(self._buffer)
 
 
 def _can_begin(data: bytes, head: bytes) -> bool:
-    """Tell whether `data` can be the beginning of something that begins with `head`."""
+    """Tell whether `data` can be the beginning of bytes that begin with `head`."""
     return data.startswith(head) if len(data) >= len(head) else head.startswith(data)

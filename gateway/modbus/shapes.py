@@ -1,6 +1,6 @@
-"""How the size of a PDU is known: from its function, from its first bytes, or only from the silence after it.
+"""Sizes of PDUs: told by the function, by the first bytes, or only by the silence after the PDU.
 
-So is that of file records, functions 20 and 21: a request may name several, each in its own file (A 6.14, 6.15).
+Also the sizes of file records, functions 20 and 21: a request may name several, each in its own file (A 6.14, 6.15).
 """
 
 from typing import Final
@@ -16,8 +16,8 @@ _REFERENCE_TYPE: Final = 6
 class Shape:
     """A PDU of one of `sizes`, in bytes. Its first `told_by` bytes tell its size, or that only silence ends it.
 
-    They end with a byte count that begins at `count_at`, if that is not 0. `longest` is the largest size; 0 if only
-    silence ends it. A PDU that does not fit breaks the `rule`.
+    With `count_at` they end with a byte count that begins at that byte. `longest` is the largest size; 0 if only
+    silence ends the PDU. `rule` is the error for a PDU that does not fit.
     """
 
     def __init__(self, told_by: int, sizes: range, rule: str, *, longest: int, count_at: int = 0) -> None:
@@ -28,7 +28,7 @@ class Shape:
         self._count_at = count_at
 
     def size(self, head: bytes) -> int:
-        """Compute the size, or how many bytes are needed to know more of it. 0: only silence ends it."""
+        """Return the size, or the number of bytes needed to know more of it; 0 if only silence ends the PDU."""
         at, told_by = self._count_at, self.told_by
         if len(head) < told_by:
             return told_by
@@ -42,10 +42,10 @@ class Shape:
 
 
 class Identification(Shape):
-    """Objects of a device: their number in byte 6, then identifier, length and value of each (A 6.21)."""
+    """Objects of a device identification: their number in byte 6; identifier, length, value of each (A 6.21)."""
 
     def size(self, head: bytes) -> int:
-        """See Shape."""
+        """Return the size, or the number of bytes needed to know more of it."""
         size = 7
         for _ in range(head[6] if len(head) > 6 else 0):
             size += 2
@@ -56,12 +56,12 @@ class Identification(Shape):
 
 
 def fixed(size: int) -> Shape:
-    """Make the shape of a PDU that always has the same size."""
+    """Make the shape of a PDU of always the same size."""
     return Shape(1, range(size, size + 1), f"the length must be {size} bytes", longest=size)
 
 
 def counted(at: int, counts: range = range(MAX_PDU), *, width: int = 1) -> Shape:
-    """Make the shape of a PDU with a byte count `at` this place, of `width` bytes, which is one of `counts`."""
+    """Make the shape of a PDU with a byte count at byte `at`, of `width` bytes, whose value is one of `counts`."""
     head = at + width
     sizes = range(head + counts.start, min(head + counts.stop, MAX_PDU + 1), counts.step)
     rule = f"the byte count must be {counts.start} to {sizes[-1] - head}, and that of the bytes after it"
@@ -74,16 +74,16 @@ def any_size(least: int) -> Shape:
 
 
 def need(fits: bool, pdu: bytes, rule: str, error: type[RequestError] = IllegalDataValue) -> None:  # noqa: FBT001
-    """Raise `error` with the rule and the bytes of `pdu`, unless it `fits`."""
+    """Raise `error` with the rule and the bytes of `pdu`, unless `fits`."""
     if not fits:
         raise error(f"function {pdu[0]:02d}: {rule}: {pdu.hex(' ').upper()}")
 
 
 def record_registers(pdu: bytes) -> list[int]:
-    """Count the registers in each record of a request.
+    """Count the registers of each record in a request.
 
     Raises:
-        IllegalDataValue: the byte count is not that of the records.
+        IllegalDataValue: the byte count does not match the records.
         IllegalDataAddress: a record has another reference type than 6.
     """
     counts, types, at = [], set(), 2
@@ -102,7 +102,7 @@ def record_bytes(request: bytes) -> int:
 
 
 def are_records(request: bytes, response: bytes) -> bool:
-    """Tell whether each record in a response of the right size has the requested size, and the reference type."""
+    """Tell whether the records in a response of the right size have the requested sizes and the reference type."""
     at = 2
     for count in record_registers(request):
         if response[at : at + 2] != bytes((1 + 2 * count, _REFERENCE_TYPE)):
