@@ -1,8 +1,8 @@
-"""TLS: certificates and what they say, their files, and the contexts that connections are secured with (ADR 21).
+"""TLS: certificates, their files, and the contexts of connections (ADR 21).
 
 - contexts, store    versions and suites; loading and renewing
-- files, settings    where certificates and keys are
-- certificate, der   what a certificate says
-- making       what `modbus-gateway certificates` makes
-- status       what the status tells of a file
+- files, settings    the files of certificates and keys
+- certificate, der   parsed certificates
+- making       the certificates that `modbus-gateway certificates` makes
+- status       the status of a file
 """

@@ -1,4 +1,4 @@
-"""Certificates and revocation lists: whose they are, how long they are valid, the role of a client, who is trusted."""
+"""Certificates and revocation lists: names, validity, the role of a client, and missing issuers."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from gateway.tls.der import WrongDer
 
 #: The extension with the role (MODBUS/TCP Security v21, 8.3).
 ROLE: Final = "1.3.6.1.4.1.50316.802.1"
-#: The extension with the purposes (RFC 5280, 4.2.1.12), and the object identifiers of two of them, as they stand there.
+#: The extension with the purposes (RFC 5280, 4.2.1.12), and the encoded object identifiers of two of them.
 _PURPOSES_NAMED: Final = "2.5.29.37"
 PURPOSES: Final[Mapping[str, bytes]] = {
     "serverAuth": bytes.fromhex("06 08 2B 06 01 05 05 07 03 01"),
@@ -17,7 +17,7 @@ PURPOSES: Final[Mapping[str, bytes]] = {
 }
 #: The role of a client whose certificate has none.
 NULL_ROLE: Final = ""
-#: The longest role, and the longest subject that is shown, in characters: they stand in the log.
+#: The longest role, and the longest subject shown, in characters: both are logged.
 LONGEST_ROLE: Final = 64
 LONGEST_SUBJECT: Final = 200
 
@@ -40,16 +40,16 @@ _SHORT: Final = {
 
 
 class WrongRole(ValueError):  # noqa: N818 - named after what it is, as in gateway.errors
-    """A certificate does not have one role in the form that the specification demands."""
+    """The role of a certificate violates the specification."""
 
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """A certificate."""
+    """The parsed fields of a certificate."""
 
     #: In hexadecimal digits.
     serial: str
-    #: Names such as `CN=hmi-3,O=Plant 2`; whole, so that they can be compared: `shorten` those that are shown.
+    #: Names such as `CN=hmi-3,O=Plant 2`. They are complete, for comparison; use `shorten` to show them.
     issuer: str
     subject: str
     #: In seconds since 1970.
@@ -58,7 +58,7 @@ class Certificate:
     _extensions: tuple[tuple[str, bytes], ...]
 
     def is_for(self, purpose: str) -> bool:
-        """Return True if it is for a `purpose`, one of PURPOSES; those that name none are for all."""
+        """Tell whether it is for this `purpose`, a key of PURPOSES. A certificate without purposes is for all."""
         named = [value for extension, value in self._extensions if extension == _PURPOSES_NAMED]
         return not named or any(PURPOSES[purpose] in value for value in named)
 
@@ -67,7 +67,7 @@ class Certificate:
         """The role of a Modbus client; NULL_ROLE if the certificate has none.
 
         Raises:
-            WrongRole: it has several, or one that is no UTF8String of visible characters.
+            WrongRole: it has several, or one that is not a UTF8String of printable characters.
         """
         found = [value for extension, value in self._extensions if extension == ROLE]
         if not found:
@@ -82,16 +82,16 @@ class RevocationList:
     """A revocation list."""
 
     issuer: str
-    #: Since when and until when it is valid, in seconds since 1970; None if it does not say.
+    #: Start and end of its validity, in seconds since 1970; the end is None if it has none.
     this_update: float
     next_update: float | None
 
 
 def parse_certificate(data: bytes) -> Certificate:
-    """Parse a certificate in DER. Its signature is not checked here.
+    """Parse a certificate in DER. Its signature is not checked.
 
     Raises:
-        WrongDer: it is no certificate.
+        WrongDer: it is not a certificate.
     """
     signed, *_ = _sequence(der.only(data, der.SEQUENCE))
     parts = [(tag, content) for tag, content in der.elements(signed[1]) if tag != _VERSION]
@@ -108,10 +108,10 @@ def parse_certificate(data: bytes) -> Certificate:
 
 
 def parse_list(data: bytes) -> RevocationList:
-    """Parse a revocation list in DER; what it revokes is not looked at.
+    """Parse a revocation list in DER, without its entries.
 
     Raises:
-        WrongDer: it is no revocation list.
+        WrongDer: it is not a revocation list.
     """
     signed, *_ = _sequence(der.only(data, der.SEQUENCE))
     parts = [(tag, content) for tag, content in der.elements(signed[1]) if tag != der.INTEGER]
@@ -123,27 +123,27 @@ def parse_list(data: bytes) -> RevocationList:
 
 
 def is_same_name(one: str, other: str) -> bool:
-    """Return True if two subjects or issuers are the same (RFC 5280, 7.1)."""
+    """Tell whether two subjects or issuers are equal (RFC 5280, 7.1)."""
     return one.casefold().split() == other.casefold().split()
 
 
 def shorten(name: str) -> str:
-    """Cut a subject or an issuer that is shown: an authority may have signed one of any length."""
+    """Shorten a subject or an issuer to LONGEST_SUBJECT characters: certificates may contain longer ones."""
     return name if len(name) <= LONGEST_SUBJECT else f"{name[: LONGEST_SUBJECT - 3]}..."
 
 
 @dataclass(frozen=True, slots=True)
 class Untrusted:
-    """Authorities whose peers are not trusted."""
+    """Authorities whose certificates nobody can use."""
 
-    #: Why, for each of them.
+    #: The reason for each of them.
     reasons: tuple[str, ...]
-    #: True if no other authority is left.
+    #: Whether no other authority is left.
     are_all: bool
 
 
 def find_untrusted(authorities: Sequence[Certificate]) -> Untrusted:
-    """Find authorities whose own issuer is missing: a chain of certificates must end at one that has signed itself."""
+    """Find authorities whose issuer is missing: a chain of certificates must end at a self-signed one."""
     reasons = tuple(
         f"{shorten(each.subject)} is an authority that {shorten(each.issuer)} has signed, "
         "whose certificate is missing: add it"
@@ -154,7 +154,7 @@ def find_untrusted(authorities: Sequence[Certificate]) -> Untrusted:
 
 
 def find_without_list(authorities: Sequence[Certificate], lists: Sequence[RevocationList]) -> Untrusted:
-    """Find authorities that have no revocation list. If there is any, each of a chain needs one."""
+    """Find authorities without a revocation list. If there is any list, each authority of a chain needs one."""
     missing = [each for each in authorities if not any(is_same_name(each.subject, listed.issuer) for listed in lists)]
     reasons = tuple(
         f"has no revocation list of {shorten(each.subject)}, "
@@ -194,7 +194,7 @@ def _extensions(content: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 def _name(name: bytes) -> str:
-    """Show a name as in RFC 4514, but in the order of the certificate, and with nothing that cannot be seen."""
+    """Format a name as in RFC 4514, but in the order of the certificate, and with unprintable characters escaped."""
     parts = [_attribute(attribute) for _, group in der.elements(name) for _, attribute in der.elements(group)]
     return ",".join(parts) or "(empty)"
 

@@ -1,4 +1,4 @@
-"""The one place that makes TLS contexts."""
+"""The only module that creates TLS contexts."""
 
 import hashlib
 import ssl
@@ -30,13 +30,13 @@ from gateway.tls.files import (
 )
 from gateway.tls.settings import ClientTls, SecretFile, ServerTls, TlsSettings
 
-#: Suites of TLS 1.2 with authenticated encryption and forward secrecy; those of TLS 1.3 all have both. Keys and
+#: Suites of TLS 1.2 with authenticated encryption and forward secrecy; all suites of TLS 1.3 have both. Keys and
 #: signatures of less than 112 bits are refused.
 CIPHERS: Final = "ECDHE+AESGCM:ECDHE+CHACHA20:@SECLEVEL=2"
 
 _ENCRYPTED: Final = "this key is encrypted; the gateway needs one without a password: openssl pkey -in KEY -out NEW"
 
-#: What OpenSSL calls the trouble with a key, in words.
+#: OpenSSL's errors about a key, in words.
 _TROUBLES: Final = {
     "KEY_VALUES_MISMATCH": "this key does not belong to the certificate",
     "EE_KEY_TOO_SMALL": "the key of the certificate is too short: RSA needs 2048 bits",
@@ -46,37 +46,37 @@ _TROUBLES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Expiry:
-    """The time in which a certificate or a revocation list is valid."""
+    """The validity of a certificate or a revocation list."""
 
     #: The key of the config that names its file.
     what: str
     file: str
     subject: str
-    #: Until when, and since when, in seconds since 1970.
+    #: End and start of the validity, in seconds since 1970.
     at: float
     since: float = -inf
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A context and what it was made of."""
+    """A context, and facts about the files that it was made from."""
 
     context: ssl.SSLContext
     expiries: tuple[Expiry, ...]
-    #: Two contexts with the same one trust the same peers.
+    #: Contexts with an equal value trust the same peers.
     trust: bytes
-    #: Who cannot connect, and why.
+    #: Peers that cannot connect, and why.
     warnings: tuple[str, ...] = ()
-    #: Sessions must not be resumed after this, in seconds since 1970: the chain of a client's certificate and its
-    #: revocation are looked at only in whole handshakes.
+    #: Sessions must not be resumed after this, in seconds since 1970: only full handshakes check the chain and the
+    #: revocation of a client's certificate.
     resumable_until: float = inf
 
 
 def load(settings: TlsSettings) -> Loaded:
-    """Read the files of `settings`, and make a context of them.
+    """Read the files of `settings`, and create their context.
 
     Raises:
-        TlsError: one of them is missing, can be read by others, or is not what it should be.
+        TlsError: a file is missing, is readable by others, or is invalid.
     """
     loaded = _load_server(settings) if isinstance(settings, ServerTls) else _load_client(settings)
     too_early = find_too_early(loaded.expiries, time.time())
@@ -84,7 +84,7 @@ def load(settings: TlsSettings) -> Loaded:
 
 
 def find_too_early(expiries: Iterable[Expiry], now: float) -> tuple[str, ...]:
-    """Say what is not valid yet, in a sentence for each; usually a clock is wrong. `now` in seconds since 1970."""
+    """Describe each file that is not valid yet at `now`, in seconds since 1970; usually a clock is wrong."""
     clock = _show_time(now)
     return tuple(
         f"{each.file} is not valid before {_show_time(each.since)}, and the clock here says {clock}"
@@ -98,7 +98,7 @@ def _show_time(at: float) -> str:
 
 
 def stop_resuming(context: ssl.SSLContext) -> None:
-    """Let clients that connect from now on make whole handshakes, unless they resume a session of TLS 1.2 by number."""
+    """Make new clients do full handshakes, unless they resume a session of TLS 1.2 by its identifier."""
     context.options |= ssl.OP_NO_TICKET
     context.num_tickets = 0
 
@@ -138,13 +138,13 @@ def _load_client(settings: ClientTls) -> Loaded:
 
 
 def _find_first_expiry(trusted: Iterable[Expiry]) -> float:
-    """Find when the first of those that are valid expires."""
+    """Return the earliest future expiry, in seconds since 1970; infinite if there is none."""
     now = time.time()
     return min((each.at for each in trusted if each.at > now), default=inf)
 
 
 def _new_context(protocol: ssl._SSLMethod) -> ssl.SSLContext:
-    """Make a context without files: TLS 1.2 and 1.3, no compression, no renegotiation (SEC 10.1, 10.4, 10.5)."""
+    """Create a context without files: TLS 1.2 and 1.3, no compression, no renegotiation (SEC 10.1, 10.4, 10.5)."""
     context = ssl.SSLContext(protocol)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.set_ciphers(CIPHERS)
@@ -154,12 +154,12 @@ def _new_context(protocol: ssl._SSLMethod) -> ssl.SSLContext:
 
 
 def _use_own(context: ssl.SSLContext, certificate: SecretFile, key_file: SecretFile) -> Expiry:
-    """Show this certificate, with its chain."""
+    """Load this certificate, with its chain and key."""
     [first, *_] = _read_expiries(certificate, "certificate")
     key, wanted = locate(key_file), list[bool]()
 
     def password() -> str:
-        """Note that there is one: OpenSSL would ask for it on the terminal."""
+        """Note that OpenSSL needs a password: it would ask for one on the terminal."""
         wanted.append(True)
         return ""
 
@@ -189,7 +189,7 @@ def _check_authorities(context: ssl.SSLContext, file: SecretFile) -> tuple[str, 
 
 
 def _use_lists(context: ssl.SSLContext, file: SecretFile) -> list[RevocationList]:
-    """Refuse what the revocation lists in `file` name."""
+    """Refuse the certificates that the revocation lists in `file` name."""
     lists = read_lists(file)
     _add(context, file, "x509", "has certificates too: those of authorities belong into clients_ca")
     context.verify_flags |= ssl.VERIFY_CRL_CHECK_CHAIN
@@ -197,15 +197,15 @@ def _use_lists(context: ssl.SSLContext, file: SecretFile) -> list[RevocationList
 
 
 def _check_lists(context: ssl.SSLContext, settings: ServerTls, lists: list[RevocationList]) -> tuple[str, ...]:
-    assert settings.clients_ca is not None and settings.crl is not None  # noqa: S101, PT018 - the config sees to it
+    assert settings.clients_ca is not None and settings.crl is not None  # noqa: S101, PT018 - the config ensures it
     return _warn(settings.crl, find_without_list(_read_authorities(context, settings.clients_ca), lists))
 
 
 def _warn(file: SecretFile, untrusted: Untrusted) -> tuple[str, ...]:
-    """Warn of some authorities.
+    """Return warnings about untrusted authorities.
 
     Raises:
-        TlsError: none could be trusted.
+        TlsError: no authority could be trusted.
     """
     said = tuple(f"{locate(file)}: {each}" for each in untrusted.reasons)
     if said and untrusted.are_all:
@@ -221,7 +221,7 @@ def _read_authorities(context: ssl.SSLContext, file: SecretFile) -> list[Certifi
 
 
 def _add(context: ssl.SSLContext, file: SecretFile, foreign: str, complaint: str) -> None:
-    """Add what is in `file`; nothing of the kind `foreign` may be there (OpenSSL would trust it too)."""
+    """Load `file`, and refuse contents of the kind `foreign`, which OpenSSL would use too."""
     before = context.cert_store_stats()[foreign]
     try:
         context.load_verify_locations(cafile=locate(file))
@@ -232,7 +232,7 @@ def _add(context: ssl.SSLContext, file: SecretFile, foreign: str, complaint: str
 
 
 def _read_expiries(file: SecretFile, what: str) -> list[Expiry]:
-    """Read until when each certificate in `file` is valid, in its order."""
+    """Read the validity of each certificate in `file`, in its order."""
     path = locate(file)
     return [
         Expiry(what, str(path), shorten(each.subject), each.not_after, each.not_before)

@@ -1,4 +1,4 @@
-"""Reads DER (X.690): as much of it as certificates and revocation lists need."""
+"""A reader of DER (X.690), as far as certificates and revocation lists need it."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -12,7 +12,7 @@ UTF8_STRING: Final = 0x0C
 UTC_TIME: Final = 0x17
 GENERALIZED_TIME: Final = 0x18
 
-#: How the characters of the other kinds of text are encoded.
+#: The encodings of text types; others are read as Latin-1.
 _ENCODINGS: Final = {UTF8_STRING: "utf-8", 0x1E: "utf-16-be", 0x1C: "utf-32-be"}
 _TIME_FORMATS: Final = {UTC_TIME: "%y%m%d%H%M%SZ", GENERALIZED_TIME: "%Y%m%d%H%M%SZ"}
 
@@ -25,7 +25,7 @@ Element = tuple[int, bytes]
 
 
 def elements(data: bytes) -> Iterator[Element]:
-    """Parse the elements in `data`, each as its tag and its content.
+    """Yield the elements in `data`, each as its tag and its content.
 
     Raises:
         WrongDer: the bytes are not whole elements of definite length with one-byte tags.
@@ -38,10 +38,10 @@ def elements(data: bytes) -> Iterator[Element]:
 
 
 def only(data: bytes, tag: int) -> bytes:
-    """Parse the one element that `data` is; return its content.
+    """Return the content of the single element in `data`.
 
     Raises:
-        WrongDer: it is something else.
+        WrongDer: `data` is not a single element with this tag.
     """
     found = list(elements(data))
     if len(found) != 1 or found[0][0] != tag:
@@ -53,7 +53,7 @@ def identifier(content: bytes) -> str:
     """Decode an object identifier: `2.5.4.3`.
 
     Raises:
-        WrongDer: it is none.
+        WrongDer: it is malformed.
     """
     if not content or content[-1] & 0x80:
         raise WrongDer("is not an object identifier")
@@ -68,7 +68,7 @@ def identifier(content: bytes) -> str:
 
 
 def text(tag: int, content: bytes) -> str:
-    """Decode a string of any kind; bytes that do not belong there are replaced."""
+    """Decode a string of any type; invalid bytes are replaced."""
     return content.decode(_ENCODINGS.get(tag, "latin-1"), errors="replace")
 
 
@@ -76,7 +76,7 @@ def time(tag: int, content: bytes) -> float:
     """Decode a time, in seconds since 1970.
 
     Raises:
-        WrongDer: it is none (RFC 5280, 4.1.2.5).
+        WrongDer: it is not a time (RFC 5280, 4.1.2.5).
     """
     try:
         moment = datetime.strptime(content.decode("ascii"), _TIME_FORMATS[tag]).replace(tzinfo=UTC)
@@ -88,7 +88,7 @@ def time(tag: int, content: bytes) -> float:
 
 
 def _content(data: bytes, at: int) -> tuple[int, int]:
-    """Find where the content of the element at `at` starts and ends."""
+    """Return the start and the end of the content of the element at `at`."""
     if at + 2 > len(data) or data[at] & 0x1F == 0x1F:
         raise WrongDer("is cut off, or has a tag of several bytes")
     length, start = data[at + 1], at + 2

@@ -1,4 +1,4 @@
-"""Files of keys, certificates and other secrets: where they are, what is in them, and whether others can read them."""
+"""Files of keys, certificates and other secrets: their paths, contents and permissions."""
 
 import base64
 import os
@@ -21,10 +21,10 @@ _HOW_TO_MAKE: Final = "modbus-gateway certificates makes one"
 
 
 def find_path(file: SecretFile, environment: Mapping[str, str] = os.environ) -> Path:
-    """Find where a file is; a credential is in the folder that systemd has made for the service.
+    """Return the path of a file; a credential is in the folder that systemd has created for the service.
 
     Raises:
-        OSError: systemd has handed no credentials to this process.
+        OSError: it is a credential, and systemd has passed none to this process.
     """
     if not file.is_credential:
         return Path(file.name)
@@ -35,10 +35,10 @@ def find_path(file: SecretFile, environment: Mapping[str, str] = os.environ) -> 
 
 
 def read_whole(path: Path, most: int) -> bytes:
-    """Read a regular file. Anything else, such as a pipe, could keep its reader waiting for ever.
+    """Read a regular file. Anything else, such as a pipe, could block forever.
 
     Raises:
-        OSError: it is none, has more than `most` bytes, or cannot be read.
+        OSError: it is not a regular file, has more than `most` bytes, or cannot be read.
     """
     refuse_if_no_file(path)
     with path.open("rb") as stream:
@@ -49,20 +49,20 @@ def read_whole(path: Path, most: int) -> bytes:
 
 
 def refuse_if_no_file(path: Path) -> None:
-    """See that it is a regular file.
+    """Refuse anything but a regular file.
 
     Raises:
-        OSError: it is something else, or there is none.
+        OSError: it is something else, or does not exist.
     """
     if not stat.S_ISREG(path.stat().st_mode):
         raise OSError(EINVAL, "is not a regular file", str(path))
 
 
 def refuse_if_exposed(path: Path) -> None:
-    """See that only its owner may write a file, and only its owner and group may read it.
+    """Refuse a file that other users may read or change, or its group may change.
 
     Raises:
-        OSError: others may, or there is no such file.
+        OSError: they may, or there is no such file.
     """
     if path.stat().st_mode & (stat.S_IRWXO | stat.S_IWGRP):
         raise OSError(EACCES, f"others may read or change it; chmod o=,g-w {path}", str(path))
@@ -93,7 +93,7 @@ def read_lists(file: SecretFile) -> list[RevocationList]:
 
 
 def read(file: SecretFile) -> bytes:
-    """Read a file.
+    """Read a whole file.
 
     Raises:
         TlsError: it cannot be read, or has more than LARGEST_FILE bytes.
@@ -106,10 +106,10 @@ def read(file: SecretFile) -> bytes:
 
 
 def locate(file: SecretFile) -> Path:
-    """Find where a file is.
+    """Return the path of a file.
 
     Raises:
-        TlsError: as `find_path`.
+        TlsError: see `find_path`.
     """
     try:
         return find_path(file)
@@ -118,7 +118,7 @@ def locate(file: SecretFile) -> Path:
 
 
 def explain_failure(path: Path, error: OSError) -> TlsError:
-    """Say why a file cannot be read, and what to do."""
+    """Make the error for a file that cannot be read, with a remedy."""
     remedy = f"; {_HOW_TO_MAKE}" if isinstance(error, FileNotFoundError) else ""
     reason = error.strerror or str(error)
     return TlsError(f"{path}: {reason[:1].lower()}{reason[1:]}{remedy}")

@@ -1,4 +1,4 @@
-"""Makes certificates: an authority, and what it signs."""
+"""Creates certificates: of an authority, and of servers and clients signed by it."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -13,11 +13,11 @@ from gateway.tls.files import read_certificates
 from gateway.tls.revoking import index_path, keep, list_path
 from gateway.tls.workshop import AUTHORITY, Workshop, find_authority, lock_folder
 
-#: How long what is made is valid, in days: an authority as long as a plant's equipment, others until a next visit.
+#: The validity in days: an authority lasts as long as a plant's equipment, others until a later visit.
 AUTHORITY_DAYS: Final = 3650
 OTHER_DAYS: Final = 730
 
-#: What has no meaning of its own in a file of settings of openssl.
+#: Text without a special meaning in the settings of openssl.
 _PLAIN = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9 ._:@+-]{0,62}[A-Za-z0-9._+-])?")
 _STEPS: Final = ("request", "certificate")
 _KEY: Final = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
@@ -36,15 +36,15 @@ _OF_OTHERS: Final = {
 
 
 def is_plain(text: str) -> bool:
-    """Return True if a name or a role can be put into a certificate here; others can be made with openssl itself."""
+    """Tell whether a name or a role can be used here; others need openssl itself."""
     return _PLAIN.fullmatch(text) is not None
 
 
 def make_authority(folder: Path, name: str, days: int = AUTHORITY_DAYS) -> Path:
-    """Make an authority: `ca.crt` and `ca.key` in `folder`, which is made if necessary. Returns its certificate.
+    """Create an authority: `ca.crt` and `ca.key` in `folder`, which is created if necessary. Return its certificate.
 
     Raises:
-        TlsError: there is one already, or it cannot be made.
+        TlsError: there is one already, or it cannot be created.
     """
     with lock_folder(folder), Workshop(folder) as shop:
         certificate, key = _choose_files(folder, AUTHORITY, replace=False)
@@ -62,10 +62,10 @@ def make_authority(folder: Path, name: str, days: int = AUTHORITY_DAYS) -> Path:
 def make_server(
     folder: Path, stem: str, names: Iterable[str], days: int = OTHER_DAYS, *, replace: bool = False
 ) -> Path:
-    """Make a certificate for a server that is reached by these names or addresses, and its key.
+    """Create a certificate for a server with these names or addresses, and its key. Return its path.
 
     Raises:
-        TlsError: there is no authority in `folder`, there is one of this name already, or it cannot be made.
+        TlsError: there is no authority in `folder`, `stem` exists already, or it cannot be created.
     """
     names = tuple(names)
     extensions = {"extendedKeyUsage": "serverAuth", "subjectAltName": ",".join(map(_alternative_name, names))}
@@ -75,10 +75,10 @@ def make_server(
 def make_client(
     folder: Path, name: str, role: str | None = None, days: int = OTHER_DAYS, *, replace: bool = False
 ) -> Path:
-    """Make a certificate for a client with `role`, None for the null role, and its key.
+    """Create a certificate for a client with `role`, None for the null role, and its key. Return its path.
 
     Raises:
-        TlsError: as `make_server`.
+        TlsError: see `make_server`.
     """
     extensions = {"extendedKeyUsage": "clientAuth"}
     if role is not None:
@@ -105,7 +105,7 @@ def _make_signed(
 
 
 def _refuse_other_purpose(certificate: Path, purpose: str) -> None:
-    """See that what is replaced, if anything, is for the same: a gateway would start with it no more."""
+    """Refuse to replace a certificate of another purpose: the gateway that uses it would not start any more."""
     if certificate.exists() and not read_certificates(certificate)[0].is_for(purpose):
         what, wanted = ("client", "server") if purpose == "serverAuth" else ("server", "client")
         raise TlsError(f"{certificate} is the certificate of a {what}; choose another name for that of the {wanted}")
@@ -119,7 +119,11 @@ def _alternative_name(name: str) -> str:
 
 
 def _choose_files(folder: Path, stem: str, *, replace: bool) -> tuple[Path, Path]:
-    """Find where a certificate and its key go."""
+    """Return the paths for a certificate and its key.
+
+    Raises:
+        TlsError: one of them exists, and must not be replaced.
+    """
     places = folder / f"{stem}.crt", folder / f"{stem}.key"
     for file in places:
         if file.exists() and not replace:

@@ -1,9 +1,9 @@
-"""What errors of TLS mean, in words for an operator."""
+"""Errors of TLS, in words for an operator."""
 
 import ssl
 from typing import Final
 
-#: By OpenSSL's names. Those with ALERT are what the other end says.
+#: By OpenSSL's names. The other end has sent those with ALERT.
 _REASONS: Final = {
     "PEER_DID_NOT_RETURN_A_CERTIFICATE": "it shows no certificate",
     "WRONG_VERSION_NUMBER": "what it sends is not TLS",
@@ -26,7 +26,7 @@ _REASONS: Final = {
 
 
 def explain(error: ssl.SSLError) -> str:
-    """Say why a connection could not be secured, about the other end: `its certificate is refused: ...`."""
+    """Say why TLS has failed, about the other end: `its certificate is refused: ...`."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"its certificate is refused: {error.verify_message}"
     reason = error.reason or ""

@@ -1,6 +1,6 @@
-"""What an authority has issued, and which of that it has revoked.
+"""Certificates that an authority has issued, and those that it has revoked.
 
-Beside the certificates in use, a copy of each is kept in the folder `issued`: one that was replaced is still valid.
+Copies of all certificates are kept in the folder `issued`, because replaced ones are still valid.
 """
 
 import time
@@ -13,28 +13,28 @@ from gateway.tls.certificate import Certificate
 from gateway.tls.files import read_certificates
 from gateway.tls.workshop import AUTHORITY, Workshop, find_authority, lock_folder
 
-#: For how long a revocation list is valid, in days: nobody has to renew it.
+#: The validity of a revocation list in days, long enough to need no renewal.
 LIST_DAYS: Final = 3650
 _ISSUED: Final = "issued"
 
 
 @dataclass(frozen=True, slots=True)
 class Issued:
-    """A certificate and its file."""
+    """A certificate and its path."""
 
     file: Path
     certificate: Certificate
 
 
 def keep(folder: Path, stem: str, file: Path) -> None:
-    """Keep a copy of the certificate in `file`, if there is one, as one that was issued to `stem`.
+    """Keep a copy of the certificate in `file`, if there is a readable one, as issued to `stem`.
 
     Raises:
         TlsError: it cannot be written.
     """
     try:
         serial = read_certificates(file)[0].serial
-    except TlsError:  # there is none, or it was damaged and is being replaced
+    except TlsError:  # missing, or damaged and being replaced
         return
     place = folder / _ISSUED / f"{stem}.{serial}.crt"
     try:
@@ -45,7 +45,7 @@ def keep(folder: Path, stem: str, file: Path) -> None:
 
 
 def find_issued(folder: Path, stem: str) -> list[Issued]:
-    """Find what the authority in `folder` has issued to `stem`, the certificate in use first.
+    """Find the certificates that the authority in `folder` has issued to `stem`, the one in use first.
 
     Raises:
         TlsError: one of them cannot be read.
@@ -62,10 +62,10 @@ def find_issued(folder: Path, stem: str) -> list[Issued]:
 
 
 def find_replaced(folder: Path, stem: str) -> list[Issued]:
-    """Find what was issued to `stem` before the certificate in use, and is still valid.
+    """Find the certificates of `stem` before the one in use that are still valid and not revoked.
 
     Raises:
-        TlsError: as `find_issued`.
+        TlsError: see `find_issued`.
     """
     gone, now = read_revoked(folder), time.time()
     in_use = folder / f"{stem}.crt"
@@ -84,18 +84,18 @@ def read_revoked(folder: Path) -> set[str]:
 
 
 def revoke(folder: Path, files: list[Path]) -> Path:
-    """Put the certificates in these files on the revocation list of the authority, `ca.crl`; returns that.
+    """Add the certificates in these files to the authority's revocation list, `ca.crl`. Return its path.
 
     Raises:
-        TlsError: there is no authority in `folder`, it has not issued all of them, another command is at work there for
-            long, or the list cannot be made.
+        TlsError: there is no authority in `folder`, it has not issued all of them, another command keeps the folder
+            locked, or the list cannot be created.
     """
     ca, key = find_authority(folder)
     with lock_folder(folder), Workshop(folder) as shop:
         index, gone = index_path(folder), read_revoked(folder)
         Path(shop.place("index")).write_bytes(index.read_bytes() if index.exists() else b"")
         settings = shop.place("settings")
-        Path(settings).write_text(  # no path of a folder: some of its characters would mean something here
+        Path(settings).write_text(  # no path: some characters are special here
             f"[ca]\ndefault_ca=own\n[own]\ndatabase=index\n"
             f"default_md=sha256\ndefault_crl_days={LIST_DAYS}\nunique_subject=no\n"
         )
@@ -110,17 +110,17 @@ def revoke(folder: Path, files: list[Path]) -> Path:
 
 
 def list_path(folder: Path) -> Path:
-    """Name the revocation list of an authority."""
+    """Return the path of an authority's revocation list."""
     return folder / f"{AUTHORITY}.crl"
 
 
 def index_path(folder: Path) -> Path:
-    """Name the file of what an authority has revoked, in the form of openssl."""
+    """Return the path of the index of revoked certificates, in the format of openssl."""
     return folder / f"{AUTHORITY}.index"
 
 
 def _refuse_if_not_of(ca: Path, file: Path, shop: Workshop) -> None:
-    """Refuse a certificate that the authority has not signed; an expired one may be revoked."""
+    """Refuse a certificate that the authority has not signed; expired ones are accepted."""
     if read_certificates(file) == read_certificates(ca):
         raise TlsError(f"{file}: an authority cannot revoke itself; name another one in clients_ca")
     only = ("-no-CAfile", "-no-CApath", "-no-CAstore", "-partial_chain", "-no_check_time")

@@ -1,4 +1,4 @@
-"""Files as the config names them: those with a secret, and those that secure an address."""
+"""The files that the config names: secrets, and the certificates of addresses."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,20 +14,20 @@ class SecretFile:
 
 @dataclass(frozen=True, slots=True)
 class ServerTls:
-    """An address where clients connect."""
+    """TLS of an address where clients connect."""
 
     certificate: SecretFile
     key: SecretFile
-    #: The authority of which each client must show a certificate, and the list of those that it has revoked.
+    #: The authority that must have signed each client's certificate, and its revocation list.
     clients_ca: SecretFile | None = None
     crl: SecretFile | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ClientTls:
-    """A server that the gateway connects to."""
+    """TLS of a connection to a server."""
 
-    #: What the gateway shows, if anything.
+    #: The gateway's own certificate, if any.
     certificate: SecretFile | None
     key: SecretFile | None
     #: The authority of the server's certificate; None for any that the system trusts.
@@ -36,12 +36,12 @@ class ClientTls:
     server_name: str
 
 
-#: What secures any address.
+#: The settings of any address.
 TlsSettings = ServerTls | ClientTls
 
 
 class Secured(NamedTuple):
-    """An address of the config that TLS secures. `name` is its table and its name: `listen remote`."""
+    """An address of the config with TLS. `name` is its table and its name: `listen remote`."""
 
     name: str
     source: str

@@ -1,11 +1,11 @@
-"""Certificates for the status."""
+"""The status of certificates."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class CertificateStatus:
-    """A file that is valid for `days_left`, until the date `until`. The table `used_by` names it by `key`."""
+    """A file that is valid for `days_left` days, until the date `until`. Table `used_by` names it by `key`."""
 
     used_by: str
     source: str

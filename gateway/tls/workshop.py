@@ -1,6 +1,6 @@
-"""Where certificates are made: the folder of an authority, and the program `openssl`, which does the work.
+"""The folder of an authority, and the program `openssl`, which creates the certificates there.
 
-(The library `cryptography` needs cffi, which has no wheel for armv7l, and `openssl` is installed on every machine.)
+(The library `cryptography` needs cffi, which has no wheel for armv7l; `openssl` is installed on every machine.)
 """
 
 import fcntl
@@ -16,20 +16,20 @@ from typing import Final, Self
 
 from gateway.errors import TlsError
 
-#: What an authority's files are called in its folder.
+#: The stem of an authority's files.
 AUTHORITY: Final = "ca"
-#: How long openssl may take for one step, in seconds: a small machine has little randomness after its start.
+#: The limit of one step of openssl, in seconds: after a start, a small machine has little randomness.
 DEADLINE: Final = 60.0
-#: How long another command in the same folder is waited for, and how often it is looked for, in seconds.
+#: How long to wait for another command in the same folder, and the time between checks, in seconds.
 TURN_WITHIN: Final = 30.0
 _LOOK_EVERY: Final = 0.05
 
 
 def find_authority(folder: Path) -> tuple[Path, Path]:
-    """Find the certificate and the key of the authority in `folder`.
+    """Return the paths of the certificate and the key of the authority in `folder`.
 
     Raises:
-        TlsError: there is none.
+        TlsError: one of them is missing.
     """
     certificate, key = folder / f"{AUTHORITY}.crt", folder / f"{AUTHORITY}.key"
     for file in (certificate, key):
@@ -40,10 +40,10 @@ def find_authority(folder: Path) -> tuple[Path, Path]:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Keep other commands from changing what is in `folder`, in this context. It is made if necessary.
+    """Lock `folder` against other commands, in this context. It is created if necessary.
 
     Raises:
-        TlsError: another one still does after TURN_WITHIN, or the folder cannot be opened.
+        TlsError: another command keeps it locked for TURN_WITHIN, or it cannot be opened.
     """
     try:
         folder.mkdir(mode=0o755, parents=True, exist_ok=True)
@@ -75,7 +75,7 @@ def _make_error(folder: Path, error: OSError) -> TlsError:
 
 
 class Workshop:
-    """A folder for files that are not ready yet, beside those that they become."""
+    """A temporary folder for new files, beside their destination."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -93,11 +93,11 @@ class Workshop:
         self._temporary.cleanup()
 
     def place(self, name: str) -> str:
-        """Name the place where a file is made."""
+        """Return the path of a file in the temporary folder."""
         return str(Path(self._temporary.name, name).absolute())
 
     def settings(self, name: str, extensions: Mapping[str, str]) -> str:
-        """Write a file of settings for openssl; return its name."""
+        """Write a settings file for openssl. Return its path."""
         lines = [
             "[req]\nprompt=no\nutf8=yes\ndistinguished_name=subject",
             f"[subject]\nCN={name}",
@@ -109,7 +109,7 @@ class Workshop:
         return str(file)
 
     def openssl(self, *words: str) -> None:
-        """Run `openssl WORDS` in the folder of what is made; only its owner can read what it makes.
+        """Run `openssl WORDS` in the temporary folder; only its owner can read the files it creates.
 
         Raises:
             TlsError: it failed.
@@ -132,7 +132,7 @@ class Workshop:
             raise TlsError(f"openssl {words[0]} failed: {why}")
 
     def deliver(self, files: Mapping[str, Path]) -> None:
-        """Put what was made in its place. All but keys can be read by everybody."""
+        """Move the files to their destinations. All but keys are readable by everybody."""
         for name, place in files.items():
             made = Path(self.place(name))
             made.chmod(0o600 if name == "key" else 0o644)
