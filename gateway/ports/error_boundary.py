@@ -1,4 +1,4 @@
-"""The error boundary around a part with a port: an unexpected error in the part stays there."""
+"""The error boundary of a part with a port: it contains unexpected errors of that part."""
 
 import asyncio
 from collections.abc import Callable
@@ -12,8 +12,8 @@ from gateway.ports.port import Port
 class ErrorBoundary:
     """Runs the steps of one part, and its `tick` at its `deadline`, in seconds of the loop's clock.
 
-    An unexpected error is logged with the name `part`, `down` fails all requests of the part, and the port is closed;
-    its reconnector opens it again.
+    An unexpected error is logged with the name `part`. Then `down` fails all requests of the part, and the port is
+    closed; its reconnector opens it again.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class ErrorBoundary:
         self._timer = LazyTimer(loop, self.wake)
 
     def run(self, step: Callable[..., None], *arguments: Any) -> None:
-        """Run one step."""
+        """Run one step. After an unexpected error of it, fail all requests and close the port."""
         try:
             step(*arguments)
         except Exception as error:  # noqa: BLE001 - a defect in one part must not reach the others
@@ -43,7 +43,7 @@ class ErrorBoundary:
         self.plan(self._deadline())
 
     def fail(self, error: Exception) -> None:
-        """Log the unexpected error of a step, and close the port."""
+        """Log the unexpected error of a step, fail all requests, and close the port."""
         self._log(error)
         self.close_port()
 
@@ -56,7 +56,7 @@ class ErrorBoundary:
         self.run(self._tick)
 
     def lost(self) -> None:
-        """Fail what depends on the port, which was lost."""
+        """Forget the port, which was lost, and fail what depends on it."""
         self.port = None
         self.run(self._down)
 
@@ -72,7 +72,7 @@ class ErrorBoundary:
                 port.close()
 
     def overdue(self, now: float) -> float:
-        """Say how many seconds the part is behind its deadline."""
+        """Return how many seconds the part is behind its deadline."""
         deadline = self._deadline()
         return 0.0 if deadline is None else max(0.0, now - deadline)
 

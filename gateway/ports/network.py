@@ -1,4 +1,4 @@
-"""What clients and servers of a network share: addresses of a host, within a deadline, and peers that vanish."""
+"""Look-ups of host names within a deadline, and detection of vanished peers."""
 
 import asyncio
 import socket
@@ -7,12 +7,12 @@ from typing import Any
 
 from gateway.clock.threads import ThreadPerCall
 
-#: What `getaddrinfo` gives: family, type, protocol, canonical name, address.
+#: A result of `getaddrinfo`: family, type, protocol, canonical name, address.
 AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
-#: Host, port number, kind of socket.
+#: Host, port number, socket type.
 _Query = tuple[str, int, socket.SocketKind]
 
-#: Look-ups in progress, including those that nothing waits for any more.
+#: Look-ups in progress, including abandoned ones.
 _under_way: dict[_Query, asyncio.Future[list[AddressInfo]]] = {}
 
 
@@ -33,10 +33,10 @@ async def look_up(host: str, port: int, kind: socket.SocketKind, deadline: float
 
 
 def notice_vanished_peers(sock: socket.socket, *, idle: int, interval: int, probes: int, user_timeout: int) -> None:
-    """Close the connection to a peer that sends nothing for `idle` seconds and then answers none of the `probes`.
+    """Close the connection to a peer that is silent for `idle` seconds and then for all `probes`.
 
-    They are `interval` seconds apart. A peer that does not acknowledge what is sent to it has `user_timeout`
-    milliseconds. Connections that a listening socket accepts inherit these options.
+    The probes are `interval` seconds apart. A peer must acknowledge sent data within `user_timeout` milliseconds.
+    Connections that a listening socket accepts inherit these options.
     """
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, idle)

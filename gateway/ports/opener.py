@@ -1,6 +1,6 @@
 """Opens the port of a line, serial or TCP, in the event loop.
 
-The only module that knows what opens a serial port. Another library must pass tests/system/test_serial_contract.py.
+Only this module chooses the library for serial ports. Another library must pass tests/system/test_serial_contract.py.
 """
 
 import asyncio
@@ -24,7 +24,7 @@ _being_opened: set[str] = set()
 
 
 def make_opener(settings: PortSettings, store: TlsStore | None = None) -> OpenPort:
-    """Make the function that opens a port with these settings. One with TLS has its context from `store`."""
+    """Make the function that opens a port with these settings. For TLS its context is looked up in `store`."""
     if not isinstance(settings, TcpSettings):
         return partial(open_serial, settings)
     tls = settings.tls
@@ -34,7 +34,7 @@ def make_opener(settings: PortSettings, store: TlsStore | None = None) -> OpenPo
 
 
 async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
-    """Open a serial port for `user` and discard earlier bytes. If cancelled, nothing stays open.
+    """Open a serial port for `user` and discard bytes received before. If cancelled, nothing stays open.
 
     Raises:
         PortError: the port cannot be used; the message says why and what to do.
@@ -57,14 +57,14 @@ async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
 def open_blocking(settings: SerialSettings, timeout: float) -> Iterator[Serial]:
     """Open a serial port without an event loop, for a library that reads and writes it.
 
-    It is opened, locked and closed as for a line. `timeout` is for each read and write, in seconds.
+    It is opened, locked and closed like a line's port. `timeout` is for each read and write, in seconds.
 
     Raises:
         PortError: the port cannot be used; the message says why and what to do.
     """
     device = open_device(settings)
     try:
-        set_input_flags(device.serial.fileno(), checks_parity=False)  # its reader does not know marked characters
+        set_input_flags(device.serial.fileno(), checks_parity=False)  # the library knows no marks
         device.serial.timeout = device.serial.write_timeout = timeout
         yield device.serial
     finally:

@@ -1,6 +1,6 @@
-"""Opens, configures and closes a serial device with pyserial. All of this may block, so all of it runs in a thread.
+"""Opens, configures and closes a serial device with pyserial. All of it may block, and must run in a thread.
 
-What must be certain whatever the library does works on the descriptor: docs/adr/0015-serial-transport.md
+What must hold for any library works on the descriptor: docs/adr/0015-serial-transport.md
 """
 
 import errno
@@ -35,13 +35,13 @@ from gateway.hardware.ioctls import (
 from gateway.ports.port import SerialSettings
 from gateway.timing.characters import CharacterFormat
 
-#: What an adapter and its driver may add to a response, in seconds; the second if a USB adapter gathers bytes (16 ms in
-#: an FTDI chip) and its driver has no low-latency mode.
+#: The latency that an adapter and its driver may add to a response, in seconds; the second for a USB adapter that
+#: collects bytes (16 ms in an FTDI chip) and whose driver has no low-latency mode.
 LATENCY: Final = 0.005
 GATHERING_LATENCY: Final = 0.020
-#: How far the actual rate may be from the configured one: half of what a character of 11 bits tolerates.
+#: The largest deviation of the actual rate: half of what a character of 11 bits tolerates.
 BAUD_TOLERANCE: Final = 0.025
-#: How long a closed port may go on sending what was written to it, in seconds: 256 bytes at 1200 baud.
+#: How long a closed port may still send written bytes, in seconds: 256 bytes at 1200 baud.
 DRAINING_DEADLINE: Final = 2.5
 
 _VIRTUAL_FORMAT: Final = CharacterFormat(8, "N", 1)
@@ -64,10 +64,11 @@ _REASONS: Final = {
 
 
 class ConfiguredOnce(Serial):
-    """pyserial's port, which is configured only when it is opened.
+    """pyserial's port, configured only when it is opened.
 
     pyserial configures a port whenever a setting is assigned, and pyserial-asyncio assigns two in the event loop, where
-    a USB adapter that hangs would stop everything for seconds. It also leaves parity unchecked; this corrects it.
+    a USB adapter that hangs would block everything for seconds. pyserial also leaves parity unchecked; this class
+    corrects it.
     """
 
     def _reconfigure_port(self, force_update: bool = False) -> None:  # noqa: FBT001, FBT002 - pyserial's signature
@@ -77,20 +78,21 @@ class ConfiguredOnce(Serial):
 
     @property
     def checks_parity(self) -> bool:
-        """Tell whether characters have a parity bit; then damaged ones are marked (`MarkedInput`)."""
+        """Whether characters have a parity bit; then damaged ones are marked (see `MarkedInput`)."""
         return bool(self.parity != PARITY_NONE)
 
     def change_baud(self, baud: int) -> None:
-        """Change the rate."""
+        """Set the rate. Raises ValueError or a DriverError if that fails."""
         self.baudrate = baud
         self._reconfigure_port(force_update=True)
 
 
 @dataclass(frozen=True, slots=True)
 class OpenDevice:
-    """A serial device that is open and configured. `latency` in seconds; a virtual one carries bytes at once.
+    """An open, configured serial device. `latency` in seconds; a virtual one carries bytes at once.
 
-    `baud` is its actual rate, if its driver reports it; `rs485` the driver's setting to restore when it is closed.
+    `baud` is its actual rate, None if the driver does not report it; `rs485` the driver's setting to restore at the
+    end.
     """
 
     port: str
@@ -102,10 +104,10 @@ class OpenDevice:
 
 
 def open_device(settings: SerialSettings) -> OpenDevice:
-    """Open and configure the port; may block as long as its driver takes.
+    """Open and configure the port; may block as long as its driver does.
 
     Raises:
-        PortError: it cannot be used, and why.
+        PortError: it cannot be used; the message says why and what to do.
     """
     is_virtual = _is_virtual(settings)
     with ExitStack() as on_error:
@@ -120,7 +122,7 @@ def open_device(settings: SerialSettings) -> OpenDevice:
 
 
 def change_baud(device: OpenDevice, baud: int) -> None:
-    """Change the rate; may block as long as the driver takes.
+    """Change the rate; may block as long as the driver does.
 
     Raises:
         PortError: the port does not support it, or was lost.
@@ -191,7 +193,7 @@ def _open(settings: SerialSettings, format_: CharacterFormat) -> ConfiguredOnce:
 
 
 def _set_up(serial: ConfiguredOnce, settings: SerialSettings, *, is_virtual: bool) -> OpenDevice:
-    """Do what no library does: check the settings in the driver, set RS-485 and low latency."""
+    """Check the settings in the driver, and set RS-485 and low latency, which no library does."""
     descriptor = serial.fileno()
     if not is_virtual:
         _check_format(descriptor, settings)
@@ -200,7 +202,7 @@ def _set_up(serial: ConfiguredOnce, settings: SerialSettings, *, is_virtual: boo
     if latency is None:
         latency = LATENCY if has_low_latency or not is_usb(descriptor) else GATHERING_LATENCY
     baud = _check_baud(descriptor, settings.port, settings.baud)
-    if not is_virtual:  # a pseudo-terminal would keep it while a simulator has the other end open
+    if not is_virtual:  # a pseudo-terminal stays exclusive while its other end is open
         fcntl.ioctl(descriptor, termios.TIOCEXCL)
     try:
         rs485 = switch_rs485(descriptor, on=settings.rs485 == "kernel")
@@ -210,13 +212,13 @@ def _set_up(serial: ConfiguredOnce, settings: SerialSettings, *, is_virtual: boo
 
 
 def _check_format(descriptor: int, settings: SerialSettings) -> None:
-    """Read the format back: drivers ignore what they do not support, and only that shows it."""
+    """Read the format back, and raise PortError if it differs: drivers ignore what they do not support."""
     if encode_format(settings.format) != termios.tcgetattr(descriptor)[2] & FORMAT_FLAGS:
         raise PortError(f"{settings.port} cannot do {settings.format}: its driver set another format")
 
 
 def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
-    """Read the actual rate of the port, if known; it must be near enough to `baud`."""
+    """Return the actual rate of the port, None if unknown. Raise PortError if it is too far from `baud`."""
     if baud == 38400 and has_redefined_38400(descriptor):
         raise PortError(f"{port}: 38400 baud was given another meaning; setserial {port} spd_normal undoes that")
     told = read_baud(descriptor)
@@ -231,9 +233,9 @@ def _check_baud(descriptor: int, port: str, baud: int) -> int | None:
 
 
 def _drain(device: OpenDevice) -> bool:
-    """Wait until all has been sent; False at the deadline. Not with tcdrain, which has none.
+    """Wait until all bytes are sent; return False at the deadline. tcdrain has no deadline.
 
-    If RS-485 is restored then, which may switch the transmitter off, the UART must have sent the last bit too.
+    Before RS-485 is restored, which may switch the transmitter off, the UART must have sent the last bit too.
     """
     descriptor, deadline = device.serial.fileno(), time.monotonic() + DRAINING_DEADLINE
     while count_unsent(descriptor) or (device.rs485 is not None and is_sending(descriptor)):
@@ -244,12 +246,12 @@ def _drain(device: OpenDevice) -> bool:
 
 
 def _explain_rate(port: str, baud: int) -> str:
-    """Say why an odd rate cannot be set."""
+    """Make the message for a rate that the driver does not support."""
     return f"{port} does not support {baud} baud: its driver knows standard rates only"
 
 
 def _errno(error: BaseException) -> int:
-    """Find the error's number, or that of its cause: pyserial wraps some errors without it."""
+    """Return the error number of `error` or its causes, else EIO: pyserial wraps some errors without it."""
     if isinstance(error, OSError) and error.errno is not None:
         return error.errno
     if isinstance(error, termios.error) and error.args and isinstance(error.args[0], int):

@@ -14,9 +14,9 @@ Wire = Literal["auto", "serial", "direct"]
 
 @dataclass(frozen=True, slots=True)
 class CharacterErrors:
-    """Characters that a driver has received, and those among them that it found wrong, since the port was opened.
+    """Characters received by a driver, and the faulty ones among them, since the port was opened.
 
-    `overrun` are characters that were lost because nobody took those before them in time.
+    `overrun` characters were lost because earlier ones were not read in time.
     """
 
     received: int
@@ -26,31 +26,31 @@ class CharacterErrors:
 
 
 class Port(Protocol):
-    """An open port. All of it is called in the event loop and nothing blocks."""
+    """An open port. All methods are called in the event loop, and none blocks."""
 
-    #: What adapter and driver may add to a response, in seconds: part of every time limit.
+    #: The latency of adapter and driver, in seconds: part of every time limit.
     latency: float
-    #: It carries bytes at once instead of at the line's rate: a pseudo-terminal, a TCP connection.
+    #: Whether it carries bytes at once instead of at the line's rate: a pseudo-terminal, a TCP connection.
     is_virtual: bool
-    #: Its actual rate, if its driver reports it; None if the rate is set elsewhere.
+    #: Its actual rate; None if the driver does not report it, or it is set elsewhere.
     baud: int | None
 
     @property
     def has_arrived(self) -> Callable[[], bool] | None:
-        """Tell whether the other end has received all that was written. None: this port is no connection."""
+        """Tells whether the other end has received all written bytes; None if the port is no connection."""
 
     @property
     def errors(self) -> CharacterErrors | None:
-        """Count wrong characters; None if the driver does not."""
+        """Counts of faulty characters; None if the driver has none."""
 
     def write(self, data: bytes) -> None:
-        """Send `data` now. When the port fails, `PortUser.lost` follows; this never raises."""
+        """Send `data` now. Never raises; if the port fails, `PortUser.lost` follows."""
 
     def pause(self) -> bool:
-        """Deliver nothing until `read_now`: received bytes wait. False if this port cannot do that."""
+        """Hold back received bytes until `read_now`. Return False if this port cannot do that."""
 
     def read_now(self) -> None:
-        """Deliver all bytes received up to now, and from now on deliver bytes as they come."""
+        """Deliver all bytes received so far, and from now on bytes as they come."""
 
     def change_baud(self, baud: int) -> None:
         """Change the rate, within a few milliseconds. If that fails, `PortUser.lost` follows."""
@@ -66,7 +66,7 @@ class Received(Protocol):
     """A function that takes received bytes."""
 
     def __call__(self, data: bytes, *, damaged: bool = False) -> None:
-        """Take received bytes; `damaged`: at least one of them is not what was sent."""
+        """Take received bytes; at least one of `damaged` bytes differs from what was sent."""
 
 
 class PortUser(Protocol):
@@ -74,23 +74,23 @@ class PortUser(Protocol):
 
     @property
     def received(self) -> Received:
-        """Take received bytes."""
+        """The function that takes received bytes."""
 
     def lost(self, error: PortError) -> None:
-        """Take note that the port was closed or lost. Called once for every port that was opened."""
+        """Handle the end of the port: it was closed or lost. Called once for every opened port."""
 
 
-#: Has a connection opened again that is closed because nobody needed it.
+#: Opens a connection again that was closed because it was not needed.
 OpenAgain = Callable[[], None]
 
-#: Opens a port for a user. Raises PortError with the reason and what to do. The user gets no callback before the
-#: port is returned. If cancelled, nothing stays open.
+#: Opens a port for a user. Raises PortError with the reason and the remedy. The user gets no callback before the port
+#: is returned. If cancelled, nothing stays open.
 OpenPort = Callable[[PortUser], Awaitable[Port]]
 
 
 @dataclass(frozen=True, slots=True)
 class SerialSettings:
-    """The settings of a serial port. `latency` None: depending on the driver."""
+    """The settings of a serial port. If `latency` is None, it depends on the driver."""
 
     port: str
     baud: int
@@ -104,8 +104,8 @@ class TcpSettings:
     """The settings of a connection to a device server, or to another Modbus TCP server. `port` is its name in messages.
 
     `latency` is what network and server may add to a response, in seconds. `tls` secures the connection.
-    What is written arrives within `arrives_within` seconds, or never: then the connection ends. With `drops_early`,
-    what is received within the latency after connecting is dropped: nobody knows how old it is.
+    Written bytes arrive within `arrives_within` seconds, or the connection ends. With `drops_early`, bytes received
+    within the latency after connecting are dropped, because their age is unknown.
     """
 
     port: str
@@ -119,7 +119,7 @@ class TcpSettings:
 
 @dataclass(frozen=True, slots=True)
 class SiteSettings:
-    """The way to the gateway of another `site`. `port` is its name in messages."""
+    """The port to the gateway of another `site`. `port` is its name in messages."""
 
     port: str
     site: str
@@ -129,12 +129,12 @@ class SiteSettings:
 PortSettings = SerialSettings | TcpSettings
 
 
-#: The function that opens ports with these settings: real ones in the service, memory ports in tests.
+#: Makes the function that opens a port with these settings: real ones in the service, memory ports in tests.
 Opener = Callable[[PortSettings], OpenPort]
 
 
 def resolve_wire(wire: Wire, *, is_virtual: bool) -> Wire:
-    """Say what `wire` means on this port: `serial` or `direct`."""
+    """Return what `wire` means on this port: `serial` or `direct`."""
     if wire != "auto":
         return wire
     return "direct" if is_virtual else "serial"

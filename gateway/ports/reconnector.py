@@ -1,6 +1,6 @@
-"""Keeps one port open: opens it, and opens it again whenever it is lost.
+"""Keeps one port open: opens it, and opens it again after every loss.
 
-A connection that ended in order while its owner did not need it is no loss. It is opened again when the owner needs it.
+An orderly end of a connection that its owner does not need is no loss. It is opened again when the owner needs it.
 """
 
 import asyncio
@@ -12,47 +12,48 @@ from gateway.errors import ConnectionEnded, PortClosed, PortError
 from gateway.events import Emit, LineLost, LineReopened, LineUp
 from gateway.ports.port import OpenAgain, OpenPort, Port, Received
 
-#: Back-off before the next attempt, in seconds; it doubles with every failure. At the longest, an adapter that is
-#: plugged in again is used within 2 s, and an absent one takes less than 2 % of a processor.
+#: The back-off before the next attempt, in seconds; it doubles with every failure. At the longest, an adapter is used
+#: within 2 s of being plugged in again, and an absent one takes less than 2 % of a processor.
 FIRST_PAUSE: Final = 0.1
 LONGEST_PAUSE: Final = 1.0
 #: How long a driver may take to open a port, in seconds.
 OPENING_DEADLINE: Final = 5.0
-#: How long to wait for a driver that closes a port, in seconds: the last frame at a low rate, and a margin.
+#: How long a driver may take to close a port, in seconds: the last frame at a low rate, and a margin.
 CLOSING_DEADLINE: Final = 3.0
 
-#: The reason after every unplugging, and the words for it in `ports/opening.py`.
+#: The common reason after an unplugging, and its words in `ports/opening.py`.
 _ABSENT: Final = "absent"
 _ABSENT_WORDS: Final = ("does not exist", "has no hardware behind it")
 
 
 class PortOwner(Protocol):
-    """The user of a port that is kept open: a line, an upstream, a serial listener. It starts without a port."""
+    """The user of a port that is kept open: a line, an upstream, a serial listener. At first it has no port."""
 
     def port_up(self, port: Port) -> None:
-        """Take the port: it is open and can be written to."""
+        """Use `port`: it is open and can be written to."""
 
     @property
     def received(self) -> Received:
-        """Take received bytes."""
+        """The function that takes received bytes."""
 
     def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:
-        """Answer whether the port, which the server or the owner has closed in order, may stay closed for now.
+        """Return whether the port, which was closed in order by the server or the owner, may stay closed.
 
-        `at_once`: see ConnectionEnded. True: nothing was under way, and it is opened when the owner calls `open_again`,
-        which may be at once; then `port_up` follows, or `port_down`. False: it is a loss, and `port_down` follows now.
+        `at_once`: see ConnectionEnded. True: nothing was under way, and the port is opened when the owner calls
+        `open_again`, perhaps at once; then `port_up` follows, or `port_down`. False: it is a loss, and `port_down`
+        follows now.
         """
 
     def port_down(self, error: PortError) -> None:
-        """Do without the port: it was lost. Called once for each `port_up`, unless `port_ended` was True."""
+        """Stop using the port, which was lost. Called once for each `port_up`, unless `port_ended` was True."""
 
 
 class Reconnector:
     """Keeps the port of `owner` open while `run` runs.
 
-    `name` and `port_path` are those of the line, for events. `tried` is set after the first attempt. `error` says why
-    the port is not open; it is None while it is open or not needed, and before the first attempt. `reopened` counts how
-    often it was opened after a loss.
+    `name` and `port_path` are those of the line, for events. `tried` is set after the first attempt. `error` is why the
+    port is not open; None while it is open or not needed, and before the first attempt. `reopened` counts how often it
+    was opened after a loss.
     """
 
     def __init__(self, name: str, port_path: str, open_port: OpenPort, owner: PortOwner, emit: Emit) -> None:
@@ -70,16 +71,16 @@ class Reconnector:
         #: Whether the port is closed because the owner does not need it; set when it does.
         self._is_idle = False
         self._needed = asyncio.Event()
-        #: Reasons that have been logged since the port was open.
+        #: Reasons logged since the port was last open.
         self._logged: set[str] = set()
 
     @property
     def is_open(self) -> bool:
-        """Tell whether the port is open, or will be when it is needed."""
+        """Whether the port is open, or will be when it is needed."""
         return self.tried.is_set() and self.error is None
 
     async def run(self) -> None:
-        """Keep the port open until cancelled; then close it and call the owner's `port_down`."""
+        """Keep the port open until cancelled; then close it, and call the owner's `port_down`."""
         try:
             while True:
                 try:
@@ -96,17 +97,17 @@ class Reconnector:
             self._stay_closed(PortClosed())
 
     def begin_anew(self) -> None:
-        """Forget what became of earlier attempts; for the time before `run` is called again."""
+        """Forget earlier attempts, before `run` is called again."""
         self.error = None
         self.tried.clear()
 
     def withhold(self, error: PortError) -> None:
-        """Say why the port is closed on purpose, while `run` is not called. Nothing is logged."""
+        """Set the reason why the port is closed on purpose while `run` does not run. Nothing is logged."""
         self.error = error
         self.tried.set()
 
     def report_failure(self, error: PortError) -> None:
-        """Log why the port could not be opened; each reason once until it is open again."""
+        """Log why the port could not be opened, once per reason until it is open again."""
         self.error = error
         if _reason(error) not in self._logged:
             self._log(error)
@@ -131,7 +132,7 @@ class Reconnector:
             await _close(port)
 
     def _tell_owner(self, error: PortError) -> None:
-        """Tell the owner that the port is closed or lost, and whether that lasts until the owner needs it."""
+        """Tell the owner that the port is closed or lost; note whether it stays closed until it is needed."""
         self._needed.clear()
         if isinstance(error, PortClosed | ConnectionEnded):
             at_once = isinstance(error, ConnectionEnded) and error.at_once
@@ -140,7 +141,7 @@ class Reconnector:
             self._owner.port_down(error)
 
     def _stay_closed(self, error: PortError) -> None:
-        """Count an idle port as lost: it could not be opened when the owner needed it, or is kept open no more."""
+        """Count an idle port as lost: it could not be opened when needed, or is not kept open any more."""
         if self._is_idle:
             self._is_idle = False
             self._lost_at = _now()
@@ -174,13 +175,13 @@ class Reconnector:
         self.tried.set()
 
     def _report_loss(self, error: PortError) -> None:
-        """Log the loss of an open port. That the port is absent from now on is not logged again."""
-        if _now() - self._opened_at > LONGEST_PAUSE:  # only a port that stayed open for a while ends the back-off
+        """Log the loss of an open port. That the port is absent afterwards is not logged again."""
+        if _now() - self._opened_at > LONGEST_PAUSE:  # a port that stayed open ends the back-off
             self._pause = FIRST_PAUSE
         if self._is_idle:
             return
         self.error = error
-        if not isinstance(error, PortClosed):  # then the reason has been logged already
+        if not isinstance(error, PortClosed):  # a PortClosed has its reason logged already
             self._log(error)
             self._logged.add(_ABSENT)
         self._lost_at = _now()
@@ -206,7 +207,7 @@ class _PortSession:
         self._tell_owner = tell_owner
 
     def lost(self, error: PortError) -> None:
-        """Tell the owner of the loss at once, before the reconnector's task runs."""
+        """Tell the owner at once, before the reconnector's task runs."""
         if not self.loss.done():
             self.loss.set_result(error)
         if self.is_up:
@@ -215,14 +216,14 @@ class _PortSession:
 
 
 def _reason(error: PortError) -> str:
-    """Take the error's message, or `_ABSENT` for all messages that mean that."""
+    """Return the error's message, or `_ABSENT` for all messages with that meaning."""
     reason = str(error)
     return _ABSENT if any(words in reason for words in _ABSENT_WORDS) else reason
 
 
 async def _close(port: Port) -> None:
     port.close()
-    with suppress(TimeoutError):  # the driver hangs; the port is closed when it returns
+    with suppress(TimeoutError):  # a driver that hangs closes it when it returns
         async with asyncio.timeout(CLOSING_DEADLINE):
             await port.wait_closed()
 

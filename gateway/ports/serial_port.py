@@ -1,6 +1,6 @@
-"""An open serial port in the event loop: what each request runs through, on its descriptor. Compiled.
+"""An open serial port in the event loop: the part that each request uses, on its descriptor. Compiled.
 
-What seldom happens to it: gateway/ports/serial_transport.py. Why two: docs/adr/0015-serial-transport.md
+Rare events are in gateway/ports/serial_transport.py. Why two: docs/adr/0015-serial-transport.md
 """
 
 import asyncio
@@ -16,11 +16,11 @@ from gateway.ports.opening import DriverError, OpenDevice, explain_loss
 from gateway.ports.port import CharacterErrors, PortUser, Received
 from gateway.ports.serial_transport import PortTransport
 
-#: More than a line delivers between two looks, and little enough that Python has room for it at hand.
+#: More than a line delivers between two reads, and small enough for Python's own allocator.
 READ_SIZE: Final = 256
-#: A terminal keeps this many pieces (N_TTY_BUF_SIZE, 4096 bytes): all that can have arrived before a read.
+#: The pieces that a terminal keeps (N_TTY_BUF_SIZE, 4096 bytes): all that can have arrived before a read.
 PIECES_OF_A_TERMINAL: Final = 16
-#: A port that always has more delivers this many pieces; then others get a turn.
+#: The most pieces in one turn of the event loop; then others get a turn.
 PIECES_IN_A_TURN: Final = 4
 
 _FF: Final = b"\xff"
@@ -45,27 +45,27 @@ class SerialPort:
         self._descriptor: int = device.serial.fileno()
         self._received = MarkedInput(user.received).received if device.serial.checks_parity else user.received
         self._transport = PortTransport(loop, device, user, self._read_ready, self._send)
-        #: How the loop leaves the port alone for a while; None if it has to forget it.
+        #: Makes the loop ignore the port for a while; None if the port must be removed from it.
         self._mask = loop.mask if isinstance(loop, ExactLoop) else None
         self._is_paused = False
-        #: Whether the transport may keep something that was written.
+        #: Whether the transport may hold unsent bytes.
         self._is_behind = False
-        #: Tells whether there is something to read: to be told so by an error takes ten times as many instructions.
+        #: Tells whether there is something to read; an error of `read` would take ten times as many instructions.
         self._unread = select.poll()
         self._unread.register(self._descriptor, select.POLLIN)
         self._errors_before = count_errors(self._descriptor)
 
     @property
     def errors(self) -> CharacterErrors | None:
-        """Count wrong characters; None if the driver does not."""
+        """Counts of faulty characters; None if the driver has none."""
         errors = None if self._transport.is_closing() else count_errors(self._descriptor)
         if errors is None or self._errors_before is None:
             return None
         return CharacterErrors(*(now - before for now, before in zip(errors, self._errors_before, strict=True)))
 
     def write(self, data: bytes) -> None:
-        """Send `data` now; what the driver does not take at once follows later."""
-        if self._transport._closing:  # noqa: SLF001 - a method is a call more for each request
+        """Send `data` now; bytes that the driver does not take at once follow later."""
+        if self._transport._closing:  # noqa: SLF001 - a method would be one more call per request
             return
         self._is_behind = self._is_behind and bool(self._transport._write_buffer)  # noqa: SLF001
         if not self._is_behind:
@@ -75,7 +75,7 @@ class SerialPort:
             self._transport.write(data)
 
     def pause(self) -> bool:
-        """Read nothing until `read_now`."""
+        """Read nothing until `read_now`. Return True."""
         if not self._is_paused and self._transport._has_reader:  # noqa: SLF001
             self._is_paused = True
             if self._mask is not None:
@@ -85,7 +85,7 @@ class SerialPort:
         return True
 
     def read_now(self) -> None:
-        """See Port."""
+        """Deliver all bytes that have arrived, and from now on bytes as they come."""
         if self._transport._closing:  # noqa: SLF001
             return
         if self._is_paused:
@@ -99,11 +99,11 @@ class SerialPort:
                 return
 
     def change_baud(self, baud: int) -> None:
-        """See Port."""
+        """Change the rate; see Port."""
         self._transport.change_baud(baud)
 
     def close(self) -> None:
-        """Close the port once the driver has taken what was written, or after a deadline."""
+        """Close the port once the driver has taken all written bytes, or after a deadline."""
         self._transport.close()
 
     async def wait_closed(self) -> None:
@@ -115,20 +115,20 @@ class SerialPort:
         return f"<SerialPort {self._name} {state}, {self._transport.get_write_buffer_size()} bytes to send>"
 
     def _read_ready(self) -> None:
-        """Deliver what is there until the user pauses, and not so much that others wait: the loop calls again."""
+        """Deliver what is there until the user pauses, but no more than PIECES_IN_A_TURN: the loop calls again."""
         for _ in range(PIECES_IN_A_TURN):
             if not self._deliver() or self._is_paused:
                 return
 
     def _deliver(self) -> bool:
-        """Deliver READ_SIZE bytes at most, and tell whether there may be more."""
+        """Deliver READ_SIZE bytes at most. Return whether there may be more."""
         data = self._read()
         if data:
             self._received(data)
         return len(data) == READ_SIZE and not self._transport.is_closing()
 
     def _read(self) -> bytes:
-        """Read what the driver has; empty if that is nothing, or if the port is lost."""
+        """Read what the driver has; empty if there is nothing, or the port is lost."""
         try:
             data = os.read(self._descriptor, READ_SIZE)
         except (BlockingIOError, InterruptedError):
@@ -141,7 +141,7 @@ class SerialPort:
         return data
 
     def _send(self, data: bytes) -> int:
-        """Write what the driver takes, and return how many bytes that is."""
+        """Write to the driver. Return how many bytes it has taken."""
         try:
             return os.write(self._descriptor, data)
         except (BlockingIOError, InterruptedError):
@@ -152,9 +152,9 @@ class SerialPort:
 
 
 class MarkedInput:
-    """Removes the marks of damaged characters from what a terminal gives (termios(3), PARMRK): passes on the bytes.
+    """Removes a terminal's marks of damaged characters (termios(3), PARMRK), and passes on the bytes.
 
-    Consecutive damaged characters are passed together: for one of them, some drivers mark a whole USB packet.
+    Consecutive damaged characters are passed on together: for one of them, some drivers mark a whole USB packet.
     """
 
     def __init__(self, received: Received) -> None:

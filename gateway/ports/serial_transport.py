@@ -1,6 +1,6 @@
-"""What seldom happens to an open serial port: its driver takes no more for now, it is lost, it is closed.
+"""Rare events of an open serial port: its driver takes no more for now, it is lost, it is closed.
 
-The only module that knows pyserial-asyncio, private members included: docs/adr/0015-serial-transport.md
+Only this module uses pyserial-asyncio, private members included: docs/adr/0015-serial-transport.md
 """
 
 import asyncio
@@ -15,14 +15,14 @@ from gateway.errors import PortClosed, PortError
 from gateway.ports.opening import OpenDevice, change_baud, close_device
 from gateway.ports.port import PortUser
 
-#: Bytes that may wait for a driver that takes none. A line has one frame under way.
+#: The most bytes that wait for a driver that takes none. A line has one frame under way.
 WRITE_BOUND: Final = 16 * 1024
-#: How long a closed port may go on passing them to the driver, in seconds.
+#: How long a closed port may still pass them to the driver, in seconds.
 FLUSHING_DEADLINE: Final = 1.0
 
 
 class PortTransport(SerialTransport):
-    """pyserial-asyncio's transport, which never blocks, and whose buffer is bounded.
+    """pyserial-asyncio's transport with a bounded buffer; it never blocks.
 
     The loop calls `read_ready` when there is something to read. `send` passes bytes to the driver and returns how many
     it took. Both call `lose` if they find the port lost. The loop begins to read in its next turn.
@@ -46,7 +46,7 @@ class PortTransport(SerialTransport):
         self.closed = asyncio.Event()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Keep `data` until the driver takes it; too much is a loss."""
+        """Keep `data` until the driver takes it. Too much waiting data is a loss."""
         super().write(data)
         if self.get_write_buffer_size() > WRITE_BOUND:
             self.lose(self._takes_no_more)
@@ -57,11 +57,11 @@ class PortTransport(SerialTransport):
         self._loop.run_in_executor(threads, change_baud, self._device, baud).add_done_callback(self._baud_changed)
 
     def lose(self, error: PortError) -> None:
-        """Close the port, and drop what the driver has not taken."""
+        """Close the port, and drop bytes that the driver has not taken."""
         self._abort(error)
 
     def close(self) -> None:
-        """Close the port once the driver has taken what was written, or after FLUSHING_DEADLINE."""
+        """Close the port once the driver has taken all written bytes, or after FLUSHING_DEADLINE."""
         super().close()
         if self._write_buffer:
             self._loop.call_later(FLUSHING_DEADLINE, self.lose, self._takes_no_more)

@@ -18,22 +18,23 @@ from gateway.tls.reasons import explain
 LOOKUP_DEADLINE: Final = 1.5
 #: How long it may take to connect to that address, in seconds.
 CONNECTING_DEADLINE: Final = 2.5
-#: How long at most nothing is sent after that, in seconds.
+#: The longest pause after connecting, in seconds.
 LONGEST_SETTLING: Final = 0.5
-#: With TLS 1.3, a server may refuse our certificate after our side of the handshake is done: within this many seconds.
+#: With TLS 1.3, a server may refuse our certificate after our side of the handshake, within this many seconds.
 VERDICT_WITHIN: Final = 0.2
-#: Much more than a line carries between two reads.
+#: Far more than a line carries between two reads.
 READ_SIZE: Final = 4096
-#: Bytes that may wait for a server that takes none, beyond the system's buffers.
+#: The most bytes that wait for a server that takes none, beyond the system's buffers.
 WRITE_BOUND: Final = 16 * 1024
-#: How long a closed port may go on sending them, in seconds.
+#: How long a closed port may still send them, in seconds.
 FLUSHING_DEADLINE: Final = 1.0
-#: A vanished server is detected within half a minute. Seconds, seconds, probes; while data is sent: `arrives_within`.
+#: A vanished server is noticed within half a minute: seconds, seconds, number. While data is sent, `arrives_within`
+#: counts.
 KEEPALIVE: Final = {"idle": 10, "interval": 5, "probes": 3}
 
-#: A server that closes a connection within this many seconds, and has sent nothing, closes it at once.
+#: A server that closes a connection within this many seconds, without sending anything, closes it at once.
 AT_ONCE: Final = 1.0
-#: Why a connection is not used whose server has closed it at once.
+#: The error for a connection that its server closes at once.
 CLOSED_AT_ONCE: Final = "{port} takes the connection and closes it at once: is somebody else connected?"
 _NOT_SECURED: Final = "{port}: TLS failed: {reason}"
 _NO_ANSWER: Final = "{port} does not answer: is it on, and does every firewall let us through?"
@@ -57,8 +58,8 @@ _REASONS: Final = {
 async def open_tcp(settings: TcpSettings, user: PortUser, context: ssl.SSLContext | None = None) -> Port:
     """Connect to a server for `user`, with TLS if `context` is given. If cancelled, nothing stays open.
 
-    What comes within the latency of the connection (LONGEST_SETTLING at most) comes before the port is used: a device
-    server may still hold responses to requests from an earlier connection.
+    Bytes that come within the latency of the connection (LONGEST_SETTLING at most) come before the port is used: a
+    device server may still hold responses to requests of an earlier connection.
 
     Raises:
         PortError: it cannot connect; the message says why and what to do.
@@ -83,7 +84,7 @@ class _NotSecuredError(PortError):
 
 
 class TcpPort(asyncio.BufferedProtocol):
-    """One connection. `latency` in seconds."""
+    """One connection as a port. `latency` in seconds."""
 
     is_virtual = True
     baud: int | None = None
@@ -95,14 +96,14 @@ class TcpPort(asyncio.BufferedProtocol):
         self._name = settings.port
         self._buffer = memoryview(bytearray(READ_SIZE))
         self._user: PortUser | None = None
-        #: The last bytes that were received before there was a user; None if they are dropped.
+        #: The last bytes received before there was a user; None if they are dropped.
         self._early = None if settings.drops_early else b""
-        #: Since when received bytes are delivered, and whether any were.
+        #: Since when received bytes are delivered, and whether there were any.
         self._began_at = 0.0
         self._has_heard = False
-        #: Why the connection has ended, or will have.
+        #: Why the connection has ended, or will end.
         self._loss: PortError = PortClosed()
-        #: Until it is made, a transport that cannot be used.
+        #: An unusable transport until the connection is made.
         self._transport = asyncio.Transport()
         self._descriptor = -1
         self._closed = asyncio.Event()
@@ -123,7 +124,7 @@ class TcpPort(asyncio.BufferedProtocol):
             raise PortError(CLOSED_AT_ONCE.format(port=self._name))
 
     def begin(self, user: PortUser) -> None:
-        """Deliver received bytes from now on; first those that came before."""
+        """Deliver received bytes from now on, beginning with earlier ones."""
         loop = asyncio.get_running_loop()
         self._user = user
         self._began_at = loop.time()
@@ -131,7 +132,7 @@ class TcpPort(asyncio.BufferedProtocol):
             loop.call_soon(self._deliver_early)
 
     def write(self, data: bytes) -> None:
-        """Send `data` now; what the system does not take at once follows later."""
+        """Send `data` now; bytes that the system does not take at once follow later."""
         if self._transport.is_closing():
             return
         self._transport.write(data)
@@ -143,7 +144,7 @@ class TcpPort(asyncio.BufferedProtocol):
         return False
 
     def read_now(self) -> None:
-        """See Port. That the server has closed the connection is noticed too, before anything is written to it."""
+        """Deliver received bytes, and notice a connection closed by the server before anything is written to it."""
         if self._early:
             self._deliver_early()
         if self._transport.is_closing():
@@ -163,17 +164,17 @@ class TcpPort(asyncio.BufferedProtocol):
             self._lose()
 
     def change_baud(self, baud: int) -> None:
-        """Fail: the rate of the line is a setting of the device server."""
+        """Lose the port: the rate of the line is a setting of the device server."""
         self._abort(PortError(f"{self._name}: the device server keeps its rate; set it to {baud} baud there"))
 
     def has_arrived(self) -> bool:
-        """Tell whether the server has confirmed every byte that was written."""
+        """Tell whether the server has acknowledged every written byte."""
         if self._transport.get_write_buffer_size():
             return False
         return self._transport.is_closing() or count_unsent(self._descriptor) == 0
 
     def close(self) -> None:
-        """Close once all that was written has been sent, or after FLUSHING_DEADLINE."""
+        """Close once all written bytes are sent, or after FLUSHING_DEADLINE."""
         if self._transport.is_closing():
             return
         self._transport.close()
@@ -185,7 +186,7 @@ class TcpPort(asyncio.BufferedProtocol):
         await self._closed.wait()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take the connection, which is open."""
+        """Take the open connection."""
         self._transport = cast("asyncio.Transport", transport)
         self._descriptor = transport.get_extra_info("socket").fileno()
 
@@ -194,7 +195,7 @@ class TcpPort(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Deliver received bytes; before there is a user, keep the last of them."""
+        """Deliver received bytes; keep the last of them while there is no user."""
         data = bytes(self._buffer[:nbytes])
         if self._user is not None:
             self._deliver(data)
@@ -258,7 +259,7 @@ async def _connect_to_any(
 
 
 async def _connect(settings: TcpSettings, address: AddressInfo, context: ssl.SSLContext | None) -> TcpPort:
-    """Connect so that bytes are sent at once and a server that vanishes is detected."""
+    """Connect with settings that send bytes at once and detect a vanished server."""
     family, kind, protocol, _, where = address
     securing: dict[str, Any] = {}
     if settings.tls is not None and context is not None:
