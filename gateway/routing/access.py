@@ -1,4 +1,4 @@
-"""The rights of clients: a table of rows, of which the first that applies to client and unit counts.
+"""The rights of clients: a table whose first row that applies to a client and a unit counts.
 
 `Rights` turns the table into look-ups: for each client a tuple with the allowed functions at each unit.
 """
@@ -15,7 +15,7 @@ from gateway.modbus.functions import READING_FUNCTIONS, READING_IDENTIFICATION
 Network = IPv4Network | IPv6Network
 
 #: The allowed requests to a unit: functions that only read by number, others by the first bytes of their requests,
-#: because it can depend on more than the function. So one look-up shows that a request is a read, and allowed.
+#: because a right may depend on more than the function. So one look-up shows that a request is a read, and allowed.
 Right = frozenset[int | bytes]
 
 NOTHING: Final[Right] = frozenset()
@@ -24,7 +24,7 @@ READING: Final[Right] = READING_FUNCTIONS | {READING_IDENTIFICATION}
 WRITING: Final[Right] = frozenset(bytes((function,)) for function in range(256) if function not in READING_FUNCTIONS)
 EVERYTHING: Final[Right] = READING | WRITING
 
-#: The rights of at most this many clients are cached, and of this many roles.
+#: The most clients whose rights are cached, and the most roles.
 MOST_CLIENTS: Final = 1000
 MOST_ROLES: Final = 100
 
@@ -38,8 +38,9 @@ def right_to(functions: Iterable[int]) -> Right:
 class AccessRow:
     """The right of clients from `networks` at `listeners` to `units`; None means all of them. `sites` are clients too.
 
-    `role` is that in the certificate of a TLS client, NULL_ROLE for one without. A row without it is for certificates
-    of any role, but only at listeners that it names, unless it is `for_all`. `source` is its place in the config.
+    `role` is the role in the certificate of a TLS client, NULL_ROLE if it has none. A row without `role` is for
+    certificates of any role, but only at listeners that it names, unless it is `for_all`. `source` is its place in the
+    config.
     """
 
     right: Right
@@ -52,13 +53,13 @@ class AccessRow:
     sites: frozenset[str] = frozenset()
 
     def applies_to(self, client: "Client") -> bool:
-        """Tell whether it applies to a client from this address, None for one without, or to a site by its name."""
+        """Tell whether it applies to a client by its address, to one without (None), or to a site by its name."""
         if self.networks is None or client is None:
             return self.networks is None
         return client in self.sites if isinstance(client, str) else any(client in each for each in self.networks)
 
 
-#: A client by its address, a site by its name, or a client that has neither.
+#: A client by its address, a site by its name, or None.
 Client = IPv4Address | IPv6Address | str | None
 
 
@@ -70,7 +71,7 @@ DEFAULT_ROWS: Final = (AccessRow(EVERYTHING, networks=LOOPBACK), AccessRow(READI
 
 @dataclass(frozen=True, slots=True)
 class EntryPoint:
-    """Where clients connect. `name` is that of the listener, or of the server line.
+    """A place where clients connect. `name` is the name of the listener or the server line.
 
     The source address of a `datagram` can be forged. `local` clients, on a serial line or the control socket, have no
     address. `certified` clients have shown a certificate. A `site` is known by its name. `unit0` is the unit that unit
@@ -82,27 +83,27 @@ class EntryPoint:
     unit0: int | None = None
 
 
-#: For each unit identifier at an entry point, the unit identifiers of the same devices at other entry points. Rows that
-#: name no listener apply to these. Unit 0 has some if it stands for a unit.
+#: For each unit identifier at an entry point, the unit identifiers of the same devices at other entry points. Rows
+#: without a listener apply to these. Unit 0 has some if it stands for a unit.
 KnownAs = tuple[tuple[int, ...], ...]
 
 _ALL_UNITS: Final = frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
 
-#: Every unit has the same number everywhere: all entry points but those for a single line.
+#: The usual case: every unit has the same number everywhere. Entry points for a single line may differ.
 AS_NUMBERED: Final[KnownAs] = tuple((unit,) if unit in _ALL_UNITS else () for unit in range(256))
 
 
 class Rights(dict[str, tuple[Right, ...]]):
-    """The rights at one entry point: by the client's address, then by unit. They are found at a client's first request.
+    """The rights at one entry point, by address and then by unit. They are computed at a client's first request.
 
-    "" is the address of a client without one. An IPv4 address may be written as an IPv6 one. A site has its name there.
+    The address is "" for a client without one, and the name for a site. An IPv4 address may be written as an IPv6 one.
 
     Datagrams and sites can only read, except by a row that names their listener. Local clients can do everything until
     a row names their entry point. A broadcast needs the right to each unit. A row with listeners applies to the unit
-    identifiers there, any other row to what these are `known_as`.
+    identifiers there, any other row to their `known_as`.
 
-    For certified clients ask `of_role`: by themselves, these are the rights of no role in particular, and only tell
-    whom the listener `admits`.
+    For certified clients ask `of_role`; these rights themselves belong to no role, and only tell whom the listener
+    `admits`.
     """
 
     def __init__(self, rows: Iterable[AccessRow], entry: EntryPoint, known_as: KnownAs = AS_NUMBERED) -> None:
@@ -114,7 +115,7 @@ class Rights(dict[str, tuple[Right, ...]]):
         self._roles: dict[str, Rights] = {}
 
     def of_role(self, role: str) -> "Rights":
-        """Find the rights of certified clients with this role."""
+        """Return the rights of certified clients with this role."""
         rights = self._roles.get(role)
         if rights is None:
             if len(self._roles) >= MOST_ROLES:
@@ -143,7 +144,7 @@ class Rights(dict[str, tuple[Right, ...]]):
         return function in right or begin in right or is_identification
 
     def rows_for(self, host: str, unit: int) -> tuple[AccessRow, ...]:
-        """Find the rows by which a client from this address has its rights to a unit other than that of broadcasts.
+        """Find the rows that give a client from this address its rights to a unit other than 0.
 
         Usually one; several if the unit has several numbers elsewhere; none if no row applies.
         """
@@ -184,13 +185,13 @@ def _rows_at(entry: EntryPoint, rows: tuple[AccessRow, ...]) -> Iterable[AccessR
 
 
 def _reading_of(right: Right) -> Right:
-    """Take the part of a right that only reads. The right to function 43 includes identification."""
+    """Return the part of a right that only reads. The right to function 43 includes identification."""
     return (right | {READING_IDENTIFICATION} if READING_IDENTIFICATION[:1] in right else right) & READING
 
 
 @lru_cache(maxsize=256)
 def _by_unit(rows: tuple[AccessRow, ...], known_as: KnownAs, unit0: int | None) -> tuple[Right, ...]:
-    """Find the right at each unit identifier, 0 to 255. Clients with the same rows share it."""
+    """Compute the right at each unit identifier, 0 to 255. Clients with the same rows share the result."""
     rights = [_right_at(identifier, units, rows) for identifier, units in enumerate(known_as)]
     all_units = [right for at, right in enumerate(rights) if at in _ALL_UNITS or known_as[at]]
     rights[BROADCAST_UNIT] = frozenset.intersection(*all_units) if unit0 is None else rights[unit0]
@@ -198,7 +199,7 @@ def _by_unit(rows: tuple[AccessRow, ...], known_as: KnownAs, unit0: int | None) 
 
 
 def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[AccessRow, ...]) -> Right:
-    """Find the right by the first row that applies. With several unit numbers, only what is allowed at each."""
+    """Return the right by the first row that applies. With several unit numbers, only what each of them allows."""
     right, *others = [
         next((row.right for row in rows if _fits(row, identifier, unit)), NOTHING) for unit in known_as or (None,)
     ]

@@ -12,7 +12,7 @@ from gateway.request import Origin, Request
 class AuditedOrigin:
     """The origin of a write: logs the result, then passes the response to the client's origin.
 
-    `clock` is that of `received_at`.
+    `clock` is the clock of `received_at`.
     """
 
     __slots__ = ("_clock", "_emit", "_is_broadcast", "_listener", "caller", "origin")
@@ -27,7 +27,7 @@ class AuditedOrigin:
         is_broadcast: bool,
     ) -> None:
         self.caller = origin.caller
-        #: The client's.
+        #: The client's own origin.
         self.origin = origin
         self._listener = listener
         self._is_broadcast = is_broadcast
@@ -35,7 +35,7 @@ class AuditedOrigin:
         self._emit = emit
 
     def wants(self, request: Request) -> bool:
-        """See Origin."""
+        """Tell whether the client still wants the response."""
         return self.origin.wants(request)
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
@@ -67,7 +67,7 @@ class AuditedOrigin:
 
 
 def _written(pdu: bytes) -> tuple[int, int] | tuple[None, None]:
-    """Find the address and number of the coils or registers to write, if the request names them."""
+    """Return address and number of the coils or registers to write; None for both if the request has none."""
     try:
         span = parse_sent(pdu).write
     except RequestError:

@@ -19,7 +19,7 @@ class Recipient(NamedTuple):
 
 
 class Broadcast:
-    """A Target that copies a write to all recipients that accept its function, and ends when all have finished."""
+    """A Target that copies a write to all recipients that accept its function; it ends when all copies have."""
 
     name = ""
 
@@ -28,7 +28,7 @@ class Broadcast:
         self._ring = ring or Ring()
 
     def submit(self, request: Request, now: float) -> None:
-        """Copy a write to all recipients; any other function gets 01, a malformed request 03."""
+        """Copy a write to all recipients; reject any other function with 01, a malformed request with 03."""
         try:
             if request.pdu[0] not in BROADCAST_FUNCTIONS:
                 raise IllegalFunction(f"function {request.pdu[0]} cannot be broadcast")
@@ -45,7 +45,7 @@ class Broadcast:
 
 
 class _Copies(DerivedOrigin):
-    """The origin of a broadcast's copies, and where it waits itself: it ends after all of them."""
+    """The origin of a broadcast's copies, and its place while it waits: it ends after all of them."""
 
     def __init__(self, original: Request, count: int) -> None:
         super().__init__(original)

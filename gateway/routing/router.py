@@ -14,7 +14,7 @@ from gateway.trace.ring import Ring
 
 @dataclass(slots=True)
 class RouterCounts:
-    """Requests without a route, and without a right."""
+    """Numbers of requests without a route, and without a right."""
 
     no_route: int = 0
     denied: int = 0
@@ -23,7 +23,7 @@ class RouterCounts:
 class Router:
     """Routes the requests of one entry point. `routes` and `rights` are empty at first and may be replaced at any time.
 
-    Unit 0 has a route too: none, a broadcast, or that of another unit.
+    Unit 0 has no route, a broadcast, or the route of another unit.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class Router:
         why_no_route: str = "no such unit",
         ring: Ring | None = None,
     ) -> None:
-        """`clock` is that of the requests; `why_no_route` is for the log."""
+        """Make a router without routes. `clock` is that of the requests; `why_no_route` is for the log."""
         self.entry = entry
         self.routes: dict[int, NamedTarget] = {}
         self.rights = Rights((), entry)
@@ -45,7 +45,7 @@ class Router:
         self._ring = ring or Ring()
 
     def submit(self, request: Request, now: float) -> None:
-        """Pass the request to its target. Without a route it gets 0A, without a right 01."""
+        """Pass the request to its target. Without a route it fails with 0A, without a right with 01."""
         unit = request.unit
         target = self.routes.get(unit)
         if target is not None and request.pdu[0] in self.rights[request.caller.host][unit]:
@@ -54,7 +54,7 @@ class Router:
             self._submit_other(request, target, now, self.rights)
 
     def _submit_other(self, request: Request, target: NamedTarget | None, now: float, rights: Rights) -> None:
-        """Submit a write, or fail a request without a route or a right."""
+        """Submit a request that is no plain read, with an audit for a write; fail it without a route or a right."""
         pdu = request.pdu
         if not only_reads(pdu):
             is_broadcast = isinstance(target, Broadcast)
@@ -85,10 +85,10 @@ class Router:
 
 
 class CertifiedRouter(Router):
-    """The router of clients that have shown a certificate: each has the rights of its role."""
+    """The router of clients with a certificate: each has the rights of its role."""
 
     def submit(self, request: Request, now: float) -> None:
-        """See Router."""
+        """Pass the request to its target, by the rights of the client's role."""
         unit, caller = request.unit, request.caller
         target, rights = self.routes.get(unit), self.rights.of_role(caller.role)
         if target is not None and request.pdu[0] in rights[caller.host][unit]:
