@@ -1,14 +1,14 @@
-"""Where a device is that changes its address, and what shows it.
+"""The possible addresses of a device that can change its address.
 
-A change without a response has happened or not. Until a response shows which, the device has several possible
-addresses, and all of them are reserved. A response to a request that was sent before the change shows nothing.
+A change without a response may have happened or not. Until a response shows which, the device has several possible
+addresses, and all of them are reserved. A response to a request sent before the change proves nothing.
 """
 
 from collections.abc import Callable
 
 from gateway.lines.transaction import Transaction
 
-#: Called with all possible addresses whenever they change, the last one that was shown first.
+#: Called with all possible addresses whenever they change, the last confirmed one first.
 Remember = Callable[..., None]
 
 
@@ -28,9 +28,9 @@ class UnitAddresses:
 
 
 class Whereabouts:
-    """The possible unit identifiers of one device, `units`: first the one where it was last, then those of changes.
+    """The possible unit identifiers of one device, `units`: first the last confirmed one, then those of changes.
 
-    They are empty if the device cannot be asked: where it was is another device's by now.
+    They are empty if the device cannot be asked, because another device now has its address.
     """
 
     def __init__(self, device: str, line: UnitAddresses, remember: Remember) -> None:
@@ -42,11 +42,11 @@ class Whereabouts:
 
     @property
     def is_doubtful(self) -> bool:
-        """Tell whether there are several possible addresses."""
+        """Whether there are several possible addresses."""
         return len(self.units) > 1
 
     def begin_at(self, *units: int) -> None:
-        """Take over what is known of an earlier run, or of another gateway."""
+        """Adopt the addresses known from an earlier run, or from another gateway."""
         self.units = units
         self._line.place(self._device, *units)
 
@@ -55,25 +55,25 @@ class Whereabouts:
         return self._line.is_free(unit, self._device)
 
     def add(self, unit: int, change: Transaction) -> None:
-        """Reserve `unit` too: a change to it is sent."""
+        """Reserve `unit` too, because a change to it is sent."""
         self._last_change = change
         self._become(*dict.fromkeys((*self.units, unit)))
 
     def is_shown_by(self, transaction: Transaction, unit: int) -> bool:
-        """Tell whether a response from `unit` shows that the device is there."""
+        """Tell whether a response from `unit` proves that the device is there."""
         change = self._last_change
         if transaction is change:
             return bool(self.units)
         return unit in self.units and (change is None or transaction.sent_at > change.sent_at)
 
     def settle(self, unit: int) -> int:
-        """Settle on `unit`. Returns where the device was."""
+        """Settle on `unit`. Return the previous address."""
         was = self.units[0]
         self._become(unit)
         return was
 
     def after(self, unit: int) -> int:
-        """Find the possible address that is next in turn after `unit`."""
+        """Return the possible address next in turn after `unit`."""
         at = self.units.index(unit) + 1 if unit in self.units else 0
         return self.units[at % len(self.units)] if self.units else unit
 

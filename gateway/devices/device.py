@@ -1,4 +1,4 @@
-"""The targets on a line: each of its devices, all of them at once for broadcasts, and units that a scan looks for."""
+"""The targets on a line: each of its devices, all of them for broadcasts, and units that a scan looks for."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,13 +16,13 @@ from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
 from gateway.trace.ring import Ring
 
-#: Of broadcasts.
+#: The answer time of broadcasts.
 _NEVER_ANSWERED: Final = AnswerTime(TimingTable(), margin=0.0, timeout=0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceSettings:
-    """One device of a line: `unit` on the wire, `known_as` to clients. `source` is its place in the config."""
+    """One device of a line: `unit` on the wire, `known_as` for clients. `source` is its place in the config."""
 
     name: str
     unit: int
@@ -34,7 +34,7 @@ class DeviceSettings:
 
 
 class TakesTransactions(Protocol):
-    """A line or an upstream, as its devices use it."""
+    """A line or an upstream, as seen by its devices."""
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction."""
@@ -77,17 +77,17 @@ class Device(Destination):
 
     @property
     def possible_units(self) -> tuple[int, ...]:
-        """Return the addresses that it may have; none if it is not asked at all."""
+        """The addresses that it may have; none if it is not asked at all."""
         return (self.unit,)
 
     @property
     def moved_from(self) -> int | None:
-        """Return the address in the config if the device is, or may be, at another one; None if not."""
+        """The address in the config, if the device is, or may be, at another one; else None."""
         configured = self.settings.unit
         return None if self.possible_units == (configured,) else configured
 
     def is_resting(self, now: float) -> bool:
-        """Tell whether the device backs off."""
+        """Tell whether the device is in its back-off."""
         return self.breaker.is_resting(now)
 
     def report_rejection(self, request: Request, error: RequestError) -> None:
@@ -114,9 +114,9 @@ class EveryDevice(Destination):
 
 
 class ScannedUnit(Destination):
-    """A unit that may not be there, for the questions of a scan.
+    """A unit that may not exist, for the reads of a scan.
 
-    `heard` are its answers to the last question, in time or late, each with how many seconds it took.
+    `heard` holds its answers to the last read, in time or late, each with the seconds it took after the request.
     """
 
     def __init__(self, unit: int, answer_time: AnswerTime, now: Callable[[], float]) -> None:
@@ -125,6 +125,6 @@ class ScannedUnit(Destination):
         self._now = now
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:
-        """See Destination."""
+        """Note the response and the seconds it took."""
         if response is not None:
             self.heard.append((response, self._now() - transaction.ends_at))

@@ -1,6 +1,6 @@
 """Devices that deviate from the protocol. A profile names the quirks of its devices.
 
-| quirk          | what such a device does                                         | source                    |
+| quirk          | behaviour of the device                                         | source                    |
 |----------------|-----------------------------------------------------------------|---------------------------|
 | `moves`        | a write to holding register 0x0100 sets its address; the        | weighing transducer, 7, 8 |
 |                | response to it comes from the new one                           |                           |
@@ -46,17 +46,17 @@ class QuirkyLine(TakesTransactions, Protocol):
     """A line that can change its baud rate with its only device."""
 
     def change_rate(self, baud: int) -> None:
-        """Change to `baud`."""
+        """Change the rate of the line to `baud`."""
 
 
 class AddressZeroTransaction(Transaction):
-    """A request to address 0, which the only device of the line answers from whatever address."""
+    """A request to address 0, which the only device of the line answers from any address."""
 
     __slots__ = ()
 
     @property
     def answers_from(self) -> None:
-        """Return None: the unit is unknown."""
+        """None: the unit is unknown."""
 
     def accepts(self, frame: Frame) -> bool:
         """Tell whether `frame` is the response, from any unit."""
@@ -80,7 +80,7 @@ class AddressChange(Transaction):
         self.new_unit = int.from_bytes(_registers(asked, ADDRESS_REGISTER, 1))
 
     def start(self, budget: Budget, now: float) -> None:
-        """See Transaction.
+        """Start the request, and reserve the new address; see Transaction.
 
         Raises:
             IllegalDataValue: the new address is invalid, or another device of the line may have it.
@@ -92,10 +92,10 @@ class AddressChange(Transaction):
 
     @property
     def answers_from(self) -> None:
-        """Return None: the old unit responds, or the new one."""
+        """None: the response comes from the old or the new unit."""
 
     def accepts(self, frame: Frame) -> bool:
-        """Tell whether `frame` confirms the change, or is the exception to it."""
+        """Tell whether `frame` confirms the change from the new unit, or is an exception from the old one."""
         is_exception = frame.pdu[0] & EXCEPTION_BIT
         return frame.unit == (self.unit if is_exception else self.new_unit) and self.asked.accepts(frame.pdu)
 
@@ -107,7 +107,7 @@ class BaudChange(Transaction):
 
     @property
     def baud(self) -> float:
-        """Return the new rate."""
+        """The new rate."""
         (baud,) = unpack(">f", _registers(self.asked, BAUD_REGISTER, 2))
         return float(baud)
 
@@ -115,8 +115,8 @@ class BaudChange(Transaction):
 class MovableDevice(Device):
     """A device that can change its address or baud rate. Requests are sent to its current address.
 
-    `line_name` and `line_source` are for events. If it `is_alone` on its line, the line can change its rate with it.
-    `remember` stores its possible addresses for the next start.
+    `line_name` and `line_source` are for events. If it `is_alone` on its line, the line follows its rate. `remember`
+    stores its possible addresses for the next start.
     """
 
     def __init__(
@@ -141,16 +141,20 @@ class MovableDevice(Device):
 
     @property
     def possible_units(self) -> tuple[int, ...]:
-        """See Device."""
+        """The addresses that it may have; none if it is not asked at all."""
         return self.address.units
 
     def begin_at(self, *units: int) -> None:
-        """Take over its possible addresses from an earlier run or another gateway. Without any, it is not asked."""
+        """Adopt its possible addresses from an earlier run or another gateway. Without any, it is not asked."""
         self.address.begin_at(*units)
         self.unit = units[0] if units else self.settings.unit
 
     def check_move(self, change: AddressChange) -> None:
-        """Raise IllegalDataValue if it must not change its address like that."""
+        """Check the new address of a change.
+
+        Raises:
+            IllegalDataValue: it is invalid, or another device of the line may have it.
+        """
         error = None
         if change.new_unit not in _UNITS:
             error = IllegalDataValue(f"{change.new_unit} is no address: 1 to 247 are")
@@ -181,14 +185,14 @@ class MovableDevice(Device):
         return AddressChange(request, asked, self) if quirk == "moves" else BaudChange(request, asked, self)
 
     def _failed(self, transaction: Transaction) -> None:
-        """Turn to its next possible address: it did not respond."""
+        """Try the next possible address: the device did not respond."""
         units = self.address.units
         if not isinstance(transaction, AddressChange):
             self.unit = self.address.after(self.unit)
         elif self.address.is_doubtful:
             advice = f"old or new: no answer came; it is at {show_addresses(units)}, and its next answer settles it"
             self._tell_moved(transaction.new_unit, units[0], advice)
-            self.unit = transaction.new_unit  # the old one is not asked anything while the change may still come
+            self.unit = transaction.new_unit  # do not ask at the old one while a late change may happen
         configured = self.moved_from
         if units and configured is not None and self.breaker.failures == FAILURES:
             advice = f"it does not answer there; {how_to_forget(self.name, configured)}"
@@ -212,7 +216,7 @@ class MovableDevice(Device):
             return
         if response is None:
             advice = "old or new: no answer came, so the device may speak at either rate"
-        elif self._is_alone and baud.is_integer() and int(baud) in BAUD_RATES:  # a range looks through all for a float
+        elif self._is_alone and baud.is_integer() and int(baud) in BAUD_RATES:  # a range is slow for a float
             self._change_rate(int(baud))
             advice = f"the line follows it; set baud = {baud:g} in {self._line_source}"
         else:
@@ -221,7 +225,7 @@ class MovableDevice(Device):
 
 
 class EveryQuirkyDevice(EveryDevice):
-    """Unit 0 of a line with devices that have `quirks`: no broadcast changes their address or rate."""
+    """Unit 0 of a line whose devices have `quirks`: no broadcast may change their address or rate."""
 
     def __init__(
         self, line: TakesTransactions, quirks: Collection[str], emit: Emit, ring: Ring, line_name: str
@@ -245,7 +249,7 @@ class EveryQuirkyDevice(EveryDevice):
 
 
 def changes(asked: RequestPdu, quirks: Collection[str]) -> Quirk | None:
-    """Find the one of `quirks` whose registers the request writes to, or to a part of them."""
+    """Return the one of `quirks` whose registers the request writes, even partly; None if there is none."""
     span = asked.write
     if span is None or span.area is not Area.HOLDING:
         return None
@@ -256,6 +260,6 @@ def changes(asked: RequestPdu, quirks: Collection[str]) -> Quirk | None:
 
 
 def _registers(asked: RequestPdu, register: int, count: int) -> bytes:
-    """Cut out the values that the request writes to `count` registers from `register` on."""
+    """Return the values that the request writes to `count` registers from `register` on."""
     at = 2 * (register - cast("Span", asked.write).start)
     return asked.values[at : at + 2 * count]
