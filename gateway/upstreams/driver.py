@@ -1,4 +1,7 @@
-"""Connects an upstream to the clock, and to its TCP connection: with other subclasses all that knows the event loop."""
+"""Connects an upstream to the clock and to its TCP connection.
+
+Only this module and other subclasses of UpstreamDriver use the event loop.
+"""
 
 import asyncio
 from abc import ABC, abstractmethod
@@ -16,9 +19,9 @@ from gateway.upstreams.upstream import Upstream
 
 
 class UpstreamDriver(ABC):
-    """Passes time and requests to `upstream`. Its subclasses are PortOwners: they know what carries the requests.
+    """Passes time and requests to `upstream`. Its subclasses are PortOwners, which know the kind of port.
 
-    An unexpected error is logged here, and the port is closed.
+    An unexpected error is logged, and the port is closed.
     """
 
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
@@ -38,16 +41,16 @@ class UpstreamDriver(ABC):
         self._run(self.upstream.submit, transaction, now)
 
     def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:  # noqa: ARG002 - see PortOwner
-        """See PortOwner: a port that carries messages is always needed."""
+        """Return False: a port that carries messages is always needed."""
         return False
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
-        """Let go of the port, which was lost; requests that wait fail at once until it is open again."""
+        """Stop using the port, which was lost; until it is open again, waiting requests fail at once."""
         self._boundary.lost()
 
     @property
     def is_busy(self) -> bool:
-        """Tell whether a request has been sent and not been answered."""
+        """Whether a request was sent and not answered yet."""
         return self.upstream.under_way > 0
 
     def finish(self) -> None:
@@ -69,19 +72,19 @@ class UpstreamDriver(ABC):
         self._step(self.upstream.tick, self._time())
 
     def _step(self, step: Callable[..., None], *arguments: Any) -> None:
-        """Do one step, and what follows from it."""
+        """Do one step; subclasses add its consequences."""
         step(*arguments)
 
     @abstractmethod
     def _down(self) -> None:
-        """Finish requests as a lost port demands."""
+        """Finish requests after the loss of the port."""
 
 
 class TcpDriver(UpstreamDriver):
-    """Passes bytes, time and requests to `upstream`. It is the PortOwner of the connection.
+    """Passes bytes, time and requests to `upstream`; the PortOwner of the connection.
 
-    It closes a connection that cannot be used any more; the reconnector opens the next one. When it is lost, its
-    requests fail. One that ends while nothing is under way is opened again for the next request.
+    It closes an unusable connection; the reconnector opens the next one. After a loss its requests fail. A connection
+    that ends while nothing is under way is opened again for the next request.
     """
 
     def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
@@ -90,7 +93,7 @@ class TcpDriver(UpstreamDriver):
         self._framer = MbapFramer(strict=True)
 
     def port_up(self, port: Port) -> None:
-        """Use this connection: it is open."""
+        """Use this open connection."""
         self._boundary.port = port
         self._framer = MbapFramer(strict=True)
         write = port.write
@@ -102,7 +105,7 @@ class TcpDriver(UpstreamDriver):
         self._run(self.upstream.tick, self._time())
 
     def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:
-        """See PortOwner."""
+        """End the connection; return whether it may stay closed until it is needed."""
         self._boundary.port = None
         self._run(partial(self.upstream.port_ended, at_once=at_once), open_again, self._time())
         return self.upstream.is_closed
@@ -133,12 +136,12 @@ class TcpDriver(UpstreamDriver):
         self.upstream.port_down(self._time())
 
     def _is_stuck(self) -> bool:
-        """Tell whether a request times out, and the unfinished response is of none that has time left."""
+        """Tell whether a request has timed out, and the unfinished response is not for one that still has time."""
         awaited = self.upstream.awaited(self._time())
         return len(awaited) < self.upstream.under_way and not any(map(self._framer.holds, awaited))
 
     def _renew(self, reason: str) -> None:
-        """Use a new connection; `port_ended` has it opened."""
+        """Close the connection, so that a new one is opened."""
         port, self._boundary.port = self._boundary.port, None
         self._tell(reason)
         if port is not None:

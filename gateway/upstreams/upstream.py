@@ -3,8 +3,8 @@
     waiting ──a place is free──▶ under way ──response──▶ answered
                                      └──limit──▶ outstanding ──late response──▶ dropped
 
-Every request gets a transaction identifier (T 4.2.2), which is not used again while a response to it may come, however
-late, so a response always belongs to its own request. Nothing is repeated.
+Every request gets a transaction identifier (T 4.2.2), which is not used again while a late response to it may come. So
+a response always belongs to its own request. Nothing is repeated.
 
 There is no I/O here: frames, time and requests are arguments, and `deadline` is when to call `tick`. An upstream
 finishes its own state before it answers requests, because an answer may cause the next request at once.
@@ -26,7 +26,7 @@ from gateway.modbus.mbap import NO_UNIT, TcpFrame, encode
 from gateway.ports.port import OpenAgain
 from gateway.trace.ring import Ring
 
-#: After this many requests without a response, a new connection is opened, on which none of the responses can come.
+#: After this many requests without a response, a new connection is opened: late responses cannot come on it.
 MAX_OUTSTANDING: Final = 4096
 
 #: Sends a request with its transaction identifier.
@@ -53,19 +53,20 @@ class UpstreamSettings:
 class Upstream:
     """One connection to another server and its transactions.
 
-    A client's requests to one unit are sent one at a time, so that they keep their order. So are all requests to a
-    unit that has failed, until it responds.
+    A client's requests to one unit are sent one at a time, so that they keep their order. So are all requests to a unit
+    that has failed, until it responds.
     """
 
     def __init__(self, settings: UpstreamSettings, emit: Emit, ring: Ring | None = None) -> None:
         self.settings = settings
-        #: Responses without a request on their connection.
+        #: Number of responses without a request on their connection.
         self.unasked_frames = 0
         self._telling = Telling(settings.name, settings.source, emit, "tcp", ring)
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
         self._reopening = Reopening(self._queue, settings.max_wait, lambda _: settings.timeout)
         self._send_request: Send | None = None
-        #: By identifier: requests under way, oldest first; bytes instead of responses; requests past their limits.
+        #: By identifier: requests under way, oldest first; bytes received instead of responses; requests past their
+        #: limits.
         self._under_way: dict[int, Transaction] = {}
         self._instead: dict[int, bytes] = {}
         self._outstanding: dict[int, Transaction] = {}
@@ -75,7 +76,7 @@ class Upstream:
         self._last_identifier = 0
 
     def port_up(self, send: Send) -> None:
-        """Send requests with `send`, those that wait by the next `tick`: the connection is open."""
+        """Use `send` from now on: the connection is open. The next `tick` sends waiting requests."""
         self._send_request = send
         if not self.is_closed:
             for device in self._failed_at:
@@ -84,27 +85,27 @@ class Upstream:
         self._reopening.end()
 
     def port_down(self, now: float) -> None:
-        """End the lost connection: units may have acted on requests under way (0B); others were not sent (0A)."""
+        """End the lost connection: requests under way fail with 0B, as units may have acted on them, others with 0A."""
         waiting = self._disconnect()
         self._lose_under_way(now)
         self._refuse(waiting, errors.LineDown(), now)
 
     def finish(self, now: float) -> None:
-        """Accept no more requests: waiting ones are not sent (0A), those under way may be answered."""
+        """Accept no more requests: waiting ones fail with 0A, those under way may still be answered."""
         self._refuse(self._disconnect(), errors.LineDown(), now)
 
     def renew(self, now: float) -> None:
-        """Wait for a new connection, for what waits: this one is being closed, and what is under way is lost (0B)."""
+        """Keep waiting requests for a new connection: this one is being closed. Requests under way fail with 0B."""
         self._send_request = None
         self._reopening.begin(now)
         self.tick(now)
         self._lose_under_way(now)
 
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
-        """End a connection that its server has ended in order, `at_once` after it was opened or later.
+        """End a connection that its server has closed in order; `at_once` after it was opened, or later.
 
-        If nothing is under way, that is no loss: it is opened again for what waits, or for the next request. But if
-        requests wait for one that ends at once, they would wait in vain: that is a loss.
+        If nothing is under way, that is no loss: it is opened again for waiting requests, or for the next one. But a
+        connection that ends at once while requests wait is a loss: they would wait in vain.
         """
         is_empty = not len(self._queue)
         if self._send_request is not None and not self._under_way and (is_empty or not at_once):
@@ -114,7 +115,7 @@ class Upstream:
 
     @property
     def is_closed(self) -> bool:
-        """Tell whether there is no connection because none is needed."""
+        """Whether there is no connection because none is needed."""
         return self._reopening.is_on
 
     def submit(self, transaction: Transaction, now: float) -> None:
@@ -139,8 +140,7 @@ class Upstream:
         """Take frames.
 
         Raises:
-            NotModbus: the server does not speak Modbus TCP, so the connection cannot be used any more. Responses before
-                that count.
+            NotModbus: the server does not speak Modbus TCP, so the connection is unusable. Responses before that count.
         """
         answers: list[tuple[Transaction, bytes]] = []
         try:
@@ -154,7 +154,7 @@ class Upstream:
                 transaction.respond(pdu, now)
 
     def unsent(self, identifier: int, now: float) -> None:
-        """Fail the request with this identifier, which got nowhere (0A); nothing if it has none any more."""
+        """Fail the request with this identifier, which was not delivered, with 0A; do nothing if it has ended."""
         transaction = self._under_way.get(identifier)
         if transaction is not None:
             self._finish(identifier, transaction)
@@ -194,27 +194,27 @@ class Upstream:
 
     @property
     def waiting(self) -> int:
-        """Return how many requests wait for a place."""
+        """Number of requests that wait to be sent."""
         return len(self._queue)
 
     @property
     def under_way(self) -> int:
-        """Return how many requests were sent and are within their limits."""
+        """Number of requests that were sent and are within their limits."""
         return len(self._under_way)
 
     def awaited(self, now: float) -> list[bytes]:
-        """Return the identifiers, as they are sent, of those whose limits have not ended."""
+        """Return the identifiers, in two bytes, of requests within their limits."""
         waiting = (identifier for identifier, each in self._under_way.items() if now < each.fails_at)
         return [identifier.to_bytes(2, "big") for identifier in waiting]
 
     @property
     def overdue(self) -> int:
-        """Return how many late responses may come."""
+        """Number of late responses that may come."""
         return len(self._outstanding)
 
     @property
     def is_spent(self) -> bool:
-        """Tell whether a new connection is needed: too many late responses may come on this one."""
+        """Whether a new connection is needed: too many late responses may come on this one."""
         return len(self._outstanding) >= MAX_OUTSTANDING and not self._under_way
 
     def _answer_in(self, frame: TcpFrame, now: float) -> tuple[Transaction, bytes] | None:
@@ -267,19 +267,19 @@ class Upstream:
             transaction.fail_sent(errors.LineLost(), now)
 
     def _disconnect(self) -> list[Transaction]:
-        """Stop sending: there is no connection. Returns the requests that have waited for one."""
+        """Stop sending: there is no connection. Return the requests that waited for one."""
         self._send_request = None
         self._reopening.end()
         return self._queue.clear()
 
     def _refuse(self, transactions: list[Transaction], error: RequestError, now: float) -> None:
-        """Fail what was not sent, and keep why."""
+        """Fail requests that were not sent, and record why."""
         for transaction in transactions:
             self._telling.record_refused(transaction, error, now, waiting=self.waiting)
             transaction.fail(error)
 
     def _go_on(self, now: float) -> None:
-        """Send requests while there is a place, and fail those that have waited too long."""
+        """Send requests while less than `in_flight` are under way, and fail those that have waited too long."""
         late = self._queue.expired(now)
         try:
             while self._send_request is not None and len(self._under_way) < self.settings.in_flight:
@@ -312,7 +312,7 @@ class Upstream:
         if transaction.expects_answer:
             self._under_way[identifier] = transaction
             self._asking.add((transaction.client, transaction.device))
-        else:  # the server may respond all the same
+        else:  # the server may respond nevertheless
             self._outstanding[identifier] = transaction
         send(identifier, transaction)
         if not transaction.expects_answer:
@@ -320,7 +320,7 @@ class Upstream:
             transaction.end()
 
     def _free_identifier(self) -> int:
-        """Choose the next identifier with which no response may come."""
+        """Choose the next identifier for which no response may come."""
         identifier = self._last_identifier
         while True:
             identifier = (identifier + 1) % _IDENTIFIERS
@@ -329,7 +329,7 @@ class Upstream:
                 return identifier
 
     def _finish(self, identifier: int, transaction: Transaction) -> bytes:
-        """Remove a request under way; returns the bytes that came instead of its response."""
+        """Remove a request under way. Return the bytes received instead of its response."""
         del self._under_way[identifier]
         self._asking.remove((transaction.client, transaction.device))
         return self._instead.pop(identifier, b"")
