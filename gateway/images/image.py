@@ -21,8 +21,8 @@ from gateway.trace.ring import Ring
 class ImageSettings:
     """One image: the addresses that exist in each area, and the values they start with (area -> address -> values).
 
-    `persist` says which values outlive the gateway: none, all but those of the last second, or every acknowledged
-    write. One that `shows_gateway` has the state of the gateway as its values.
+    `persist` says which values survive a restart: none, all but those of the last second, or every acknowledged write.
+    An image that `shows_gateway` has the state of the gateway as its values.
     """
 
     unit: int
@@ -37,7 +37,7 @@ class ImageSettings:
 
 @dataclass(slots=True)
 class ImageCounts:
-    """What an image has done: requests taken, and exception responses among the answers."""
+    """Requests of an image, and exception responses among its answers."""
 
     requests: int = 0
     exceptions: int = 0
@@ -46,9 +46,9 @@ class ImageCounts:
 class Image:
     """Four tables behind the rules of a profile; a Target that finishes every request before `submit` returns.
 
-    The profile narrows what an image can do (functions, limits, addresses), so that an image with a device's profile
-    answers as the device would. `tables` holds the values, by area. `diagnostics` are the counters and the event log
-    that clients may ask for and clear, `counts` those of the operator. `last_writes` says who wrote.
+    The profile limits functions, quantities and addresses, so that an image with a device's profile answers as the
+    device would. `tables` holds the values, by area. `diagnostics` has the counters and the event log for clients,
+    `counts` those for the operator, `last_writes` the last writers.
     """
 
     def __init__(
@@ -92,10 +92,10 @@ class Image:
         self.diagnostics.received(request)
 
     def _perform(self, asked: RequestPdu) -> bytes:
-        """Execute a checked request; returns the response PDU.
+        """Execute a checked request. Return the response PDU.
 
         Raises:
-            RequestError: a sub-function does not exist (01), or an object (02), or a value is wrong (03).
+            RequestError: a sub-function (01) or an object (02) does not exist, or a value is wrong (03).
         """
         service = self._services.get(asked.function)
         return perform(self.tables, asked) if service is None else service(asked.data)
@@ -115,7 +115,7 @@ class Image:
             request.fail(outcome)
 
     def _check(self, pdu: bytes) -> RequestPdu:
-        """Parse and check `pdu` in the order of the specification (A 7); changes nothing.
+        """Parse and check `pdu` in the order of the specification (A 7). Changes nothing.
 
         Raises:
             RequestError: the function (01), the structure or a limit (03), or an address (02) does not fit.

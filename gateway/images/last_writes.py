@@ -1,4 +1,4 @@
-"""Who has written what last: for an operator who wonders where a value comes from."""
+"""The last writer of each value: for an operator who wonders where a value comes from."""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -7,12 +7,12 @@ from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import Span, parse_sent
 from gateway.request import Request
 
-#: This many writes are kept, each to other addresses; the oldest are forgotten.
+#: The most writes that are kept, each to different addresses; the oldest are forgotten.
 MOST: Final = 256
 
 
 class LastWrite(NamedTuple):
-    """A write of `client`, at this time of the requests' clock."""
+    """A write of `client`, `at` a time of the requests' clock."""
 
     span: Span
     client: str
@@ -20,7 +20,7 @@ class LastWrite(NamedTuple):
 
 
 class LastWrites:
-    """The last write to each place. A write costs one entry of a dict, a read nothing."""
+    """The last write to each span of addresses. A write costs one entry of a dict, a read nothing."""
 
     __slots__ = ("_writes",)
 
@@ -28,7 +28,7 @@ class LastWrites:
         self._writes: dict[Span, LastWrite] = {}
 
     def done(self, request: Request) -> None:
-        """Keep a request that has succeeded, unless it only reads."""
+        """Record a request that has succeeded, unless it only reads."""
         if only_reads(request.pdu):
             return
         span = parse_sent(request.pdu).write
@@ -40,5 +40,5 @@ class LastWrites:
             del self._writes[next(iter(self._writes))]
 
     def __iter__(self) -> Iterator[LastWrite]:
-        """Go through them, the newest first."""
+        """Iterate over the writes, the newest first."""
         return reversed(self._writes.values())

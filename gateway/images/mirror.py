@@ -8,7 +8,7 @@ Reads are answered from the last poll while it is fresh; a stale value is never 
 start or after a client's write, a read waits until a later poll was answered or has failed. All other requests are
 passed on to the device. The requests of one client keep their order.
 
-It has no clock: time is an argument, and `deadline` says when it must be called again.
+It has no clock: time is an argument, and `deadline` says when to call `tick`.
 """
 
 from collections import deque
@@ -60,7 +60,7 @@ class Mirror:
     ) -> None:
         self.settings = settings
         self.counts = MirrorCounts()
-        #: Writes through the mirror only; others may have written to the device.
+        #: Writes through the mirror; there may be others.
         self.last_writes = LastWrites()
         self._device = device
         self._poller = poller
@@ -71,7 +71,7 @@ class Mirror:
         self._is_closed = False
 
     def submit(self, request: Request, now: float) -> None:
-        """Answer a read, or let it wait for a poll; pass everything else on to the device."""
+        """Answer a read, or keep it until a poll; pass everything else on to the device."""
         self.counts.requests += 1
         client = request.caller.client
         row = self._rows.setdefault(client, _ClientRequests())
@@ -79,7 +79,7 @@ class Mirror:
         self._go_on(client, row, now)
 
     def abandon(self, request: Request) -> None:
-        """Fail a request that has met a defect, unless it is over."""
+        """Fail a request whose processing met a defect, unless it is over."""
         if request.is_over:
             return
         row = self._rows.get(request.caller.client)
@@ -89,19 +89,19 @@ class Mirror:
         request.fail(ServerDeviceFailure())
 
     def polled(self, poll: Request, response: bytes | None, now: float) -> None:
-        """Take the response to a poll; None when it has none."""
+        """Take the response to a poll; None if it has none."""
         self._polling.polled(poll, response, now)
         self._settle(now)
 
     def wrote(self, request: Request, response: bytes | None, now: float) -> None:
-        """Note that a request that was passed on, here or by the mirror before a reload, may have changed values."""
+        """Note that a request passed on, here or by the mirror before a reload, may have changed values."""
         if not only_reads(request.pdu) and response is not None and not _has_no_effect(response):
             self._polling.changed(parse_sent(request.pdu).write, now)
             if not response[0] & EXCEPTION_BIT:
                 self.last_writes.done(request)
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
-        """Finish a request that was passed on with its response; None if it has none. Call `wrote` first."""
+        """Finish a request passed on with its response; None if it has none. Call `wrote` first."""
         request.place = None
         self._rows[request.caller.client].under_way -= 1
         if response is None:
@@ -111,12 +111,12 @@ class Mirror:
         self._settle(now)
 
     def close(self, now: float) -> None:
-        """Stop polling: reads that wait for a poll fail."""
+        """Stop polling. Reads that wait for a poll fail."""
         self._is_closed = True
         self._settle(now)
 
     def deadline(self) -> float | None:
-        """Tell when `tick` must be called; None while every range is being polled."""
+        """Return when to call `tick`; None while every range is being polled."""
         return self._polling.deadline()
 
     def tick(self, now: float) -> None:
@@ -125,13 +125,13 @@ class Mirror:
         self._settle(now)
 
     def ages(self, now: float) -> Iterator[tuple[Poll, float | None]]:
-        """Tell what is polled, and how old the values are in seconds; None while they are not known."""
+        """Yield the polls with the age of their values in seconds; None while they are unknown."""
         return self._polling.ages(now)
 
     def values(self, span: Span) -> bytes:
-        """Return what the last polls have brought, as a response carries it; `ages` says of which it is known.
+        """Return the values of the last polls, encoded as in a response; `ages` says which of them are known.
 
-        Not all of `span` may be polled: what is not is 0.
+        Addresses that are not polled have the value 0.
         """
         return self._polling.read(span)
 
@@ -148,7 +148,7 @@ class Mirror:
             del self._rows[client]
 
     def _go_on_with(self, row: _ClientRequests, now: float) -> bool:
-        """Answer the first waiting request, or pass it on; False if it must still wait."""
+        """Answer the first waiting request, or pass it on. Return False if it must still wait."""
         request = row.waiting[0]
         try:
             if request.pdu[0] not in POLLING_FUNCTIONS:
@@ -166,7 +166,7 @@ class Mirror:
         return True
 
     def _read(self, pdu: bytes, row: _ClientRequests, now: float) -> bytes | None:
-        """Make the response to the first waiting read; None if it must still wait.
+        """Return the response to the first waiting read; None if it must still wait.
 
         Raises:
             RequestError: the device's profile refuses it, not all of it is polled, or the values are too old.
@@ -206,7 +206,7 @@ class Mirror:
 
     def _fail(self, request: Request, error: RequestError, now: float) -> None:
         self.counts.exceptions += 1
-        if not isinstance(error, StaleValue):  # an error of the device is logged where it is detected
+        if not isinstance(error, StaleValue):  # errors of the device are logged elsewhere
             self._emit(RequestRefused.of(request, error, device=self.settings.name))
         self._ring.refuse(request, error, now, name=self.settings.name)
         request.fail(error)
@@ -217,14 +217,14 @@ class Mirror:
 
 
 class ForwardedOrigin(DerivedOrigin):
-    """The Origin of a request that is passed on to the device for a client."""
+    """The Origin of a client's request that is passed on to the device."""
 
     def __init__(self, original: Request, poller: MirrorOrigin) -> None:
         super().__init__(original)
         self._poller = poller
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """See Origin."""
+        """Pass the response to the mirror, with the error if there is one."""
         self.original.error = request.error
         self._poller.passed(self.original, pdu)
 

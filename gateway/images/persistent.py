@@ -1,8 +1,8 @@
-"""An image whose writes outlive the gateway: a write is acknowledged after it was saved.
+"""An image whose writes survive a restart: a write is acknowledged after it was saved.
 
 A write takes effect at once and is acknowledged when the store has saved it; later requests of its client are answered
-after that. If it cannot be saved, all writes since the last saved one are undone and get exception 04, and the reads of
-these clients since then are executed again.
+after that. If it cannot be saved, all writes since the last saved one are undone and get exception 04, and later reads
+of these clients are executed again.
 """
 
 from collections import deque
@@ -22,7 +22,7 @@ from gateway.trace.ring import Ring
 
 
 class Change(NamedTuple):
-    """New values in an area of the image with the name `image`, from the address `start` on."""
+    """New values in an area of the image named `image`, from the address `start` on."""
 
     image: str
     area: Area
@@ -30,7 +30,7 @@ class Change(NamedTuple):
     values: tuple[int, ...]
 
 
-#: Called with whether a change was saved. Changes are saved in the order in which they were made.
+#: Called with True if a change was saved, else False. Changes are saved in the order in which they were made.
 Done = Callable[[bool], None]
 
 
@@ -39,24 +39,24 @@ class ValueStore(Protocol):
 
     @property
     def is_open(self) -> bool:
-        """True once it is known what was saved."""
+        """Whether the saved values are known."""
 
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
-        """Return the present values of `image`; what could not be saved is undone before `Done` is called."""
+        """Return the present values of `image`; failed changes are undone before `Done` is called."""
 
     def keep_at_once(self, change: Change, done: Done) -> None:
-        """Save a change; `done` is called when it was saved or has failed."""
+        """Save a change; call `done` when it was saved or has failed."""
 
     def keep_soon(self, change: Change, done: Done) -> None:
-        """Save a change within a second; `done` is called at once."""
+        """Save a change within a second; call `done` at once."""
 
     def when_kept(self, done: Done) -> None:
-        """Call `done` with whether all present values could be saved."""
+        """Call `done` with True if all present values could be saved, else False."""
 
 
 @dataclass(slots=True, eq=False)
 class _Waiting:
-    """A request that is not answered yet; `outcome` is its answer if saving succeeds."""
+    """A request that is not answered yet; `outcome` is its answer if its writes can be saved."""
 
     request: Request
     outcome: bytes | RequestError
@@ -69,10 +69,10 @@ class _Write(_Waiting):
 
 
 class PersistentImage(Image):
-    """An image that hands each change to `store`, and acknowledges the write when it was saved.
+    """An image that passes each change to `store`, and acknowledges the write when it was saved.
 
-    From `start` on it has the store's values instead of the initial ones; those at addresses that it does not have
-    are ignored. Until then all requests get 04.
+    From `start` on it has the store's values instead of the initial ones; values at addresses that it does not have are
+    ignored. Until then all requests get 04.
     """
 
     def __init__(
@@ -85,14 +85,14 @@ class PersistentImage(Image):
         self._has_started = False
 
     def start(self) -> None:
-        """Load the present values, unless that was done or they cannot be read; called whenever routes have changed."""
+        """Load the present values, once they can be read. Called whenever routes have changed."""
         if not self._has_started and self._store.is_open:
             self._has_started = True
             self._take_over()
             self._store.when_kept(self._confirmed)
 
     def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image answers at once
-        """Execute `request`, and answer it when all earlier writes of its client were saved."""
+        """Execute `request`, and answer it when all earlier writes of its client are saved."""
         self._begin(request)
         self._act(request)
 

@@ -2,9 +2,9 @@
 
 The age of a value counts from the submission of its poll, so a value is never older than its age.
 
-Order is counted in writes: `writes` is always how many writes to the device have finished. The response to a poll shows
-all writes that had finished when the poll was submitted. It may not show later ones, because several requests can be
-on the way to the device.
+Order is counted in writes: `writes` is the number of finished writes to the device. The response to a poll includes all
+writes that had finished when the poll was submitted. It may lack later ones, because several requests can be on the way
+to the device.
 """
 
 from collections.abc import Iterator
@@ -19,9 +19,9 @@ from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span
 from gateway.request import Origin, Request
 
-#: Exceptions by which devices refuse a range as a whole: address, quantity, and 04, which some send instead.
+#: Exceptions that refuse a range as a whole: address, quantity, and 04, which some devices send instead.
 _REFUSALS: Final = frozenset({2, 3, 4})
-#: The pause before a poll that was not sent is repeated, because the line is down or busy; in seconds.
+#: The pause before repeating a poll that was not sent, because the line is down or busy, in seconds.
 UNSENT_PAUSE: Final = 0.25
 #: The most polls of a mirror in progress or waiting. More would only fill the queue of the line.
 MOST_POLLS: Final = 16
@@ -48,26 +48,27 @@ class MirroredDevice(Protocol):
     """The device behind a mirror."""
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
-        """Take a request; with `yields`, requests of clients are sent first."""
+        """Take a request; if it `yields`, requests of clients are sent first."""
 
     def is_resting(self, now: float) -> bool:
-        """Tell whether it backs off after failures."""
+        """Tell whether it is in a back-off after failures."""
 
 
 class PolledRange:
-    """A range of addresses that is polled. Its values are unknown at first."""
+    """A polled range of addresses. Its values are unknown at first."""
 
     def __init__(self, poll: Poll, due_at: float) -> None:
         self.poll = poll
         self.due_at = due_at
-        #: Its poll is in progress; reads wait for it while the values are unknown; the device has refused it.
+        #: Whether its poll is in progress; whether reads wait for it while the values are unknown; whether the device
+        #: has refused it.
         self.is_asked = False
         self.is_awaited = True
         self.is_refused = False
         self._asked_at = 0.0
         self._sampled_at: float | None = None
-        # The writes that had finished: when the present poll was submitted, when the last answered one was, and up to
-        # the last one that may have changed the values.
+        # Numbers of finished writes: when the present poll was submitted, when the last answered one was, and up to the
+        # last write that may have changed the values.
         self._asked_after = 0
         self._sampled_after = 0
         self._changed_by = 0
@@ -91,7 +92,7 @@ class PolledRange:
         self.is_asked = self.is_awaited = False
 
     def changed(self, now: float, writes: int) -> None:
-        """Forget its values, which the last write may have changed, until its next poll, which is due."""
+        """Forget its values, which the last write may have changed. Its next poll is due."""
         self._changed_by = writes
         self.is_awaited = True
         self.due_at = now
@@ -112,14 +113,14 @@ class PolledRange:
         return now - self._sampled_at > stale
 
     def age(self, now: float) -> float | None:
-        """Compute how old its values are, in seconds; None while they are unknown."""
+        """Return the age of its values in seconds; None while they are unknown."""
         if self._sampled_at is None or not self.is_known(self._changed_by):
             return None
         return now - self._sampled_at
 
 
 class Polling:
-    """Polls `device` for `poller`. `writes` is how many writes to the device have finished."""
+    """Polls `device` for `poller`. `writes` is the number of finished writes to the device."""
 
     def __init__(
         self, settings: MirrorSettings, counts: MirrorCounts, device: MirroredDevice, poller: MirrorOrigin, emit: Emit
@@ -139,15 +140,15 @@ class Polling:
         return self._tables[span.area].has(span)
 
     def touched(self, span: Span | None) -> list[PolledRange]:
-        """Find the ranges that contain an address of `span`; None means every address."""
+        """Return the ranges that contain an address of `span`; None means every address."""
         return [polled for polled in self._ranges if polled.touches(span)]
 
     def read(self, span: Span) -> bytes:
-        """Return the items of `span`, as a response carries them."""
+        """Return the items of `span`, encoded as in a response."""
         return self._tables[span.area].read(span)
 
     def changed(self, span: Span | None, now: float) -> None:
-        """Note that a write to `span` has finished (None: every address); all ranges are polled again soon."""
+        """Note that a write to `span` has finished (None: every address). All ranges are polled again soon."""
         self.writes += 1
         for polled in self._ranges:
             polled.due_at = min(polled.due_at, now)
@@ -155,7 +156,7 @@ class Polling:
             polled.changed(now, self.writes)
 
     def polled(self, poll: Request, response: bytes | None, now: float) -> None:
-        """Take the response to a poll; None when it has none."""
+        """Take the response to a poll; None if it has none."""
         polled = self._polls.pop(poll)
         if response is None or response[0] & EXCEPTION_BIT:
             self._failed(polled, response, now)
@@ -164,13 +165,13 @@ class Polling:
             polled.answered()
 
     def deadline(self) -> float | None:
-        """Tell when `tick` must be called; None while nothing more can be polled."""
+        """Return when to call `tick`; None while nothing more can be polled."""
         if len(self._polls) >= MOST_POLLS:
             return None
         return min((polled.due_at for polled in self._ranges if not polled.is_asked), default=None)
 
     def tick(self, now: float) -> None:
-        """Send the polls that are due, the oldest first. A unit that backs off is not polled."""
+        """Send the polls that are due, the oldest first. A device in its back-off is not polled."""
         due = [polled for polled in self._ranges if not polled.is_asked and polled.due_at <= now]
         due = sorted(due, key=lambda polled: polled.due_at)[: MOST_POLLS - len(self._polls)]
         is_resting = self._device.is_resting(now)
@@ -183,7 +184,7 @@ class Polling:
                 self._ask(polled, now)
 
     def ages(self, now: float) -> Iterator[tuple[Poll, float | None]]:
-        """Tell what is polled, and how old the values are in seconds; None while they are not known."""
+        """Yield the polls with the age of their values in seconds; None while they are unknown."""
         return ((polled.poll, polled.age(now)) for polled in self._ranges)
 
     def _ask(self, polled: PolledRange, now: float) -> None:

@@ -18,7 +18,7 @@ POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values(
 class Poll:
     """A range of addresses that is read with one request every `every` seconds.
 
-    `parts` are the ranges it was joined from: they are read one by one if the device refuses the whole.
+    `parts` are the ranges that it was joined from: they are read one by one if the device refuses the whole.
     """
 
     area: Area
@@ -38,7 +38,7 @@ class Poll:
 
 @dataclass(frozen=True, slots=True)
 class MirrorSettings:
-    """A mirror of the device with the name `of`, which has `profile`. `areas` are the addresses of all `polls`.
+    """A mirror of the device named `of`, which has `profile`. `areas` are the addresses of all `polls`.
 
     Values older than `stale` seconds are not sent.
     """
@@ -59,9 +59,9 @@ def polling_function(area: Area) -> int:
 
 
 def joined(polls: Iterable[Poll], limits: Mapping[int, int]) -> list[Poll]:
-    """Join polls to as few requests as possible: neighbours with the same interval are read together.
+    """Join polls into as few requests as possible: neighbours with the same interval are read together.
 
-    `limits` is the most items that the device allows for a function; longer ranges are split.
+    `limits` is the most items that the device allows, by function; longer ranges are split.
     """
     result: list[Poll] = []
     for poll in sorted(_cut(polls, limits), key=lambda poll: (poll.area, poll.every, poll.first)):

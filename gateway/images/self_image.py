@@ -1,4 +1,4 @@
-"""The gateway's own state as a unit: an image that nobody can write, filled when it is read."""
+"""The gateway's own state as a unit: a read-only image, filled when it is read."""
 
 from collections.abc import Callable, Mapping
 from math import inf
@@ -13,7 +13,7 @@ from gateway.modbus.pdu import Span
 from gateway.request import Request
 from gateway.trace.ring import Ring
 
-#: What function 43 calls it.
+#: Its product name in function 43.
 PRODUCT: Final = "gateway"
 #: Its name for `read`, in events and for function 43.
 NAME: Final = "gateway"
@@ -26,23 +26,23 @@ def self_settings(unit: int, source: str) -> ImageSettings:
 
 
 class SelfImage(Image):
-    """Shows what `look` tells at the time of a request; nothing before that is set."""
+    """Shows the result of `look` at the time of a request; zeros while `look` is None."""
 
     def __init__(self, settings: ImageSettings, emit: Emit = discard_event, ring: Ring | None = None) -> None:
         self.look: Callable[[float], Shown] | None = None
         self._diagnostics = SelfDiagnostics()
         super().__init__(settings, emit, ring, self._diagnostics, PRODUCT)
         self._looked_at = -inf
-        #: Where values are, and how many bytes of them.
+        #: The sizes of the present values in bytes, by address.
         self._filled: dict[int, int] = {}
 
     def submit(self, request: Request, now: float) -> None:
-        """Answer `request`."""
+        """Answer `request` with current values."""
         self.look_again(now)
         super().submit(request, now)
 
     def look_again(self, now: float) -> None:
-        """Look up the values, unless that was done a moment ago."""
+        """Update the values, unless they are fresh."""
         if self.look is not None and not 0 <= now - self._looked_at < FRESHNESS:
             self._show(self.look(now))
             self._looked_at = now
@@ -63,10 +63,10 @@ class SelfImage(Image):
 
 
 class SelfDiagnostics(Diagnostics):
-    """Counters of the lines beside those of the unit itself; clearing them makes none of the lines' forget anything."""
+    """Counters of the lines beside those of the unit itself. Clearing them does not clear the lines' own counters."""
 
     def __init__(self) -> None:
-        #: By sub-function of 08, since the start.
+        #: The counters of the lines by sub-function of 08, since the start.
         self.of_lines: Mapping[int, int] = {}
         super().__init__()
 
@@ -75,7 +75,7 @@ class SelfDiagnostics(Diagnostics):
         self._cleared_at = self.of_lines
 
     def counter(self, asked: int) -> int:
-        """See Diagnostics."""
+        """Return the counter of sub-function `asked` of 08, since it was last cleared."""
         if asked in self.of_lines:
             return (self.of_lines[asked] - self._cleared_at.get(asked, 0)) & 0xFFFF
         return super().counter(asked)

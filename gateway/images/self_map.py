@@ -1,7 +1,7 @@
-"""The register map of the gateway's own unit. docs/own-registers.md is made of it: `python -m gateway.images.self_map`.
+"""The register map of the gateway's own unit, and the source of docs/own-registers.md.
 
-Each part has a place of its own that does not move when the config gets more lines: parts are counted in the order of
-the file, and a new one at its end takes the next place.
+`python -m gateway.images.self_map` prints that page. Each part has its own place, which does not move when the config
+gets more lines: parts are counted in the order of the file, and a new one at its end takes the next place.
 """
 
 import sys
@@ -15,13 +15,13 @@ from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
 from gateway.registers.datatypes import encode, registers_of
 
-#: What is at register 0; it changes only when a register gets another meaning.
+#: The version of the map, at register 0; it changes only when the meaning of a register does.
 LAYOUT: Final = 1
-#: This many lines, server lines and upstreams have a place.
+#: The most lines, server lines and upstreams that have a place.
 PLACES: Final = 100
 #: Registers of each place.
 PLACE_SIZE: Final = 50
-#: The characters of a name that are shown.
+#: The most characters of a name.
 _NAME_LENGTH: Final = 32
 
 PROFILE: Final = Profile("self", "The gateway itself", functions=frozenset({3, 4, 8, 11, 12, 17, 43}))
@@ -31,7 +31,7 @@ STATES: Final = {0: "none", 1: "up", 2: "down", 3: "not tried"}
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """A value: where it is within its table, what it is called, how it is carried, and what it means."""
+    """A value: its place in its table, its name, its data type, and its meaning."""
 
     at: int
     name: str
@@ -42,7 +42,7 @@ class Register:
 
     @property
     def count(self) -> int:
-        """How many registers it takes."""
+        """Number of its registers."""
         return _NAME_LENGTH // 2 if self.type == "string" else registers_of(self.type)
 
     def point(self, start: int, prefix: str) -> Point:
@@ -110,7 +110,7 @@ UPSTREAM: Final = (
 
 
 class Section(NamedTuple):
-    """Parts of one kind: where the states of all of them are, one register each, and where the first one's place is."""
+    """Parts of one kind: `states` is the address of their states, one register each, `start` that of the first part."""
 
     title: str
     states: int
@@ -118,7 +118,7 @@ class Section(NamedTuple):
     registers: tuple[Register, ...]
 
     def place(self, number: int) -> int:
-        """Compute where the registers of a part begin."""
+        """Return the address of a part's registers."""
         return self.start + PLACE_SIZE * number
 
 
@@ -127,11 +127,11 @@ SERVERS: Final = Section("Server lines", 200, 10000, SERVER)
 UPSTREAMS: Final = Section("Upstreams", 300, 20000, UPSTREAM)
 SECTIONS: Final = (LINES, SERVERS, UPSTREAMS)
 
-#: A unit's bit is set while it does not answer: unit 0 would be the lowest bit of the first register.
+#: The bits of units that do not answer; unit 0 would be the lowest bit of the first register.
 FAILING_UNITS: Final = 80
 _UNIT_REGISTERS: Final = 16
 
-#: The addresses that exist, as holding and as input registers: all places, those of no part too.
+#: The addresses that exist, as holding and as input registers: all places, also unused ones.
 RANGES: Final[tuple[Range, ...]] = (
     (0, 399),
     *((section.start, section.start + PLACES * PLACE_SIZE - 1) for section in SECTIONS),
@@ -142,9 +142,9 @@ Values = Mapping[str, int | str]
 
 
 class Shown(NamedTuple):
-    """What the registers show: of the gateway, and of each part in its section; units that do not answer.
+    """The values of the registers: of the gateway, and of each part in its section; units that do not answer.
 
-    `counters` are those of function 08 that tell of the lines.
+    `counters` are the counters of function 08 about the lines.
     """
 
     gateway: Values
@@ -154,7 +154,7 @@ class Shown(NamedTuple):
 
 
 def registers(shown: Shown) -> Iterator[tuple[int, bytes]]:
-    """Yield runs of registers as responses carry them, each with its address. What is not among them is 0."""
+    """Yield runs of registers with their addresses, encoded as in a response. All other registers are 0."""
     yield 0, _table(GATEWAY, shown.gateway)
     bits = sum(1 << unit for unit in set(shown.failing_units))
     yield FAILING_UNITS, b"".join((bits >> 16 * at & 0xFFFF).to_bytes(2, "big") for at in range(_UNIT_REGISTERS))
@@ -166,7 +166,7 @@ def registers(shown: Shown) -> Iterator[tuple[int, bytes]]:
 
 
 def points(names: Mapping[str, Iterable[str]]) -> tuple[Point, ...]:
-    """Make the points of the parts that are there, given by their names under the title of their section."""
+    """Make the points of the existing parts, given by their names under the titles of their sections."""
     found = [register.point(0, "") for register in GATEWAY]
     for section in SECTIONS:
         for number, name in zip(range(PLACES), names.get(section.title, ()), strict=False):
@@ -184,7 +184,7 @@ def _table(table: Iterable[Register], values: Values) -> bytes:
 
 
 def _encoded(register: Register, value: int | str) -> bytes:
-    """Encode a value: a number that is too large as the largest one; a counter wraps round."""
+    """Encode a value. A number that is too large becomes the largest one; a counter wraps around."""
     if isinstance(value, str):
         return encode(value.encode("ascii", "replace").decode()[:_NAME_LENGTH], "string", "none", register.count)
     if register.type == "uint32":
@@ -219,7 +219,7 @@ counters.
 
 
 def document() -> str:
-    """Write docs/own-registers.md."""
+    """Return the text of docs/own-registers.md."""
     opening = _OPENING.format(freshness=f"{1000 * FRESHNESS:.0f} ms", places=PLACES)
     gateway = f"## The gateway: registers 0-79\n\n{_rows(GATEWAY)}"
     return "\n".join([opening, gateway, _document_units(), _document_states(), *map(_document, SECTIONS), _COUNTERS])
@@ -275,7 +275,7 @@ They have 16 bits; sub-function 0A clears them, for this function only.
 | 12 | always 0 |
 """
 
-#: For this many seconds values are shown before they are looked up again.
+#: Values are updated after this many seconds.
 FRESHNESS: Final = 0.2
 
 

@@ -1,8 +1,8 @@
-"""What an image tells of itself: diagnostics (functions 08, 11 and 12) and its identification (17 and 43/14).
+"""Diagnostics (functions 08, 11 and 12) and identification (17 and 43/14) of an image.
 
 Diagnostics are an echo, counters, and a log of the last events (A 6.8, 6.9, 6.10), meant for a unit on a serial line.
-An image has no line: a request reaches it complete or not at all. So the counters count its requests, and those for
-characters, busy units and negative acknowledgement stay 0. An image has no restart and no listen-only mode.
+An image has no line: a request reaches it complete or not at all. So the counters count its requests, and those of
+characters, busy units and negative acknowledgements stay 0. An image has no restart and no listen-only mode.
 """
 
 from collections import deque
@@ -26,7 +26,7 @@ from gateway.modbus.functions import MOST_EVENTS
 from gateway.modbus.shapes import need
 from gateway.request import Request
 
-#: Sub-functions of counters. An image keeps 0B and 0D to 0F; the others of 0B-12 are 0.
+#: Sub-functions of counters. An image counts 0B and 0D to 0F; the others of 0B-12 are 0.
 BUS_MESSAGES: Final = 0x0B
 COMMUNICATION_ERRORS: Final = 0x0C
 EXCEPTIONS: Final = 0x0D
@@ -72,12 +72,12 @@ class Diagnostics:
         self._log.appendleft(_RECEIVED | _AS_BROADCAST if is_broadcast else _RECEIVED)
 
     def done(self, request: Request) -> None:
-        """Note that the request has been performed."""
+        """Note that the request was executed."""
         self._events += request.pdu[0] not in _NO_EVENTS
         self._log.appendleft(_PROCESSED)
 
     def refused(self, request: Request, code: ExceptionCode) -> None:
-        """Note that the request gets an exception, which is not sent if it was a broadcast."""
+        """Note that the request gets an exception; as a broadcast it gets none."""
         if request.unit == BROADCAST_UNIT:
             self._log.appendleft(_PROCESSED)
         else:
@@ -88,7 +88,7 @@ class Diagnostics:
         """Answer function 08: echo, clear, or a counter.
 
         Raises:
-            IllegalFunction: another sub-function.
+            IllegalFunction: it is another sub-function.
             IllegalDataValue: the data is not 0000.
         """
         asked = int.from_bytes(pdu[1:3], "big")
@@ -104,7 +104,7 @@ class Diagnostics:
         return pdu
 
     def counter(self, asked: int) -> int:
-        """Return the counter of sub-function `asked` of 08. The request that asks for it is counted."""
+        """Return the counter of sub-function `asked` of 08. The present request is counted."""
         counters = {
             BUS_MESSAGES: self._messages,
             EXCEPTIONS: self._exceptions,
@@ -114,11 +114,11 @@ class Diagnostics:
         return counters.get(asked, 0) & 0xFFFF
 
     def event_counter(self, pdu: bytes) -> bytes:
-        """Answer function 11: requests that were performed."""
+        """Answer function 11: the number of executed requests."""
         return _COUNTER.pack(pdu[0], _READY, self._events & 0xFFFF)
 
     def event_log(self, pdu: bytes) -> bytes:
-        """Answer function 12: the same, the message count, and the last events, the latest first."""
+        """Answer function 12: the event counter, the message count, and the last events, the latest first."""
         size = _LOG.size - 2 + len(self._log)
         return _LOG.pack(pdu[0], size, _READY, self._events & 0xFFFF, self.counter(BUS_MESSAGES)) + bytes(self._log)
 
@@ -146,14 +146,14 @@ _RUNNING: Final = b"\xff"
 
 
 class Identity:
-    """The identification of an image. Its name is sent in ASCII, and cut if it is too long for a response."""
+    """The identification of an image. Its name is sent in ASCII, and shortened to fit into a response."""
 
     def __init__(self, name: str, product: str = PRODUCT) -> None:
         texts = {_VENDOR_NAME: VENDOR, _PRODUCT_CODE: product, _REVISION: __version__, _APPLICATION_NAME: name}
         self._objects = {number: text.encode("ascii", "replace")[:_LONGEST_VALUE] for number, text in texts.items()}
 
     def report(self, pdu: bytes) -> bytes:
-        """Answer function 17: its name, and that it runs."""
+        """Answer function 17: its name, and that it is running."""
         data = self._objects[_APPLICATION_NAME] + _RUNNING
         return bytes((pdu[0], len(data))) + data
 
@@ -174,7 +174,7 @@ class Identity:
         return self._stream(pdu, [first])
 
     def _asked(self, code: int, first: int) -> list[int]:
-        """Find the objects from `first` on, all of them if there is no such one (A 6.21)."""
+        """Return the objects from `first` on; all of them if there is no such object (A 6.21)."""
         numbers = [number for number in self._objects if code != _BASIC or number <= _REVISION]
         return numbers[numbers.index(first) :] if first in numbers else numbers
 

@@ -1,7 +1,7 @@
 """The four tables of a unit (A 4.3), coils, discrete inputs, input and holding registers, and the functions on them.
 
-Functions read and write a table in the encoding of the protocol: coils packed eight to a byte, registers high byte
-first, after they have checked `has`. For all other users the items of a table are numbers.
+Functions read and write a table in the encoding of the protocol, after checking `has`: coils packed eight to a byte,
+registers high byte first. For all other users the items of a table are numbers.
 """
 
 from abc import ABC, abstractmethod
@@ -22,7 +22,7 @@ Values = tuple[int, Sequence[int]]
 
 
 class Table(ABC):
-    """The items of one area, all 0 at first. They exist at the addresses in `ranges` (ascending, adjacent ones joined).
+    """The items of one area, 0 at first. They exist at the addresses in `ranges` (ascending, adjacent ones joined).
 
     Raises:
         ValueError: a range is empty or leaves the addresses 0-65535.
@@ -40,7 +40,7 @@ class Table(ABC):
                 raise ValueError(f"{area} {first}-{last} is no range of addresses")
         self.area = area
         self.ranges = ranges
-        # From address 0 on, with all holes, so that a read is one slice; the largest table takes 128 KiB.
+        # From address 0 on, gaps included, so that a read is one slice; the largest table takes 128 KiB.
         self._contents = bytearray(calcsize(self._format) * max((last + 1 for _, last in ranges), default=0))
 
     def has(self, span: Span) -> bool:
@@ -101,11 +101,11 @@ class BitTable(Table):
     _largest = 1
 
     def read(self, span: Span) -> bytes:
-        """Pack eight to a byte, the first one in the lowest bit, the last byte padded with zeros (A 6.1)."""
+        """Return the items packed eight to a byte, the first in the lowest bit, padded with zeros (A 6.1)."""
         return pack_bits(bytes(self._contents[span.start : span.end]))
 
     def write(self, span: Span, data: bytes) -> None:
-        """Unpack eight from a byte; the padding of the last byte is ignored (A 6.11)."""
+        """Set the items from bytes of eight; the padding of the last byte is ignored (A 6.11)."""
         self._contents[span.start : span.end] = unpack_bits(data, span.count)
 
 
@@ -118,11 +118,11 @@ class RegisterTable(Table):
     _largest = 0xFFFF
 
     def read(self, span: Span) -> bytes:
-        """Return two bytes each, the high one first (A 4.2)."""
+        """Return the items in two bytes each, the high one first (A 4.2)."""
         return bytes(self._contents[2 * span.start : 2 * span.end])
 
     def write(self, span: Span, data: bytes) -> None:
-        """Take two bytes each, the high one first (A 4.2)."""
+        """Set the items from two bytes each, the high one first (A 4.2)."""
         self._contents[2 * span.start : 2 * span.end] = data
 
 
@@ -137,7 +137,7 @@ _KINDS: Final[dict[Area, type[Table]]] = {
 
 
 def make_tables(ranges: Mapping[Area, tuple[Range, ...]], initial: Mapping[Area, Iterable[Values]]) -> Tables:
-    """Make the four tables with their initial values; an area that `ranges` does not name has no items.
+    """Make the four tables with their initial values; an area missing in `ranges` has no items.
 
     Raises:
         ValueError: a range is impossible, or an initial value does not fit.
@@ -154,7 +154,7 @@ _MASKS = Struct(">3xHH")
 
 
 def perform(tables: Tables, asked: RequestPdu) -> bytes:
-    """Execute a checked request; returns the response PDU.
+    """Execute a checked request. Return the response PDU.
 
     Items are written if the function writes, **then** read if it reads: function 23 does both, in this order (A 6.17).
     The response is the header that follows from the request, and then the items that were read.

@@ -1,1 +1,1 @@
-"""What of images uses the event loop, threads and files; all else of them is pure."""
+"""The parts of images that use the event loop, threads and files."""

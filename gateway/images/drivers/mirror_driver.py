@@ -1,4 +1,4 @@
-"""Connects a mirror to the clock: the only part of it that uses the event loop."""
+"""Connects a mirror to the clock: its only part that uses the event loop."""
 
 import asyncio
 from collections.abc import Callable, Iterable
@@ -14,9 +14,9 @@ from gateway.trace.ring import Ring
 
 
 class MirrorDriver:
-    """A Target that hands requests and time to its `mirror`, and the Origin of the mirror's polls.
+    """A Target that passes requests and time to its `mirror`, and the Origin of the mirror's polls.
 
-    An unexpected error ends here: it is logged, the request that met it fails, and polling goes on.
+    An unexpected error is contained here: it is logged, its request fails, and polling goes on.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class MirrorDriver:
         self._timer.set(self.mirror.deadline())
 
     def close(self, successors: Iterable["MirrorDriver"] = ()) -> None:
-        """Stop polling; waiting polls are not sent, and reads that wait for one fail.
+        """Stop polling. Waiting polls are not sent, and reads that wait for one fail.
 
         `successors` mirror the same device after a reload: writes that are under way here change their values too.
         """
@@ -71,7 +71,7 @@ class MirrorDriver:
         self._run(self.mirror.passed, request, response, self._time())
 
     def wrote(self, request: Request, response: bytes | None) -> None:
-        """Take the response to a request that was passed on, here or by the mirror before this. Its client waits."""
+        """Take the response to a request passed on by this mirror or an earlier one, before its client gets it."""
         for successor in self._successors:
             successor.wrote(request, response)
         self._run(self.mirror.wrote, request, response, self._time())
@@ -80,7 +80,7 @@ class MirrorDriver:
         self._run(self.mirror.tick, self._time())
 
     def _run(self, step: Callable[..., None], *arguments: Any) -> bool:
-        """Run a step; False if it met a defect."""
+        """Run a step. Return False if it raised an unexpected error."""
         is_sound = True
         try:
             step(*arguments)

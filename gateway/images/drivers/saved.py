@@ -1,4 +1,4 @@
-"""The values of persistent images on the disk, and those in the file of an earlier version. All calls block."""
+"""The values of persistent images on the disk, also in the file of an earlier version. All calls block."""
 
 import errno
 import json
@@ -13,9 +13,9 @@ from gateway.state.database import Row, Table, open_table
 from gateway.state.page_log import PageLog
 
 _NAME: Final = "images"
-#: The file that changes with each write.
+#: The file that each write changes.
 LOG: Final = f"{_NAME}.log"
-#: Neighbours in a record: with the longest name of an image it fits into a page.
+#: The most values in a record: with the longest name of an image it fits into a page.
 _MOST_IN_A_RECORD: Final = 128
 
 #: Values by image and area, then by address.
@@ -23,7 +23,7 @@ Values = dict[tuple[str, Area], dict[int, int]]
 
 
 def add(to: Values, *more: Values) -> Values:
-    """Add values in place; later ones replace earlier ones."""
+    """Add values to `to`, and return it; later ones replace earlier ones."""
     for each in more:
         for table, values in each.items():
             to.setdefault(table, {}).update(values)
@@ -31,7 +31,7 @@ def add(to: Values, *more: Values) -> Values:
 
 
 class SavedValues:
-    """The open files. No second process can write them meanwhile."""
+    """The open files, locked against other processes."""
 
     def __init__(self, log: PageLog, old: Path | None) -> None:
         """Use this log; `old` is the file of an earlier version with these values."""
@@ -39,7 +39,7 @@ class SavedValues:
         self._old = old
 
     def write(self, values: Values, kept: Values) -> None:
-        """Write all of the values or none; they are on the disk on return. All earlier ones are `kept`.
+        """Write all of the values or none; on return they are on the disk. `kept` are all earlier values.
 
         Raises:
             OSError: they cannot be written.
@@ -56,7 +56,7 @@ class SavedValues:
 
 
 class Opened(NamedTuple):
-    """Open files and what they hold. `damage` says what was wrong with them, in words; empty if nothing was."""
+    """Open files and their values. `damage` describes a fault of the files; empty if there was none."""
 
     saved: SavedValues
     values: Values
@@ -64,7 +64,7 @@ class Opened(NamedTuple):
 
 
 def open_saved(folder: Path) -> Opened:
-    """Read the values in `folder`; where there are none, those of an earlier version. Nothing is written yet.
+    """Read the values in `folder`, else those of an earlier version. Nothing is written yet.
 
     Raises:
         StateError: another process has them open, or a later version has written them.
@@ -85,7 +85,7 @@ def open_saved(folder: Path) -> Opened:
 
 
 def _records(kept: Values, changed: Values) -> Iterator[bytes]:
-    """Make a record for each run of neighbours: `["shift-data","holding",5,[7,8,9]]` for those from address 5 on."""
+    """Encode each run of neighbours as a record: `["shift-data","holding",5,[7,8,9]]` from address 5 on."""
     for image, area in sorted(kept.keys() | changed.keys()):
         values = kept.get((image, area), {}) | changed.get((image, area), {})
         for run in _runs(sorted(values)):
@@ -105,9 +105,9 @@ def _runs(addresses: Iterable[int]) -> Iterator[list[int]]:
 
 
 class OldFile(NamedTuple):
-    """The file of an earlier version, which had a row in a database for each value: image, area, address, value.
+    """The file of an earlier version: a database with a row for each value: image, area, address, value.
 
-    `damage` says what was wrong with it.
+    `damage` describes its fault; empty if there was none.
     """
 
     file: Path
@@ -120,7 +120,7 @@ def _check_sum(row: Row) -> int:
     return crc32(f"{image}/{area}/{address}={value}".encode())
 
 
-#: Of earlier versions.
+#: The table of earlier versions.
 OLD_TABLE: Final = Table(
     name="items",
     columns=(("image", "TEXT"), ("area", "TEXT"), ("address", "INTEGER"), ("value", "INTEGER")),

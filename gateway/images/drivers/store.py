@@ -1,7 +1,7 @@
 """Saves images to disk: changes are collected, and a thread writes them together.
 
 While a batch is being written, the next one is collected, so a hundred writes cost little more than ten. If a batch
-cannot be written, all changes collected meanwhile fail with it: no change is saved without those before it. Only
+cannot be written, all changes collected meanwhile fail with it: no change is saved without the earlier ones. Only
 changes that were acknowledged before they were saved are tried again.
 
 The store has the present value of every item, including changes that are not saved yet. Failed changes are undone.
@@ -21,7 +21,7 @@ from gateway.images.drivers.saved import LOG, SavedValues, Values, add, open_sav
 from gateway.images.persistent import Change, Done
 from gateway.modbus.codes import Area
 
-#: How often changes of `keep_soon` are written, in seconds: the most that a crash loses.
+#: Seconds between writes of `keep_soon` changes: the most that a crash loses.
 INTERVAL: Final = 1.0
 #: How long the disk may take for the last batch, in seconds.
 CLOSING_DEADLINE: Final = 2.0
@@ -29,7 +29,7 @@ CLOSING_DEADLINE: Final = 2.0
 
 @dataclass(slots=True)
 class _Batch:
-    """Values that are written together. `soon` are those that are already acknowledged."""
+    """Values that are written together. `soon` values are already acknowledged."""
 
     values: Values = field(default_factory=dict)
     soon: Values = field(default_factory=dict)
@@ -55,13 +55,13 @@ class Store:
 
     @property
     def is_open(self) -> bool:
-        """True once it is known what was saved."""
+        """Whether the saved values are known."""
         return self._saved is not None
 
     def open(self) -> None:
-        """Read the files, unless that has been done, and write them anew. Blocks. Nothing can be saved before.
+        """Read the files, unless that is done, and write them anew. Blocks. Nothing can be saved before.
 
-        That they cannot be read or written is told.
+        A failure to read or write them is logged.
 
         Raises:
             StateError: another gateway uses them, or a later version has written them.
@@ -99,9 +99,9 @@ class Store:
             self._write_when_possible()
 
     def keep_soon(self, change: Change, done: Done) -> None:
-        """Write the change within INTERVAL; `done` is called at once. After a failure it is tried again.
+        """Write the change within INTERVAL; call `done` at once. After a failure it is tried again.
 
-        As long as the disk fails, no more changes are acknowledged before they are saved.
+        While the disk fails, changes are acknowledged only after they are saved.
         """
         if self._fails:
             self.keep_at_once(change, done)
@@ -112,14 +112,14 @@ class Store:
         done(True)
 
     def when_kept(self, done: Done) -> None:
-        """Call `done` later with whether everything being written now could be saved."""
+        """Call `done` later, with True if everything being written now could be saved, else False."""
         if self._batch is None:
             done(True)
         else:
             self._next.told.append(done)
 
     def close(self) -> None:
-        """Write what is not saved yet. Later changes are not saved."""
+        """Write all unsaved values. Later changes are not saved."""
         if self._saved is None:
             return
         closing = ThreadPerCall("close images").submit(_close, self._saved, add({}, *self._unsaved()), self._kept)
@@ -129,7 +129,7 @@ class Store:
             self._emit(StateNotKept(self._file, _reason(error) or "the disk takes too long"))
 
     def _unsaved(self) -> tuple[Values, Values]:
-        """Return the values that are being written, and those collected since."""
+        """Return the values being written, and those collected since."""
         return self._batch.values if self._batch else {}, self._next.values
 
     def _write_later(self) -> None:
@@ -175,7 +175,7 @@ class Store:
             self._write_later()
         self._refuses = True
         try:
-            for done in told:  # which grows while it is called
+            for done in told:  # it may grow meanwhile
                 done(False)
         finally:
             told.clear()
