@@ -1,4 +1,4 @@
-"""Accept clients, also when the process has no file descriptors left."""
+"""Accepts clients, also when the process has no file descriptors left."""
 
 import asyncio
 import os
@@ -9,20 +9,20 @@ from typing import Final
 
 from gateway.listeners.sockets import explain, join_host_port
 
-#: How long no client is accepted after accepting has failed, in seconds.
+#: The pause after accepting has failed, in seconds.
 PAUSE: Final = 0.1
 
 #: Takes a connected socket, the listening one, and the host and port of the client.
 Connect = Callable[[socket.socket, socket.socket, str, int], Awaitable[None]]
-#: Takes a client that was disconnected at once, and why.
+#: Takes a client that was disconnected at once, and the reason.
 Rejected = Callable[[str, str], None]
 
 
 class Acceptor:
     """Accepts the clients of one listener, at most one in each iteration of the event loop.
 
-    A descriptor is reserved. When no other is left, it is used to accept a client and disconnect it at once: a waiting
-    client would keep the listening socket readable, and the event loop busy.
+    One descriptor is reserved. When no other is left, it is used to accept a client and disconnect it at once: a
+    waiting client would keep the listening socket readable, and the event loop busy.
     """
 
     def __init__(self, connect: Connect, rejected: Rejected, pause: float) -> None:
@@ -41,7 +41,7 @@ class Acceptor:
         self._reserve()
 
     def start(self, name: str) -> None:
-        """Accept clients, in tasks of this name: the sockets are listening."""
+        """Accept clients in tasks named `name`. The sockets must be listening."""
         self._tasks = [asyncio.create_task(self._accept(each), name=name) for each in self.sockets]
 
     def stop(self) -> None:
@@ -67,14 +67,14 @@ class Acceptor:
             await asyncio.sleep(self._pause)
 
     async def _reject_next(self, listening: socket.socket, reason: str) -> None:
-        """Reject the waiting clients: accepting has failed, probably for lack of descriptors."""
+        """Reject the next waiting client after accepting has failed, probably for lack of descriptors."""
         client = self._close_next(listening)
         self._rejected(client or "unknown", reason)
         if client is None:
             await asyncio.sleep(PAUSE)
 
     def _close_next(self, listening: socket.socket) -> str | None:
-        """Accept and close the first waiting connection; return its peer, or None if that failed."""
+        """Accept and close the first waiting connection. Return its peer, or None if that failed."""
         self._release()
         try:
             client, address = listening.accept()

@@ -1,4 +1,4 @@
-"""Which clients a listener accepts, and which one it closes for a new one when it is full.
+"""Decides which clients a listener accepts, and which one it closes for a new one when it is full.
 
 A full listener closes the first of these that has no request in progress:
 
@@ -22,12 +22,12 @@ from gateway.request import Caller
 from gateway.routing.access import Rights
 from gateway.timing.measured import NEVER
 
-#: How long a client stays after it was served, in seconds, however many addresses connect and disconnect.
+#: A served client is protected for this many seconds, however many addresses connect and disconnect.
 PROTECTED: Final = 30.0
 
-#: Why a healthy client is closed.
+#: The reason for closing a healthy client.
 MADE_ROOM: Final = "made room for another client"
-#: Why a client is rejected before anything is read from it.
+#: The reasons for rejecting a client before anything is read from it.
 NOT_MEANT: Final = "it connected to an address of the socket unit that this listener does not serve"
 NO_RIGHTS: Final = "no [[access]] allows anything to clients from this address"
 ALL_BUSY: Final = "too many clients, and all of them have requests in progress"
@@ -46,11 +46,11 @@ class Client(Protocol):
 
     @property
     def role(self) -> str | None:
-        """The role in its certificate, None if it has shown none."""
+        """The role in its certificate, None without one."""
 
     @property
     def is_idle(self) -> bool:
-        """True if it has no request in progress."""
+        """Whether it has no request in progress."""
 
     @property
     def last_asked(self) -> float:
@@ -62,11 +62,11 @@ AnyClient = TypeVar("AnyClient", bound=Client)
 
 @dataclass(slots=True)
 class _Place:
-    """The place of a present client."""
+    """The record of a present client."""
 
-    #: When it connected, last asked, or was last seen with a request in progress.
+    #: When it connected, last sent a request, or was last seen with one in progress.
     active_at: float
-    #: The rights that `is_named` was found with: looking up a thousand clients takes milliseconds.
+    #: The rights that `is_named` belongs to: looking up a thousand clients takes milliseconds.
     rights: Rights | None = None
     is_named: bool = False
 
@@ -75,7 +75,7 @@ class _Place:
         self.active_at = max(self.active_at, client.last_asked) if client.is_idle else now
 
     def is_named_by(self, rights: Rights, client: Client) -> bool:
-        """Look up whether a row gives rights to the address of the client."""
+        """Tell whether a row gives rights to the address of the client; the result is cached."""
         if self.rights is not rights:
             self.rights, self.is_named = rights, rights.names(client.caller.host, client.role)
         return self.is_named
@@ -94,15 +94,15 @@ class Admission(Generic[AnyClient]):
         return iter(list(self._places))
 
     def enter(self, client: AnyClient, now: float) -> None:
-        """Give a client a place: it has connected."""
+        """Add a client that has connected."""
         self._places[client] = _Place(now)
 
     def leave(self, client: AnyClient) -> None:
-        """Free the place of a client, if it still has one."""
+        """Remove a client, if it is still present."""
         self._places.pop(client, None)
 
     def look(self, now: float) -> None:
-        """Look at every client; called periodically."""
+        """Note which clients are active; called periodically."""
         for client, place in self._places.items():
             place.look(client, now)
 
@@ -115,9 +115,9 @@ class Admission(Generic[AnyClient]):
         reject: Callable[[AnyClient], None],
         role: str | None = None,
     ) -> str:
-        """Make room for a client, perhaps by `reject`; return why it is rejected, empty if it is not.
+        """Make room for a client, perhaps by calling `reject`. Return why it is rejected; empty if it is not.
 
-        `role` is that in its certificate, None if it has shown none.
+        `role` is the role in its certificate, None without one.
         """
         if not rights.admits(caller.host):
             return NO_RIGHTS
@@ -134,7 +134,7 @@ class Admission(Generic[AnyClient]):
     def _find_candidates(
         self, host: str, role: str | None, rights: Rights, settings: ListenSettings
     ) -> list[AnyClient] | None:
-        """Find the clients of which one must be closed for one from `host`; None if the listener is not full."""
+        """Find the clients one of which must be closed for one from `host`; None if the listener is not full."""
         if settings.reserve and not rights.names(host, role):
             unnamed = [client for client, place in self._places.items() if not place.is_named_by(rights, client)]
             if len(unnamed) >= settings.clients - settings.reserve:
@@ -142,7 +142,7 @@ class Admission(Generic[AnyClient]):
         return list(self) if len(self) >= settings.clients else None
 
     def _choose_candidate(self, candidates: list[AnyClient], share_key: str, now: float) -> AnyClient | None:
-        """Choose the client to close for one with this share key; the new connection is not counted yet."""
+        """Choose the client to close for one with this share key, which is not counted yet; None if there is none."""
         share = Counter(client.caller.share_key for client in self._places)
         own = share[share_key]
         fewest = min([*share.values(), own + 1])

@@ -1,11 +1,11 @@
-"""Counts the clients of a listener: that connected, were rejected, or left before their response."""
+"""Counts of a listener's clients: connected, rejected, or left before their response."""
 
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
 from gateway.timing.measured import NEVER
 
-#: At most this many addresses are kept of each kind; the one to which it happened the longest time ago goes first.
+#: The most addresses of each kind; the one without news for the longest time goes first.
 MOST_HOSTS: Final = 64
 
 Entry = TypeVar("Entry")
@@ -13,7 +13,7 @@ Entry = TypeVar("Entry")
 
 @dataclass(slots=True)
 class Rejection:
-    """How often clients at one address were rejected, when that was last (in seconds of the loop's clock), and why."""
+    """Number of rejections of clients at one address, the last time in seconds of the loop's clock, and its reason."""
 
     count: int = 0
     at: float = NEVER
@@ -22,9 +22,9 @@ class Rejection:
 
 @dataclass(slots=True)
 class Departure:
-    """How often clients at one address left before their response: their time-out may be too short.
+    """Number of clients at one address that left before their response: their time-out may be too short.
 
-    The last one left at `at`, and had waited for so many seconds.
+    The last one left at `at`, and had waited for `waited` seconds.
     """
 
     count: int = 0
@@ -45,7 +45,7 @@ class ClientCounts:
     departures: dict[str, Departure] = field(default_factory=dict)
 
     def add_rejection(self, host: str, reason: str, now: float) -> None:
-        """Count a client at `host` that is rejected."""
+        """Count a rejected client at `host`."""
         self.rejected += 1
         rejection = self.rejections.pop(host, None) or Rejection()
         rejection.count += 1

@@ -17,9 +17,9 @@ from gateway.modbus.codes import MAX_TCP_ADU
 from gateway.modbus.mbap import MOST_AT_ONCE
 from gateway.request import Caller, Target
 
-#: The most bytes that are kept for a client that does not read its responses; with a high `in_flight` more.
+#: The most bytes kept for a client that does not read its responses; more with a high `in_flight`.
 UNSENT_BYTES: Final = 64 * 1024
-#: Why a client is closed in the middle of its work.
+#: The reason for closing a client in the middle of its work.
 EXPIRED: Final = "its certificate has expired"
 _NO_ROOM: Final = memoryview(bytearray())
 
@@ -30,12 +30,12 @@ def most_answered(in_flight: int) -> int:
 
 
 def most_unsent(in_flight: int) -> int:
-    """Return the most bytes that are kept for a client that does not read: UNSENT_BYTES, or all that it may ask for."""
+    """Return the most bytes kept for a client that does not read: UNSENT_BYTES, or all responses it may request."""
     return max(UNSENT_BYTES, most_answered(in_flight))
 
 
 class Stream(Protocol):
-    """What a connection is sent and received through: `TcpStream`, or one that encrypts."""
+    """The transport of a connection: `TcpStream`, or one that encrypts."""
 
     def is_closing(self) -> bool:
         """Tell whether it is closed, or being closed."""
@@ -50,13 +50,13 @@ class Stream(Protocol):
         """Receive again."""
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`. Return the number of bytes, 0 if they come by themselves."""
+        """Copy received bytes into `room`. Return their number; 0 if they are delivered anyway."""
 
     def write(self, data: bytes) -> None:
         """Send `data`, unless the connection is closed."""
 
     def close(self) -> None:
-        """Close once everything was sent."""
+        """Close once everything is sent."""
 
     def abort(self) -> None:
         """Close now."""
@@ -68,22 +68,22 @@ class ConnectionOwner(Protocol):
     settings: ListenSettings
 
     def connected(self, connection: "TcpConnection") -> None:
-        """Count a client that has connected."""
+        """Count a new client."""
 
     def closing(self, connection: "TcpConnection") -> None:
-        """Count a connection for `clients` no longer: it is being closed."""
+        """Stop counting a connection for `clients`: it is being closed."""
 
     def closed(self, connection: "TcpConnection", reason: str) -> None:
         """Forget a connection that has ended."""
 
     def rejected(self, client: str, reason: str) -> None:
-        """Count a client that is rejected, and tell why."""
+        """Count a rejected client, and report the reason."""
 
     def left_early(self, host: str, waited: float) -> None:
-        """Count a client that has closed its side `waited` seconds after its last request, without a response."""
+        """Count a client that closed its side `waited` seconds after its last request, without a response."""
 
     def failed(self, part: str, error: Exception) -> None:
-        """Tell of an unexpected error that was caught at the error boundary of a connection."""
+        """Report an unexpected error caught at the error boundary of a connection."""
 
 
 class TcpConnection:
@@ -104,10 +104,10 @@ class TcpConnection:
         """Submit the requests of `caller` to `router`."""
         self.caller = caller
         self._listener = listener
-        #: The time, as of the loop.
+        #: The loop's clock.
         self.time = time
         self._came_at = time()
-        #: Why it ends, for the event.
+        #: The reason for its end, for the event.
         self._reason = "the client closed it"
         self._timer: LazyTimer | None = None
         session = MbapSession if listener.settings.scheme in ("tcp", "tls") else OverTcpSession
@@ -121,22 +121,22 @@ class TcpConnection:
 
     @property
     def is_idle(self) -> bool:
-        """Tell whether no request of the client is in progress."""
+        """Whether no request of the client is in progress."""
         return self.session.is_idle
 
     @property
     def last_asked(self) -> float:
-        """Return when the client last sent a request, or NEVER."""
+        """The time of the client's last request, or NEVER."""
         return self.session.last_asked
 
     @property
     def asked(self) -> int:
-        """Return how many requests the client has sent."""
+        """Number of the client's requests."""
         return self.session.asked
 
     @property
     def in_progress(self) -> int:
-        """Return how many of them have no response yet."""
+        """Number of requests without a response."""
         return self.session.in_progress
 
     def connection_made(self, stream: Stream) -> None:
@@ -155,14 +155,14 @@ class TcpConnection:
             return _NO_ROOM
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Process bytes that have arrived."""
+        """Process received bytes."""
         try:
             self.session.received(nbytes, self.time())
         except Exception as error:  # noqa: BLE001 - the error boundary of a connection
             self._failed(error)
 
     def eof_received(self) -> bool:
-        """Keep the connection until the responses have been sent: the client has closed its side."""
+        """Note that the client has closed its side; the connection stays until the responses are sent."""
         self._run(self._end_input)
         return True
 
@@ -171,11 +171,11 @@ class TcpConnection:
         self._run(partial(self.session.block, self.time()))
 
     def resume_writing(self) -> None:
-        """Go on: the client reads its responses again."""
+        """Process requests again: the client reads its responses."""
         self._run(self.session.unblock)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Finish: the connection has ended."""
+        """Clean up: the connection has ended."""
         try:
             if exc is not None:
                 self._leaves()
@@ -188,7 +188,7 @@ class TcpConnection:
         self._listener.closed(self, f"lost: {explain(exc)}" if isinstance(exc, OSError) else self._reason)
 
     def receive(self, room: memoryview) -> int:
-        """See Stream."""
+        """Receive into `room` what has arrived; see Stream."""
         return self.stream.receive(room)
 
     def send(self, data: bytes) -> None:
@@ -200,13 +200,13 @@ class TcpConnection:
         self.stream.pause_reading()
 
     def resume(self) -> None:
-        """Receive again, and process what has already arrived."""
-        # first: the session makes room for what a transport holds already
+        """Receive again, and process bytes that have already arrived."""
+        # scheduled first: the session makes room for bytes that a transport already holds
         asyncio.get_running_loop().call_soon(self._proceed)
         self.stream.resume_reading()
 
     def wake(self, when: float | None) -> None:
-        """Process what has already arrived at `when`; None cancels that."""
+        """Process bytes that have already arrived at `when`; None cancels that."""
         if self._timer is None:
             self._timer = LazyTimer(asyncio.get_running_loop(), self._proceed)
         self._timer.set(when)
@@ -216,22 +216,22 @@ class TcpConnection:
         asyncio.get_running_loop().call_later(seconds, self._run, self.session.release)
 
     def close(self, reason: str = "") -> None:
-        """Close once what was sent has left, or the deadline for that has passed. Drop responses that are awaited."""
+        """Close once queued bytes are sent, or after the deadline for that. Awaited responses are dropped."""
         self._end(reason)
         self.stream.close()
 
     def abort(self, reason: str = "") -> None:
-        """Close now, and drop what has not left."""
+        """Close now, and drop queued bytes."""
         self._end(reason)
         self.stream.abort()
 
     def reject(self, reason: str) -> None:
-        """Close because of what the client did, or to accept another client."""
+        """Close because of the client's behaviour, or to accept another client."""
         self._listener.rejected(self.caller.client, reason)
         self.close(reason)
 
     def look(self) -> None:
-        """Read what has arrived, if it counts when that was."""
+        """Read what has arrived, if its time of arrival matters."""
         if isinstance(self.session, OverTcpSession):
             self._run(partial(self.session.look, self.time()))
 
@@ -244,7 +244,7 @@ class TcpConnection:
             self.close("idle")
 
     def finish(self, reason: str = "the gateway is stopping") -> None:
-        """Take no more requests; close when those in progress have been answered."""
+        """Accept no more requests; close when those in progress are answered."""
         self._reason = reason
         self.session.finish()
 
@@ -253,7 +253,7 @@ class TcpConnection:
         self.session.end_of_input()
 
     def _leaves(self) -> None:
-        """Tell the listener if a response is missing: the client closes its side."""
+        """Report to the listener if a response is missing when the client closes its side."""
         session = self.session
         if not session.is_idle and session.takes_responses:
             self._listener.left_early(self.caller.host, self.time() - session.last_asked)
@@ -279,13 +279,13 @@ class TcpConnection:
 
 
 class SecuredConnection(TcpConnection):
-    """One whose stream encrypts."""
+    """A connection whose stream encrypts."""
 
-    #: Until when the client's certificate is valid, in seconds since 1970.
+    #: The end of the validity of the client's certificate, in seconds since 1970.
     valid_until = inf
 
     def check_client(self, now: float, idle: float) -> None:
-        """See TcpConnection; also close, once requests in progress are answered, when the certificate has expired."""
+        """Check the client, and close after its requests in progress once its certificate has expired."""
         if wall_clock() > self.valid_until and not self.stream.is_closing():
             self.finish(EXPIRED)
         super().check_client(now, idle)

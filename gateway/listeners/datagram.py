@@ -1,4 +1,4 @@
-"""Datagrams, with the local address that each was sent to: the response must come from there."""
+"""Datagrams with the local address that each was sent to: the response must come from there."""
 
 import socket
 from typing import Any, Final, NamedTuple
@@ -10,17 +10,17 @@ from gateway.modbus.codes import MAX_TCP_ADU
 _ANCILLARY_SIZE: Final = 128
 #: From linux/in.h; Python has it from 3.14 on.
 _IP_PKTINFO: Final = 8
-#: Any interface, in `struct in_pktinfo` at the beginning, in `struct in6_pktinfo` at the end: the route of a response
+#: Any interface: at the beginning of `struct in_pktinfo`, at the end of `struct in6_pktinfo`. The route of a response
 #: may use another one.
 _NO_INTERFACE: Final = bytes(4)
 _NO_HEADER_ADDRESS: Final = bytes(4)
 _IPV4_SIZE: Final = 4
-#: An IPv4 address in IPv6: in front of its four bytes.
+#: The prefix of an IPv4 address in IPv6.
 _MAPPED: Final = bytes(10) + b"\xff\xff"
 
 
 class PeerAddress(NamedTuple):
-    """The source of a datagram and its destination, the same on sockets of either family."""
+    """The source of a datagram and its destination, alike for sockets of both families."""
 
     host: str
     port: int
@@ -30,12 +30,12 @@ class PeerAddress(NamedTuple):
 
     @property
     def asked_host(self) -> str:
-        """The local address that the peer has asked."""
+        """The local address that the peer has used."""
         return socket.inet_ntop(socket.AF_INET if len(self.asked) == _IPV4_SIZE else socket.AF_INET6, self.asked)
 
 
 def request_local_address(sock: socket.socket) -> None:
-    """Have the system tell where each datagram was sent to."""
+    """Make the system report where each datagram was sent to."""
     if sock.family == socket.AF_INET6:
         sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_RECVPKTINFO, 1)
     else:
@@ -43,7 +43,7 @@ def request_local_address(sock: socket.socket) -> None:
 
 
 def receive(sock: socket.socket) -> tuple[bytes, PeerAddress]:
-    """Receive the next datagram, as far as an ADU can reach and one byte more, and its peer.
+    """Receive the next datagram, at most one byte more than an ADU, and its peer.
 
     Raises:
         OSError: none has arrived, or its checksum was wrong.
@@ -58,7 +58,7 @@ def receive(sock: socket.socket) -> tuple[bytes, PeerAddress]:
 
 
 def send_arguments(sock: socket.socket, peer: PeerAddress) -> tuple[list[tuple[int, int, bytes]], tuple[Any, ...]]:
-    """Make what `sock.sendmsg` needs for responses to `peer`: the ancillary data with the source, and the address."""
+    """Make the arguments of `sock.sendmsg` for responses to `peer`: the ancillary data with the source; the address."""
     if sock.family == socket.AF_INET:
         source = _NO_INTERFACE + peer.asked + _NO_HEADER_ADDRESS
         return [(socket.IPPROTO_IP, _IP_PKTINFO, source)], (peer.host, peer.port)

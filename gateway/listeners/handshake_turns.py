@@ -1,10 +1,10 @@
-"""Decides which handshake goes on next, and when: pure, with the time as an argument."""
+"""Decides which handshake goes on next, and when; pure, with the time as an argument."""
 
 from collections import OrderedDict, deque
 from math import inf
 from typing import Final, Generic, TypeVar
 
-#: The share of the time that steps of handshakes may take, and how many seconds of it are saved up without any.
+#: The share of the time that steps of handshakes may take, and the most seconds of it that can be saved up.
 SHARE: Final = 0.2
 SAVED: Final = 0.05
 
@@ -14,15 +14,15 @@ AnyStream = TypeVar("AnyStream")
 class Turns(Generic[AnyStream]):
     """Streams whose next step is due. Addresses take turns, and steps take at most SHARE of the time together.
 
-    So a client waits for one step of each other address at most, however many handshakes they have.
+    So a client waits for one step of each other address at most, however many handshakes those have.
     """
 
     def __init__(self) -> None:
-        #: The streams by address; the address whose turn comes next is first.
+        #: The streams by address, in the order of their turns.
         self._due: OrderedDict[str, deque[AnyStream]] = OrderedDict()
-        #: How many seconds steps may take at once; negative if the last one took more.
+        #: The seconds that steps may take at once; negative if the last one took more.
         self._credit = SAVED
-        #: When time was last added to it.
+        #: When the credit was last increased.
         self._counted_at = -inf
 
     def add(self, stream: AnyStream, origin: str) -> None:
@@ -30,7 +30,7 @@ class Turns(Generic[AnyStream]):
         self._due.setdefault(origin, deque()).append(stream)
 
     def drop(self, stream: AnyStream, origin: str) -> None:
-        """Remove a stream; nothing happens if no step of it is due."""
+        """Remove a stream, if a step of it is due."""
         streams = self._due.get(origin, deque())
         if stream in streams:
             streams.remove(stream)
@@ -38,7 +38,7 @@ class Turns(Generic[AnyStream]):
                 del self._due[origin]
 
     def next(self) -> AnyStream | None:
-        """Take out the stream whose turn it is; None if no step is due."""
+        """Remove and return the stream whose turn it is; None if no step is due."""
         if not self._due:
             return None
         origin, streams = self._due.popitem(last=False)
@@ -48,12 +48,12 @@ class Turns(Generic[AnyStream]):
         return stream
 
     def took(self, seconds: float, now: float) -> None:
-        """Count the time that a step has taken."""
+        """Count the time of a step."""
         self._count(now)
         self._credit -= seconds
 
     def pause(self, now: float) -> float:
-        """Return in how many seconds the next step may begin; 0.0 if now."""
+        """Return the seconds until the next step may begin; 0.0 if it may begin now."""
         self._count(now)
         return max(0.0, -self._credit / SHARE)
 

@@ -1,7 +1,7 @@
-"""Connections whose handshake is not done yet: a bounded number, for a bounded time.
+"""Connections during their handshake: a limited number, for a limited time.
 
-The work is done in a thread of its own, one step at a time and for a share of a processor only, so that clients of
-other listeners do not wait for it (docs/adr/0021-modbus-security.md).
+A separate thread does the work, one step at a time and for a share of a processor only, so that clients of other
+listeners do not wait for it (docs/adr/0021-modbus-security.md).
 """
 
 import asyncio
@@ -18,13 +18,13 @@ from gateway.listeners.handshake_turns import Turns
 from gateway.listeners.tls_stream import TlsStream
 from gateway.request import Caller
 
-#: How many there may be at a listener.
+#: The most handshakes at a listener.
 MOST: Final = 64
-#: How long a handshake may take, in seconds: small devices with RSA need some.
+#: The limit of a handshake, in seconds: small devices with RSA need some.
 DEADLINE: Final = 10.0
-#: If there are too many, the slowest client of the address with most makes room. Unless that address has at least two
-#: more than the new client's, it must have been awaited for this long, in seconds: otherwise clients that come at once
-#: would end one another's handshakes.
+#: If there are too many, the slowest client of the address with most of them makes room. Unless that address has at
+#: least two more than the new client's, it must have been awaited for this many seconds: otherwise clients that come at
+#: once would end one another's handshakes.
 SLOW: Final = 1.0
 
 TOO_MANY: Final = f"{MOST} handshakes are in progress, and no client that could make room is slow"
@@ -37,7 +37,7 @@ class ConnectingClient:
     """A client whose handshake is not done."""
 
     caller: Caller
-    #: As in gateway.tls.contexts.Loaded.
+    #: See gateway.tls.contexts.Loaded.
     resumable_until: float = inf
 
 
@@ -47,25 +47,25 @@ class _Handshake:
 
     connecting: ConnectingClient
     began_at: float
-    #: Since when its client is awaited; None while a step is due or under way.
+    #: Since when the client's bytes are awaited; None while a step is due or under way.
     awaited_at: float | None
-    #: For how many seconds it was awaited before that, counted since it was last sent something.
+    #: Seconds of earlier waiting since the client was last sent something.
     awaited: float = 0.0
 
     def delay(self, now: float) -> float:
-        """Add up for how many seconds its client was awaited since it was last sent something."""
+        """Return the seconds of waiting for the client since it was last sent something."""
         return self.awaited + (0.0 if self.awaited_at is None else now - self.awaited_at)
 
 
 class Handshakes:
-    """The handshakes of one listener. `secured` is told of each that is done, `rejected` of each that is not."""
+    """The handshakes of one listener. `secured` is called for each that succeeds, `rejected` for each that fails."""
 
     def __init__(
         self, secured: Callable[[TlsStream, ConnectingClient], None], rejected: Callable[[ConnectingClient, str], None]
     ) -> None:
         self._secured = secured
         self._rejected = rejected
-        #: By stream, in the order in which they began.
+        #: By stream, oldest first.
         self._pending: dict[TlsStream, _Handshake] = {}
         self._worker: ThreadPoolExecutor | None = None
         self._turns: Turns[TlsStream] = Turns()
@@ -76,7 +76,7 @@ class Handshakes:
         return len(self._pending)
 
     def make_room(self, share_key: str, now: float) -> str:
-        """Make room for a client from there, perhaps by ending a handshake; return why there is none, or empty."""
+        """Make room for a client with this share key, perhaps by ending a handshake. Return why there is none."""
         if len(self._pending) < MOST:
             return ""
         share = Counter(handshake.connecting.caller.share_key for handshake in self._pending.values())
@@ -93,19 +93,19 @@ class Handshakes:
         return ""
 
     def begin(self, stream: TlsStream, connecting: ConnectingClient, now: float) -> None:
-        """Begin the handshake of a client that has connected."""
+        """Start the handshake of a new client."""
         self._pending[stream] = _Handshake(connecting, now, now)
         stream.start()
 
     def sweep(self, now: float) -> None:
-        """End those that take too long; called periodically."""
+        """End handshakes that take too long; called periodically."""
         for stream, handshake in list(self._pending.items()):
             if now - handshake.began_at < DEADLINE:
                 return
             stream.reject(TOO_SLOW)
 
     def close(self) -> None:
-        """End all of them."""
+        """End all handshakes."""
         for stream in list(self._pending):
             del self._pending[stream]
             stream.abort()
@@ -118,7 +118,7 @@ class Handshakes:
             self._worker = None
 
     def step_due(self, stream: TlsStream) -> None:
-        """See HandshakeOwner."""
+        """Queue the next step of this stream."""
         handshake = self._pending.get(stream)
         if handshake is not None:
             handshake.awaited, handshake.awaited_at = handshake.delay(asyncio.get_running_loop().time()), None
@@ -126,18 +126,18 @@ class Handshakes:
             self._go_on()
 
     def secured(self, stream: TlsStream) -> None:
-        """See HandshakeOwner."""
+        """Pass on a connection whose handshake is done."""
         self._secured(stream, self._pending.pop(stream).connecting)
 
     def not_secured(self, stream: TlsStream, reason: str) -> None:
-        """See HandshakeOwner."""
+        """Pass on a failed handshake."""
         handshake = self._pending.pop(stream, None)
         if handshake is not None:
             self._turns.drop(stream, handshake.connecting.caller.share_key)
             self._rejected(handshake.connecting, reason)
 
     def _go_on(self) -> None:
-        """Begin the next step, if none is under way and it is time for one."""
+        """Start the next step, if none is under way and it is time for one."""
         if self._is_working or self._pausing is not None:
             return
         loop = asyncio.get_running_loop()
@@ -179,6 +179,6 @@ class Handshakes:
 
 
 def _take_step(stream: TlsStream) -> tuple[str | None, float]:
-    """Take a step; return its outcome and processor time: a pause of the machine must not count."""
+    """Take a step. Return its outcome and its processor time, which excludes pauses of the machine."""
     began = thread_time()
     return stream.step(), thread_time() - began

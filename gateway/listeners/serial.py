@@ -1,4 +1,4 @@
-"""Connects the session of a server line to its port and the clock: the only part that uses the event loop."""
+"""Connects the session of a server line to its port and the clock: its only part that uses the event loop."""
 
 import asyncio
 from functools import partial
@@ -15,10 +15,10 @@ from gateway.trace.ring import Ring
 class SerialListener:
     """A server line, and the owner of its port: see `ports.reconnector`.
 
-    A gateway that stood still reads late. So an open port is looked at every LOOK_STEP. If nobody has looked for longer
-    than UNNOTICED, what is read may have arrived at any time since the last look, and counts from then.
+    A gateway that stood still reads late. So an open port is read every LOOK_STEP. If it was not read for longer than
+    UNNOTICED, bytes may have arrived at any time since the last reading, and count from then.
 
-    An unexpected error ends here: it is logged, the request in progress is dropped, the port is closed and
+    An unexpected error is contained here: it is logged, the request in progress is dropped, and the port is closed and
     reopened.
     """
 
@@ -31,10 +31,10 @@ class SerialListener:
         ring: Ring | None = None,
     ) -> None:
         self.session = SerialSession(settings, router, self._wake, emit, ring)
-        #: How bytes travel; `auto` until the port is open for the first time.
+        #: The timing of bytes; `auto` until the port is open for the first time.
         self.wire: Wire = settings.wire
         self._time = loop.time
-        #: When everything that had arrived was last read.
+        #: When all arrived bytes were last read.
         self._looked_at = 0.0
         deadline, down = self._deadline, self.session.port_down
         self._boundary = ErrorBoundary(
@@ -43,11 +43,11 @@ class SerialListener:
 
     @property
     def is_busy(self) -> bool:
-        """Tell whether a request is in progress."""
+        """Whether a request is in progress."""
         return not self.session.is_idle
 
     def port_up(self, port: Port) -> None:
-        """Begin with an open port. What came before that was discarded."""
+        """Use the open port. Bytes that came before were discarded."""
         self._boundary.port = port
         self._looked_at = self._time()
         self.wire = resolve_wire(self.session.settings.wire, is_virtual=port.is_virtual)
@@ -61,19 +61,19 @@ class SerialListener:
         self._boundary.run(partial(self.session.received, damaged=damaged, since=since), data, now)
 
     def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:  # noqa: ARG002 - see PortOwner
-        """See PortOwner: an outside client asks when it likes."""
+        """Return False: an outside client may send requests at any time."""
         return False
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - logged by the reconnector
-        """Answer nothing until the port is open again: it is lost."""
+        """Stop answering until the port is open again."""
         self._boundary.lost()
 
     def finish(self) -> None:
-        """Take no more requests; the one in progress is still answered."""
+        """Accept no more requests; the one in progress is still answered."""
         self.session.finish()
 
     def overdue(self, now: float) -> float:
-        """Return by how many seconds a due action is late."""
+        """Return how many seconds a due action is late."""
         return self._boundary.overdue(now)
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class SerialListener:
         self._boundary.plan(self._deadline())
 
     def _deadline(self) -> float | None:
-        """Return when `_tick` must be called: for the session, or to look at the port."""
+        """Return when to call `_tick`: for the session, or to read the port."""
         due = self.session.deadline()
         if self._boundary.port is None:
             return due
@@ -92,7 +92,7 @@ class SerialListener:
         return look_at if due is None else min(due, look_at)
 
     def _tick(self) -> None:
-        """Let time pass for the session, but read what has arrived first: the client may wait no longer."""
+        """Read what has arrived, and then let time pass for the session: the client may no longer wait."""
         if self._boundary.port is not None:
             looked_at = self._time()
             self._boundary.port.read_now()

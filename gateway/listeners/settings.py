@@ -1,4 +1,4 @@
-"""The settings of a listener, and what a client gets without a response from a unit."""
+"""The settings of a listener, and the failures that it does not report to clients."""
 
 from dataclasses import dataclass, field
 from typing import Final, Literal
@@ -7,7 +7,7 @@ from gateway.errors import ExceptionCode
 from gateway.request import Request
 from gateway.tls.settings import ServerTls
 
-#: The exception that says why there is no response; or nothing, as from a device that is switched off.
+#: The reaction when there is no response: an exception with the reason, or nothing, like a device that is switched off.
 OnFailure = Literal["exception", "silent"]
 
 #: The gateway's own exceptions: busy, no path to the unit, no response from the unit.
@@ -22,13 +22,14 @@ _WITHOUT_ANSWER: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class ListenSettings:
-    """One address where clients connect. Times in seconds; `idle` 0 keeps connections for ever.
+    """One address where clients connect. Times in seconds; `idle` 0 keeps connections forever.
 
     `reserve` of the `clients` are only for addresses that rows of the rights name.
-    `scheme` is the protocol: `tcp`, `tls`, `rtu+tcp`, `ascii+tcp` or `udp`; `tls` are the files of the second one.
-    `ipv6_only` is for the host `::`: it leaves IPv4 clients to another listener on the same port.
-    `on_failure` is what a client gets without a response from a unit. `line` or `upstream` is set on a listener for it.
-    `shares_port`: another listener uses this port at another address.
+
+    `scheme` is the protocol: `tcp`, `tls`, `rtu+tcp`, `ascii+tcp` or `udp`; `tls` names the files for `tls`.
+    `ipv6_only`, for the host `::`, leaves IPv4 clients to another listener on the same port. `on_failure` is the
+    reaction when a unit does not respond. `line` or `upstream` is set on a listener for a single one. `shares_port`:
+    another listener uses this port at another address.
     """
 
     name: str
@@ -50,7 +51,7 @@ class ListenSettings:
 
     @property
     def only(self) -> str:
-        """Return the name of the one line or upstream that it leads to; empty for all units."""
+        """The name of the only line or upstream that it leads to; empty for all units."""
         return self.line or self.upstream
 
 

@@ -1,4 +1,4 @@
-"""What counts as one address: with IPv6 the network of one customer, unless it is on a link of this machine.
+"""The addresses that count as one: with IPv6 a customer's network, unless it is on a link of this machine.
 
 A remote host with an IPv6 address usually has all of its /64 and can connect from any address in it. On a link of this
 machine, each address may be another machine.
@@ -11,7 +11,7 @@ from math import inf
 from pathlib import Path
 from typing import Final
 
-#: The routes of this process, one a line. Only this many characters are read.
+#: The routes of this process, one per line, and the most characters that are read.
 ROUTES: Final = "/proc/self/net/ipv6_route"
 MOST_READ: Final = 64 * 1024
 #: They are read again after this many seconds.
@@ -26,7 +26,7 @@ _LOOPBACK: Final = "lo"
 
 
 def read_routes() -> str:
-    """Read the beginning of ROUTES; empty without IPv6."""
+    """Read the beginning of ROUTES; return an empty text without IPv6."""
     with suppress(OSError), Path(ROUTES).open(encoding="ascii") as file:
         return file.read(MOST_READ)
     return ""
@@ -41,7 +41,7 @@ class ShareKeys:
         self._read_at = -inf
 
     def of(self, host: str, now: float) -> str:
-        """Find what counts as the address of a client from `host`, at `now`: `10.0.0.7`, `2001:db8:1:2::/64`."""
+        """Return the share key of a client from `host`, at `now`: `10.0.0.7`, `2001:db8:1:2::/64`."""
         if ":" not in host:
             return host
         if now - self._read_at >= KEPT:
@@ -53,7 +53,7 @@ class ShareKeys:
 
 
 def _parse_links(routes: str) -> Iterator[IPv6Network]:
-    """Parse the networks that are reached without a router."""
+    """Yield the networks that are reached without a router."""
     for line in routes.splitlines():
         fields = line.split()
         if len(fields) == 10 and fields[9] != _LOOPBACK and not int(fields[8], 16) & _ROUTER:

@@ -13,14 +13,14 @@ from gateway.ports.network import AddressInfo, look_up, notice_vanished_peers
 
 #: The kernel's buffer for each direction of a connection: enough for many requests, too small to exhaust memory.
 KERNEL_BUFFER: Final = 64 * 1024
-#: Keep-alive (T 4.3.2): a peer that disappears is detected after a minute. Seconds, seconds, probes.
+#: Keep-alive (T 4.3.2): a vanished peer is noticed after a minute. Seconds, seconds, number.
 KEEPALIVE_IDLE, KEEPALIVE_INTERVAL, KEEPALIVE_PROBES = 30, 10, 3
-#: The same for a peer that disappears while data is sent to it, in milliseconds. It also limits the wait for the last
+#: The same for a peer that vanishes while data is sent to it, in milliseconds. It also limits the wait for the last
 #: probe: each of the kernel's timers may be two seconds late, and the total must stay below a minute.
 USER_TIMEOUT: Final = 50_000
-#: How long looking up a listener's addresses may take, in seconds: the second name server is asked after 5 s.
+#: The limit of looking up a listener's addresses, in seconds: the second name server is asked after 5 s.
 LOOKUP_DEADLINE: Final = 15.0
-#: Connections that may wait to be accepted.
+#: The most connections that wait to be accepted.
 BACKLOG: Final = 1024
 
 _ADVICE: Final = {
@@ -30,7 +30,7 @@ _ADVICE: Final = {
     errno.ENFILE: "the machine has no file descriptors left",
     socket.EAI_AGAIN: "no name server answers",
 }
-#: Errors for a port that needs more rights, and for one that a socket of systemd has.
+#: The errors for a port that needs more rights, and for one that belongs to a socket of systemd.
 _NO_RIGHT: Final = (
     "permission denied; a port below 1024 needs root, CAP_NET_BIND_SERVICE, or a socket of systemd: "
     "give modbus-gateway.socket {}"
@@ -46,22 +46,22 @@ IPV4_MAPPED: Final = "::ffff:"
 
 
 class OpenSockets:
-    """Sockets that are already bound: by systemd, which keeps clients waiting during a restart.
+    """Sockets that are already bound by systemd, which keeps clients waiting during a restart.
 
-    Also those of listeners that are `leaving`: they are used again, or give up their ports to others.
+    Also those of listeners that are `leaving`: they are reused, or give up their ports to others.
     """
 
     def __init__(self, sockets: Iterable[socket.socket] = (), leaving: Iterable[socket.socket] = ()) -> None:
-        #: Those of systemd.
+        #: The sockets of systemd.
         self.all = tuple(sockets)
         self._leaving = tuple(leaving)
-        #: Those that are leaving and have given their ports up.
+        #: Sockets of leaving listeners that have given up their ports.
         self._gave_way: list[socket.socket] = []
 
     def take(self, kind: int, address: tuple[Any, ...], *, ipv6_only: bool) -> socket.socket | None:
-        """Copy the socket at this address, if there is one; the original stays open.
+        """Duplicate the socket at this address, if there is one; the original stays open.
 
-        BindIPv6Only= decides whether one of systemd's takes IPv4 too.
+        For sockets of systemd, BindIPv6Only= decides whether they take IPv4 too.
         """
         leaving = (sock for sock in self._leaving if _is_ipv6_only(sock) == ipv6_only)
         for sock in (*self.all, *leaving):
@@ -70,7 +70,7 @@ class OpenSockets:
         return None
 
     def take_wider(self, kind: int, address: tuple[Any, ...]) -> socket.socket | None:
-        """Copy one of systemd's that takes clients of this address among others: see `is_meant`."""
+        """Duplicate a socket of systemd that also receives clients of this address: see `is_meant`."""
         if kind == socket.SOCK_DGRAM and "%" in address[0]:  # a datagram does not tell the interface of its address
             return None
         for sock in self.all:
@@ -79,10 +79,10 @@ class OpenSockets:
         return None
 
     def bind(self, sock: socket.socket, address: tuple[Any, ...]) -> None:
-        """Bind `sock`, replacing those that are leaving if necessary. Clients that still wait there are reset.
+        """Bind `sock`, and replace leaving sockets if necessary. Clients that still wait there are reset.
 
         Raises:
-            OSError: as `socket.bind`.
+            OSError: see `socket.bind`.
         """
         try:
             sock.bind(address)
@@ -94,7 +94,7 @@ class OpenSockets:
                 sock.bind(address)
 
     def put_back(self) -> None:
-        """Let the replaced sockets listen again: they stay. Their replacements must be closed before."""
+        """Let the replaced sockets listen again, because their listeners stay. Close their replacements before."""
         for sock in self._gave_way:
             if sock.type == socket.SOCK_STREAM:
                 sock.listen(BACKLOG)
@@ -102,16 +102,16 @@ class OpenSockets:
                 _set_sharing(sock, is_shared=False)
 
     def list_at(self, kind: int, port: int) -> list[str]:
-        """List the addresses of systemd's sockets with this port."""
+        """Return the addresses of systemd's sockets with this port."""
         return [_show_address(sock) for sock in self.all if (sock.type, sock.getsockname()[1]) == (kind, port)]
 
     def list_unused(self, used: Iterable[socket.socket]) -> list[str]:
-        """List the addresses of systemd's sockets that none of the `used` ones belongs to: `tcp://0.0.0.0:502`."""
+        """Return the addresses of systemd's sockets that are not `used`: `tcp://0.0.0.0:502`."""
         names = {(sock.type, sock.getsockname()) for sock in used}
         return [_show_address(sock) for sock in self.all if (sock.type, sock.getsockname()) not in names]
 
     def _free_port(self, kind: int, port: int) -> None:
-        """Free the port: its sockets stop listening but stay bound. Those of systemd are left alone."""
+        """Free the port: leaving sockets stop listening but stay bound. Sockets of systemd are left alone."""
         if self.list_at(kind, port):
             return
         for sock in self._leaving:
@@ -139,12 +139,13 @@ async def find_addresses(settings: ListenSettings, kind: socket.SocketKind) -> l
 def bind_sockets(
     settings: ListenSettings, addresses: Iterable[AddressInfo], ready: OpenSockets | None = None
 ) -> list[socket.socket]:
-    """Bind a socket to each of a listener's addresses; it does not listen yet. `::` takes IPv4 clients as well.
+    """Bind a socket to each of a listener's addresses, without listening yet. `::` takes IPv4 clients too.
 
-    Sockets that are `ready` are used instead of new ones. They may take clients of others too: see `is_meant`.
+    Sockets that are `ready` are used instead of new ones. They may also receive clients of other listeners: see
+    `is_meant`.
 
     Raises:
-        ListenError: an address is in use, needs more rights, or is none of this machine; nothing is left open.
+        ListenError: an address is in use, needs more rights, or does not belong to this machine; nothing is left open.
     """
     ready = ready or OpenSockets()
     try:
@@ -154,7 +155,7 @@ def bind_sockets(
 
 
 def is_meant(asked: str, bound: socket.socket, addresses: Iterable[AddressInfo]) -> bool:
-    """Return True if a client that `asked` this host is for one of these. A wider `bound` socket hears others."""
+    """Tell whether a client of the host `asked` is for one of `addresses`: a wider `bound` socket receives others."""
     ours = {address[0] for *_, address in addresses}
     if bound.getsockname()[0] in ours:
         return True
@@ -163,13 +164,13 @@ def is_meant(asked: str, bound: socket.socket, addresses: Iterable[AddressInfo])
 
 
 def overlap(one: socket.socket, other: socket.socket) -> bool:
-    """Return True if two bound sockets have a port and an address in common: only one of them can listen."""
+    """Tell whether two bound sockets have a port and an address in common: only one of them can listen."""
     mine, others = one.getsockname(), other.getsockname()
     return one.type == other.type and (mine[:2] == others[:2] or _covers(one, others) or _covers(other, mine))
 
 
 def show_bound_address(settings: ListenSettings, bound: Sequence[socket.socket]) -> str:
-    """Show what clients connect to, `tcp://127.0.0.1:5020`: the bound address, else the configured one."""
+    """Format the bound address, else the configured one: `tcp://127.0.0.1:5020`."""
     host, port = bound[0].getsockname()[:2] if bound else (settings.host, settings.port)
     if host in {_EVERY_ADDRESS, _EVERY_IPV4_ADDRESS}:  # perhaps of a wider socket
         host = settings.host
@@ -179,19 +180,19 @@ def show_bound_address(settings: ListenSettings, bound: Sequence[socket.socket])
 def make_listen_error(
     settings: ListenSettings, error: OSError | UnicodeError, ready: OpenSockets | None = None
 ) -> ListenError:
-    """Make the error that says why a listener cannot listen. `ready` as in `bind_sockets`."""
+    """Make the error with the reason why a listener cannot listen. `ready` as in `bind_sockets`."""
     place = f"{settings.source}: " if settings.source else ""
     reason = _advise_on_systemd(settings, error, ready or OpenSockets()) or explain(error)
     return ListenError(f"{place}cannot listen on {url(settings.scheme, settings.host, settings.port)}: {reason}")
 
 
 def url(scheme: str, host: str, port: int) -> str:
-    """Make a listener's address: `tcp://127.0.0.1:5020`."""
+    """Format a listener's address: `tcp://127.0.0.1:5020`."""
     return f"{scheme}://{join_host_port(host, port)}"
 
 
 def show_host(host: str) -> str:
-    """Show a peer's address; that of an IPv4 client on an IPv6 socket as IPv4: `10.0.0.7`."""
+    """Format a peer's address; that of an IPv4 client on an IPv6 socket as IPv4: `10.0.0.7`."""
     return host.removeprefix(IPV4_MAPPED) if "." in host else host
 
 
@@ -202,13 +203,13 @@ def join_host_port(host: str, port: int) -> str:
 
 
 def split_host(client: str) -> str:
-    """Return the host in what `join_host_port` makes; a text without a port is one."""
+    """Return the host of a result of `join_host_port`; a text without a port is returned as it is."""
     host, _, port = client.rpartition(":")
     return host.strip("[]") if port.isdecimal() else client
 
 
 def explain(error: OSError | UnicodeError) -> str:
-    """Say what `error` means for an operator."""
+    """Describe `error` for an operator."""
     if isinstance(error, UnicodeError):
         return "this is not a valid host name"
     if error.errno in _ADVICE:
@@ -219,9 +220,9 @@ def explain(error: OSError | UnicodeError) -> str:
 
 
 def _advise_on_systemd(settings: ListenSettings, error: OSError | UnicodeError, ready: OpenSockets) -> str:
-    """Say what to change in modbus-gateway.socket; empty if that does not help.
+    """Return what to change in modbus-gateway.socket; empty if that does not help.
 
-    Without rights, a port that is in use also gives EACCES.
+    Without rights, a port that is in use also fails with EACCES.
     """
     if not isinstance(error, OSError) or error.errno not in {errno.EACCES, errno.EADDRINUSE}:
         return ""
@@ -268,7 +269,7 @@ def _is_ipv6_only(sock: socket.socket) -> bool:
 
 
 def _covers(sock: socket.socket, address: tuple[Any, ...]) -> bool:
-    """Return True if `sock` is bound to the wildcard address that includes `address`."""
+    """Tell whether `sock` is bound to the wildcard address that includes `address`."""
     host, port = sock.getsockname()[:2]
     is_ipv6 = ":" in address[0]
     every = host == _EVERY_ADDRESS if is_ipv6 or sock.family == socket.AF_INET6 else host == _EVERY_IPV4_ADDRESS
@@ -277,7 +278,7 @@ def _covers(sock: socket.socket, address: tuple[Any, ...]) -> bool:
 
 @contextmanager
 def _allow_sharing(sock: socket.socket) -> Iterator[None]:
-    """Let `sock` be bound to a port that others share, in this context. Afterwards it does not share its own."""
+    """Allow `sock` to be bound to a port that others share, in this context; restore its own setting afterwards."""
     is_shared = sock.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
     _set_sharing(sock, is_shared=True)
     yield

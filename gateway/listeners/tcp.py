@@ -1,4 +1,4 @@
-"""TCP listeners: bind, and keep the connections of their clients or close them."""
+"""TCP listeners: they bind, and keep or close the connections of their clients."""
 
 import asyncio
 import socket
@@ -30,9 +30,9 @@ from gateway.ports.network import AddressInfo
 from gateway.request import Caller
 from gateway.routing.router import Router
 
-#: How long a connection that is being closed may take to send its remaining data, in seconds.
+#: How long a connection that is being closed may still send, in seconds.
 CLOSING_DEADLINE: Final = 2.0
-#: How often a listener checks its connections, in seconds: the precision of all their deadlines.
+#: Seconds between checks of the connections: the precision of all their deadlines.
 SWEEP_STEP: Final = 0.25
 #: The framings of serial lines have no transaction identifiers.
 _WITHOUT_NUMBERS: Final = ("rtu+tcp", "ascii+tcp")
@@ -41,10 +41,10 @@ _WITHOUT_NUMBERS: Final = ("rtu+tcp", "ascii+tcp")
 class TcpListener:
     """One `[[listen]]` table: binds, accepts clients, closes those that cannot be kept.
 
-    One that is being closed no longer counts for `clients`; it has CLOSING_DEADLINE to send its remaining data.
+    A connection that is being closed no longer counts for `clients`; it may still send for CLOSING_DEADLINE.
     """
 
-    #: How long the next client waits at least after one was accepted, in seconds.
+    #: The least time between two accepted clients, in seconds.
     pause_between_clients = 0.0
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -53,14 +53,14 @@ class TcpListener:
         self.emit = emit
         self.counts = ClientCounts()
         self._share_keys = ShareKeys()
-        #: Those that count for `clients`.
+        #: The connections that count for `clients`.
         self.connections: Admission[TcpConnection] = Admission()
-        #: Those that are being closed, with the time when they are aborted.
+        #: The connections that are being closed, with the time when they are aborted.
         self._closing: dict[TcpConnection, float] = {}
         self._addresses: list[AddressInfo] = []
         self._acceptor = Acceptor(self._connect, self.rejected, self.pause_between_clients)
         self._sweeping: asyncio.TimerHandle | None = None
-        #: Looks for unread bytes, as long as there are clients whose requests count from when they arrive.
+        #: Reads clients whose requests count from their arrival, while there are any.
         self._looking: LazyTimer | None = None
         self._will_look = False
 
@@ -76,7 +76,7 @@ class TcpListener:
 
     @property
     def clients(self) -> int:
-        """The number of connections that count for `clients`."""
+        """Number of connections that count for `clients`."""
         return len(self.connections)
 
     @property
@@ -86,11 +86,11 @@ class TcpListener:
 
     @property
     def has_clients(self) -> bool:
-        """True if any connection is open, or being closed."""
+        """Whether any connection is open, or being closed."""
         return bool(len(self.connections) or self._closing)
 
     async def find(self) -> None:
-        """Look up the addresses to be bound.
+        """Look up the addresses to bind.
 
         Raises:
             ListenError: the host name cannot be resolved.
@@ -98,15 +98,15 @@ class TcpListener:
         self._addresses = await find_addresses(self.settings, socket.SOCK_STREAM)
 
     def bind(self, ready: OpenSockets | None = None) -> None:
-        """Bind the addresses without listening yet; sockets that are `ready` for them are used.
+        """Bind the addresses without listening yet; `ready` sockets for them are used.
 
         Raises:
-            ListenError: one is in use, needs more rights, or is no address of this machine.
+            ListenError: one is in use, needs more rights, or does not belong to this machine.
         """
         self._acceptor.hold(bind_sockets(self.settings, self._addresses, ready))
 
     def listen(self) -> None:
-        """Let clients connect and wait; `start` accepts them.
+        """Listen, so that clients can connect; `start` accepts them.
 
         Raises:
             ListenError: another socket on this port was quicker.
@@ -124,13 +124,13 @@ class TcpListener:
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
-        """Accept no more clients or requests; each client is closed once it has its responses."""
+        """Accept no more clients or requests; close each client once it has its responses."""
         self._acceptor.stop()
         for connection in self.connections:
             connection.finish()
 
     def close(self) -> None:
-        """Accept no more clients and drop every connection."""
+        """Accept no more clients, and abort every connection."""
         self._acceptor.stop()
         if self._sweeping is not None:
             self._sweeping.cancel()
@@ -140,7 +140,7 @@ class TcpListener:
             connection.abort("the gateway is stopping")
 
     def connected(self, connection: TcpConnection) -> None:
-        """Count a client that has connected."""
+        """Count a new client."""
         self.counts.accepted += 1
         self.connections.enter(connection, _now())
         if self.settings.scheme in _WITHOUT_NUMBERS:
@@ -149,7 +149,7 @@ class TcpListener:
         self.emit(events.ClientConnected(self.settings.name, caller.client, subject=caller.subject, role=caller.role))
 
     def closing(self, connection: TcpConnection) -> None:
-        """Count a connection no longer for `clients`: it is being closed."""
+        """Stop counting a connection for `clients`: it is being closed."""
         self.connections.leave(connection)
         self._closing.setdefault(connection, _now() + CLOSING_DEADLINE)
 
@@ -160,7 +160,7 @@ class TcpListener:
         self.emit(events.ClientClosed(self.settings.name, connection.caller.client, reason))
 
     def rejected(self, client: str, reason: str) -> None:
-        """Count a client that is rejected."""
+        """Count a rejected client, and report it."""
         self.counts.add_rejection(split_host(client), reason, _now())
         self.emit(events.ClientRejected(self.settings.name, client, reason))
 
@@ -169,7 +169,7 @@ class TcpListener:
         self.counts.add_departure(host, waited, _now())
 
     def failed(self, part: str, error: Exception) -> None:
-        """Tell of an unexpected error that was caught at an error boundary."""
+        """Report an unexpected error caught at an error boundary."""
         self.emit(events.PartFailed.of(part, error))
 
     async def _connect(self, sock: socket.socket, listening: socket.socket, host: str, port: int) -> None:
@@ -188,7 +188,7 @@ class TcpListener:
             self.failed(f"client {client}", error)
 
     def _make_room(self, caller: Caller, now: float) -> str:
-        """Make room for a client, perhaps by closing another one; return why it is rejected, empty if it is not."""
+        """Make room for a client, perhaps by closing another one. Return why it is rejected; empty if it is not."""
         return self.connections.make_room(caller, self.router.rights, self.settings, now, self._reject_replaced)
 
     async def _serve(self, sock: socket.socket, caller: Caller) -> None:
@@ -216,7 +216,7 @@ class TcpListener:
         self._sweep_later()
 
     def _look_later(self) -> None:
-        """Begin to look, unless that goes on already: clients that connect must not put it off."""
+        """Schedule the next reading, unless it is scheduled: new clients must not delay it."""
         if self._will_look:
             return
         if self._looking is None:
@@ -225,7 +225,7 @@ class TcpListener:
         self._will_look = True
 
     def _look(self) -> None:
-        """Read the clients whose requests count from when they arrive."""
+        """Read the clients whose requests count from their arrival."""
         self._will_look = False
         for connection in self.connections:
             connection.look()

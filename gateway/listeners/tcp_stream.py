@@ -1,6 +1,6 @@
-"""An accepted TCP connection in the event loop: what arrives is received into the buffer of its user. Compiled.
+"""An accepted TCP connection in the event loop: bytes are received into the buffer of its user. Compiled.
 
-As a transport of asyncio's, with what a client needs, at half its instructions.
+It is a reduced transport of asyncio, with half the instructions.
 """
 
 import asyncio
@@ -9,45 +9,45 @@ from fcntl import ioctl
 from termios import FIONREAD
 from typing import Final, Protocol
 
-#: Where `ioctl` writes how many bytes are unread (bytes that it cannot write to cost it an error), and none.
+#: The buffer for the number of unread bytes (an immutable one would cost `ioctl` an error), and its content for none.
 _unread: Final = bytearray(4)
 _NONE: Final = bytes(4)
-#: To look them up in their modules costs as much as to call them.
+#: Looking them up in their modules would cost as much as calling them.
 _ask_system: Final = ioctl
 _UNREAD: Final = FIONREAD
 
 
 class StreamUser(Protocol):
-    """The protocol of a connection, as asyncio.BufferedProtocol. Nothing in it raises."""
+    """The protocol of a connection, like asyncio.BufferedProtocol. It never raises."""
 
     def get_buffer(self) -> memoryview:
         """Return the buffer to receive into; empty if there is no room at the moment."""
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Take the bytes that have arrived in it."""
+        """Take the bytes received into that buffer."""
 
     def eof_received(self) -> bool:
-        """Take no more: the client has closed its side."""
+        """Take note that the client has closed its side. The result is ignored."""
 
     def pause_writing(self) -> None:
-        """Write no more: the client does not read."""
+        """Stop writing: the client does not read."""
 
     def resume_writing(self) -> None:
-        """Go on: the client reads again."""
+        """Write again: the client reads."""
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection: it has ended."""
 
 
 class TcpStream:
-    """A connection on a socket that does not block. Nothing is received before `resume_reading`."""
+    """A connection on a non-blocking socket. Nothing is received before `resume_reading`."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, connected: socket.socket, user: StreamUser) -> None:
         self._loop = loop
         self._socket = connected
         self._descriptor = connected.fileno()
         self._user: StreamUser | None = user
-        #: What the client has not read, and beyond how many bytes of it the user is told.
+        #: Bytes that the client has not read, and the number of them above which the user is told.
         self._unsent = bytearray()
         self._limit = 0
         self._is_blocked = False
@@ -57,7 +57,7 @@ class TcpStream:
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def is_closing(self) -> bool:
-        """Return True if it is closed, or being closed."""
+        """Tell whether it is closed, or being closed."""
         return self._is_closing
 
     def set_write_buffer_limits(self, high: int) -> None:
@@ -77,12 +77,12 @@ class TcpStream:
             self._loop.add_reader(self._socket, self._receive)
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`; return the number of bytes. The client's end is left to the loop."""
+        """Copy received bytes into `room`. Return their number. The end of the stream is left to the loop."""
         if self._is_closing:
             return 0
         _ask_system(self._descriptor, _UNREAD, _unread)
         if _unread == _NONE:
-            return 0  # to be told so by an error of `recv` takes ten times as many instructions
+            return 0  # an error of `recv` would take ten times as many instructions
         try:
             return self._socket.recv_into(room)
         except (BlockingIOError, InterruptedError):
@@ -92,7 +92,7 @@ class TcpStream:
             return 0
 
     def write(self, data: bytes) -> None:
-        """Send `data`, or keep what the client does not take at once."""
+        """Send `data`; bytes that the client does not take at once are kept."""
         if self._is_closing:
             return
         if self._unsent:
@@ -110,7 +110,7 @@ class TcpStream:
             self._keep(data[sent:])
 
     def close(self) -> None:
-        """Close once everything was sent."""
+        """Close once everything is sent."""
         if self._is_closing:
             return
         self._is_closing = True
@@ -119,7 +119,7 @@ class TcpStream:
             self._loop.call_soon(self._end, None)
 
     def abort(self) -> None:
-        """Close now, and drop what was not sent."""
+        """Close now, and drop unsent bytes."""
         self._abort(None)
 
     def _receive(self) -> None:
@@ -128,7 +128,7 @@ class TcpStream:
             return
         room = user.get_buffer()
         if not len(room):
-            return  # no end: what the user has is still to be processed
+            return  # not the end: the user has yet to process its bytes
         try:
             count = self._socket.recv_into(room)
         except (BlockingIOError, InterruptedError):
@@ -178,7 +178,7 @@ class TcpStream:
         self._loop.call_soon(self._end, error)
 
     def _end(self, error: OSError | None) -> None:
-        """Tell the user, once."""
+        """Close the socket, and tell the user, once."""
         if self._user is None:
             return
         user, self._user = self._user, None

@@ -22,17 +22,18 @@ from gateway.tls.contexts import Loaded, stop_resuming
 from gateway.tls.settings import ServerTls
 from gateway.tls.store import TlsStore
 
-#: Why a client is rejected that goes on with an earlier session.
+#: The reason for rejecting a client that resumes an earlier session.
 OUTLIVED: Final = "its session is older than the end of an authority's certificate, or of a revocation list"
 
 
 class TlsListener(TcpListener):
     """A `[[listen]]` table with tls://.
 
-    A client counts for `clients`, and may take the place of another one, once its handshake is done.
+    A client counts for `clients`, and may replace another one, once its handshake is done.
     """
 
-    #: More would be felt by clients of other listeners, even if all are turned away; the system keeps them waiting.
+    #: With a shorter pause clients of other listeners would be delayed, even if all new ones are rejected; the system
+    #: keeps these waiting.
     pause_between_clients = 0.005
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit, store: TlsStore) -> None:
@@ -43,22 +44,22 @@ class TlsListener(TcpListener):
         self._kept = KeptSessions(self._files, lambda: self._loaded, partial(store.renew, self._files))
 
     def start(self) -> None:
-        """See TcpListener."""
+        """Accept clients."""
         self._trust = self._loaded.trust
         super().start()
 
     def finish(self) -> None:
-        """See TcpListener."""
+        """Accept no more clients or requests, and end handshakes; close each client once it has its responses."""
         self._handshakes.close()
         super().finish()
 
     def close(self) -> None:
-        """See TcpListener."""
+        """Accept no more clients, end handshakes, and abort every connection."""
         self._handshakes.close()
         super().close()
 
     def renew(self) -> None:
-        """Have every client show its certificate again if others are trusted since a reload."""
+        """Make all clients connect again if a reload has changed which clients are trusted."""
         trust, self._trust = self._trust, self._loaded.trust
         if trust != self._trust:
             self._handshakes.close()
@@ -67,7 +68,7 @@ class TlsListener(TcpListener):
 
     @property
     def _files(self) -> ServerTls:
-        assert isinstance(self.settings.tls, ServerTls)  # noqa: S101 - the config sees to it
+        assert isinstance(self.settings.tls, ServerTls)  # noqa: S101 - the config ensures it
         return self.settings.tls
 
     @property
@@ -75,7 +76,7 @@ class TlsListener(TcpListener):
         return self._store[self._files]
 
     def _make_room(self, caller: Caller, now: float) -> str:
-        """Make room for a handshake; return why none is begun with a client, empty if one is."""
+        """Make room for a handshake. Return why none is begun; empty if one is."""
         if not self.router.rights.admits(caller.host):
             return NO_RIGHTS
         return self._handshakes.make_room(caller.share_key, now)
@@ -86,13 +87,13 @@ class TlsListener(TcpListener):
             stop_resuming(loaded.context)
         stream = TlsStream(loaded.context, self._handshakes)
         await loop.connect_accepted_socket(lambda: stream, sock)
-        if loaded is not self._loaded:  # a reload came between: others may be trusted now
+        if loaded is not self._loaded:  # a reload may have changed which clients are trusted
             stream.abort()
             return
         self._handshakes.begin(stream, ConnectingClient(caller, loaded.resumable_until), loop.time())
 
     def _secured(self, stream: TlsStream, connecting: ConnectingClient) -> None:
-        """Serve a client that has shown a certificate of the authority, if it can be kept."""
+        """Serve a client with a valid certificate, if there is room for it."""
         now = asyncio.get_running_loop().time()
         if stream.is_resumed and time.time() > connecting.resumable_until:
             self._reject(stream, connecting, OUTLIVED)
@@ -125,16 +126,16 @@ class TlsListener(TcpListener):
         super()._sweep()
 
 
-#: Clients that connect again show the same certificate: parsing it is a good part of what a handshake costs the loop.
+#: Clients that connect again show the same certificate; parsing takes a large part of the loop's time for a handshake.
 _parsed = lru_cache(maxsize=256)(parse_certificate)
 
 
 def _identify(caller: Caller, certificate: Certificate) -> Caller:
-    """Add to a caller who it is by its certificate.
+    """Add subject and role of the certificate to a caller.
 
     Raises:
-        ValueError: the certificate is not valid now, which a session that is resumed does not look at, or its role is
-            not in the form of the specification.
+        ValueError: the certificate is not valid now, which a resumed session does not check, or its role violates the
+            specification.
     """
     if not certificate.not_before <= time.time() <= certificate.not_after:
         raise ValueError("it is not valid now")

@@ -1,7 +1,7 @@
 """One secured connection: a protocol to the network, and a transport to the protocol of its client.
 
-The handshake is done in steps, which may run in a thread: they take milliseconds of processor time. Everything else
-runs in the event loop. (Not asyncio's own `ssl`: it keeps 256 KiB for each connection, and cannot do that.)
+The handshake is done in steps that may run in a thread, because they take milliseconds of processor time. Everything
+else runs in the event loop. (Not asyncio's own `ssl`: it keeps 256 KiB for each connection, and has no such steps.)
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from gateway.listeners.connection import Stream
 from gateway.listeners.kept_sessions import is_full
 from gateway.tls.reasons import explain
 
-#: How much a client may send before its handshake is done: a chain of long certificates.
+#: The most bytes of a handshake: a chain of long certificates.
 MOST_HANDSHAKE_BYTES: Final = 64 * 1024
 
-#: How many bytes a client may send beside its data, and how many more for each byte of that: a record adds 30 at most.
-#: Others are for TLS itself: after a thousand changes of its keys, say, a client would only keep us busy.
+#: The most bytes that a client may send beside its data, and how many more per byte of data: a record adds 30 at most.
+#: The rest is for TLS itself: a client could otherwise keep us busy with thousands of key updates.
 MOST_BESIDE_DATA: Final = 32 * 1024
 BESIDE_EACH_BYTE: Final = 32
 TOO_MUCH_BESIDE_DATA: Final = "it sends hardly anything but messages of TLS itself"
 
-#: Encrypted bytes are received into this, and taken out at once: one for all connections.
+#: The buffer for encrypted bytes of all connections, which are taken out at once.
 _BUFFER: Final = memoryview(bytearray(16 * 1024))
 
 
 class Application(Protocol):
-    """A buffered protocol, as of TcpConnection."""
+    """A buffered protocol, like TcpConnection."""
 
     def connection_made(self, stream: Stream) -> None:
         """Begin: the connection is secured."""
@@ -55,7 +55,7 @@ class Application(Protocol):
         """See asyncio.BaseProtocol."""
 
     def reject(self, reason: str) -> None:
-        """Close because of what the client did."""
+        """Close because of the client's behaviour."""
 
 
 class HandshakeOwner(Protocol):
@@ -65,7 +65,7 @@ class HandshakeOwner(Protocol):
         """Call `step` in any thread, then `stepped`: bytes have arrived. Until then nothing more is received."""
 
     def secured(self, stream: TlsStream) -> None:
-        """Call `begin`, or `reject`: the handshake is done."""
+        """Call `begin` or `reject`: the handshake is done."""
 
     def not_secured(self, stream: TlsStream, reason: str) -> None:
         """Forget the stream: the handshake has failed, and the connection is closed."""
@@ -83,18 +83,18 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._transport: asyncio.Transport
         self._application: Application | None = None
         self._handshake_bytes = 0
-        #: How many more bytes there may be beside data.
+        #: The remaining number of bytes beside data.
         self._spare = MOST_BESIDE_DATA
-        #: Nothing else may touch what a step in a thread is using.
+        #: Whether a step in a thread uses the objects of the handshake; nothing else may then.
         self._is_stepping = False
         self._has_started = False
         self._is_secured = False
         self._is_blocked = False
         self._is_paused = False
-        #: The network has nothing more, which may come without an end in TLS; whether the application was told.
+        #: Whether the network has ended, perhaps without an end in TLS; whether the application was told.
         self._is_cut_off = False
         self._has_peer_ended = False
-        #: Why a look could not decrypt what had arrived; OpenSSL says it once.
+        #: Why received bytes could not be decrypted; OpenSSL reports it only once.
         self._wrong = ""
 
     # --- the handshake ---
@@ -107,7 +107,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             self._order_step()
 
     def step(self) -> str | None:
-        """Go on with the handshake; None if more must be received, "" if it is done, else why it has failed."""
+        """Continue the handshake. Return None if more bytes are needed, "" if it is done, else why it has failed."""
         try:
             self._tls.do_handshake()
         except ssl.SSLWantReadError:
@@ -118,7 +118,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
 
     @property
     def has_response(self) -> bool:
-        """True if the last step has something for the client."""
+        """Whether the last step has bytes for the client."""
         return self._outgoing.pending > 0
 
     def _order_step(self) -> None:
@@ -127,7 +127,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._owner.step_due(self)
 
     def stepped(self, outcome: str | None) -> None:
-        """Act on the outcome of a step: send what it has for the client, and go on, begin or reject."""
+        """Act on the outcome of a step: send its bytes, and continue, begin or reject."""
         self._is_stepping = False
         if self.is_closing():
             return
@@ -141,13 +141,13 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             self._owner.secured(self)
 
     def reject(self, reason: str) -> None:
-        """Close the connection before anything of the client is looked at."""
+        """Close the connection before it is secured or used."""
         self._owner.not_secured(self, reason)
         self.close()
 
     @property
     def is_resumed(self) -> bool:
-        """True if the client goes on with an earlier session: its certificate was looked at then."""
+        """Whether the client resumes an earlier session, at whose begin its certificate was checked."""
         return bool(self._tls.session_reused)
 
     @property
@@ -165,19 +165,19 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
     # --- the protocol to the network ---
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """See asyncio.BaseProtocol.
+        """Take the network connection, without receiving yet.
 
-        Nothing is received before `start`, or it is kept until then: Python 3.11.2 of Debian 12 receives all the same.
+        Python 3.11.2 of Debian 12 receives nevertheless; these bytes are kept until `start`.
         """
         self._transport = cast("asyncio.Transport", transport)
         self._transport.pause_reading()
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - one buffer serves all
-        """See asyncio.BufferedProtocol."""
+        """Return the buffer for encrypted bytes."""
         return _BUFFER
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Take encrypted bytes that have arrived."""
+        """Take received encrypted bytes."""
         if self._application is not None:
             self._count(nbytes)
             self._deliver()
@@ -207,7 +207,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
             self._application.pause_writing()
 
     def resume_writing(self) -> None:
-        """Go on: the client reads again."""
+        """Read again from a client that reads."""
         if self._application is not None:
             self._is_blocked = False
             self._application.resume_writing()
@@ -215,7 +215,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
                 self.resume_reading()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """See asyncio.BaseProtocol."""
+        """Pass on the end of the connection, to the application or to the owner of the handshake."""
         application, self._application = self._application, None  # no cycle stays: see runtime.garbage
         if application is None:
             self._owner.not_secured(self, f"it was lost: {exc}" if exc else "it was closed")
@@ -225,11 +225,11 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
     # --- the transport to the application ---
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
-        """See asyncio.BaseTransport. Nobody gets the socket, past which bytes would go as plain text."""
+        """Return information about the network connection, but never the socket: it would send plain text."""
         return default if name == "socket" else self._transport.get_extra_info(name, default)
 
     def is_closing(self) -> bool:
-        """See asyncio.BaseTransport."""
+        """Tell whether it is closed, or being closed."""
         return self._transport.is_closing()
 
     def pause_reading(self) -> None:
@@ -238,24 +238,24 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._transport.pause_reading()
 
     def resume_reading(self) -> None:
-        """Deliver what has arrived, soon, and then more."""
+        """Deliver received bytes soon, and then further ones."""
         self._is_paused = False
         self._go_on()
 
     def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
-        """See asyncio.WriteTransport."""
+        """Set the limits of the network transport."""
         self._transport.set_write_buffer_limits(high, low)
 
     def get_write_buffer_size(self) -> int:
-        """See asyncio.WriteTransport."""
+        """Return the number of encrypted bytes that wait to be sent."""
         return self._transport.get_write_buffer_size()
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`; return the number of bytes. The rest is delivered soon."""
+        """Copy decrypted bytes into `room`. Return their number. The rest is delivered soon."""
         network = self._transport.get_extra_info("socket")
         if network is None or self._is_blocked or self._has_peer_ended or self._spare < 0 or self.is_closing():
             return 0
-        count = self._take_waiting(room)  # first, so that no more than one buffer ever waits
+        count = self._take_waiting(room)  # first, so that at most one buffer waits
         if count == len(room):
             return count
         try:
@@ -278,28 +278,28 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         self._send()
 
     def writelines(self, list_of_data: Iterable[bytes | bytearray | memoryview[Any]]) -> None:
-        """See asyncio.WriteTransport."""
+        """Encrypt and send the joined data."""
         self.write(b"".join(list_of_data))
 
     def close(self) -> None:
-        """Tell the client, and close once everything was sent."""
+        """Send the end in TLS, and close once everything is sent."""
         if self.is_closing():
             return
-        # During a handshake there is nothing to end, and it takes long to be told so. OpenSSL keeps the session only
-        # of a connection whose end was told.
+        # During a handshake there is nothing to end, and OpenSSL takes long to say so. It keeps a session only if the
+        # end of its connection was sent.
         if self._is_secured and not is_full(self._tls.context):
-            with suppress(ssl.SSLError):  # its answer is not waited for
+            with suppress(ssl.SSLError):  # do not wait for its answer
                 self._tls.unwrap()
             self._send()
         self._transport.close()
 
     def abort(self) -> None:
-        """Close now, and drop what was not sent."""
+        """Close now, and drop unsent bytes."""
         self._transport.abort()
 
     @property
     def _is_held(self) -> bool:
-        """True if what arrives is not delivered at the moment."""
+        """Whether received bytes are not delivered at the moment."""
         return self._is_paused or self._is_blocked or self._has_peer_ended
 
     def _go_on(self) -> None:
@@ -309,16 +309,16 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         asyncio.get_running_loop().call_soon(self._deliver)
 
     def _count(self, nbytes: int) -> None:
-        """Take `nbytes` from the buffer. They count against what may come beside data, until data was decrypted."""
+        """Move `nbytes` from the buffer to OpenSSL. They count as bytes beside data until data is decrypted."""
         self._incoming.write(_BUFFER[:nbytes])
         self._spare -= nbytes
 
     def _take_waiting(self, room: memoryview) -> int:
-        """Decrypt what waits here, as far as there is room; return how many bytes. `_deliver` deals with an error."""
+        """Decrypt waiting bytes while there is room. Return their number. `_deliver` handles an error."""
         taken = 0
         try:
             while taken < len(room) and (self._incoming.pending or self._tls.pending()):
-                count = self._decrypt(room[taken:])  # of one record: a client sends each request in its own
+                count = self._decrypt(room[taken:])  # one record: clients send each request in its own
                 if not count:
                     break
                 taken += count
@@ -329,19 +329,19 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         return taken
 
     def _decrypt(self, room: memoryview) -> int:
-        """Decrypt into `room`; return the number of bytes, 0 at their end in TLS. Raises ssl.SSLError."""
+        """Decrypt into `room`. Return the number of bytes, 0 at the end in TLS. Raises ssl.SSLError."""
         count = cast("int", self._tls.read(len(room), cast("bytearray", room)))
         self._spare = min(self._spare + count * (1 + BESIDE_EACH_BYTE), MOST_BESIDE_DATA)
         return count
 
     def _deliver(self) -> None:
-        """Decrypt what has arrived, into the application's own buffer."""
+        """Decrypt received bytes into the application's own buffer."""
         application = self._application
         if application is None:
             return
         while not (self._is_held or self.is_closing()):
             room = application.get_buffer()
-            if not len(room):  # no end: what the application has is processed first
+            if not len(room):  # not the end: the application processes its bytes first
                 self._transport.pause_reading()
                 asyncio.get_running_loop().call_soon(self._go_on)
                 break
@@ -366,7 +366,7 @@ class TlsStream(asyncio.BufferedProtocol, asyncio.Transport):
         """Tell the application, once, that the client sends no more; it still gets its responses."""
         if not self._has_peer_ended and self._application is not None:
             self._has_peer_ended = True
-            self._transport.pause_reading()  # what comes behind the end in TLS would be kept, and never be looked at
+            self._transport.pause_reading()  # bytes behind the end in TLS would be kept and never used
             self._application.eof_received()
 
     def _send(self) -> None:

@@ -27,32 +27,32 @@ from gateway.ports.network import AddressInfo
 from gateway.request import Caller
 from gateway.routing.router import Router
 
-#: How often a listener looks for idle peers, in seconds.
+#: Seconds between checks for idle peers.
 SWEEP_STEP: Final = 0.25
-#: The most datagrams that are read before the first of them is processed: as many as the kernel's buffer holds. As many
-#: wait for the admission of their senders.
+#: The most datagrams read before the first of them is processed, as many as the kernel's buffer holds; also the most
+#: that wait for the admission of their senders.
 MOST_AT_ONCE: Final = 256
-#: Why a peer is rejected before it has its turn.
+#: The reason for rejecting a peer before its turn.
 _TOO_MANY_NEW: Final = "too many new clients at once"
-#: Why a peer is forgotten when its listener closes.
+#: The reason for forgetting a peer when its listener closes.
 _STOPPING: Final = "the gateway is stopping"
 
 
 class Arrived(NamedTuple):
-    """A request that has arrived, and where."""
+    """A received request, and its socket."""
 
     sock: socket.socket
     adu: mbap.TcpFrame
-    #: True if it repeated one in progress when it was read; that may have been answered since.
+    #: Whether it repeated one in progress when it was read; that may have been answered since.
     is_repeated: bool
 
 
 @dataclass(slots=True)
 class DatagramCounts(ClientCounts):
-    """Also counts datagrams."""
+    """Counts of clients and of datagrams."""
 
-    #: Those that are not exactly one request. An exception response is malformed too: answered like a request with an
-    #: unknown function, one forged datagram would bounce between two servers for ever.
+    #: Datagrams that are not exactly one request. An exception response is one of them: if it were answered like a
+    #: request with an unknown function, one forged datagram would bounce between two servers forever.
     malformed: int = 0
     #: Responses that the system refused.
     unsent: int = 0
@@ -61,10 +61,10 @@ class DatagramCounts(ClientCounts):
 class UdpListener:
     """One `[[listen]]` table with udp://: answers datagrams, forgets idle peers.
 
-    Datagrams from an address without any right are dropped, and those to another address than the listener's, through a
-    wider socket of systemd. At most `clients` peers are known at a time; `admission` decides which one is forgotten for
-    a new one, and whose datagrams are dropped. That takes a while if many are known, so peers are admitted one by one,
-    and everything else has its turn in between.
+    Datagrams from an address without any right are dropped, and those that came through a wider socket of systemd for
+    an address of another listener. At most `clients` peers are known at a time; `admission` decides which one is
+    forgotten for a new one, and whose datagrams are dropped. That takes a while if many are known, so peers are
+    admitted one by one, and everything else has its turn in between.
     """
 
     def __init__(self, settings: ListenSettings, router: Router, emit: events.Emit) -> None:
@@ -73,9 +73,9 @@ class UdpListener:
         self.emit = emit
         self.counts = DatagramCounts()
         self._peers: dict[PeerAddress, Peer] = {}
-        #: The requests that have arrived, the latest of each identifier, until they are processed.
+        #: Received requests, the latest of each identifier, until they are processed.
         self._arrived: dict[tuple[PeerAddress, int], Arrived] = {}
-        #: Those of peers that wait for their admission. While there are any, the next admission is scheduled.
+        #: Requests of peers that wait for admission. While there are any, the next admission is scheduled.
         self._waiting: dict[tuple[PeerAddress, int], Arrived] = {}
         self._is_finishing = False
         self._share_keys = ShareKeys()
@@ -96,7 +96,7 @@ class UdpListener:
 
     @property
     def clients(self) -> int:
-        """The number of known peers."""
+        """Number of known peers."""
         return len(self._peers)
 
     @property
@@ -106,11 +106,11 @@ class UdpListener:
 
     @property
     def has_clients(self) -> bool:
-        """True if any peer has a request in progress."""
+        """Whether any peer has a request in progress."""
         return not all(peer.is_idle for peer in self._peers.values())
 
     async def find(self) -> None:
-        """Look up the addresses to be bound.
+        """Look up the addresses to bind.
 
         Raises:
             ListenError: the host name cannot be resolved.
@@ -118,10 +118,10 @@ class UdpListener:
         self._addresses = await find_addresses(self.settings, socket.SOCK_DGRAM)
 
     def bind(self, ready: OpenSockets | None = None) -> None:
-        """Bind the addresses without reading yet; sockets that are `ready` for them are used.
+        """Bind the addresses without reading yet; `ready` sockets for them are used.
 
         Raises:
-            ListenError: one is in use, needs more rights, or is no address of this machine.
+            ListenError: one is in use, needs more rights, or does not belong to this machine.
         """
         self._sockets = bind_sockets(self.settings, self._addresses, ready)
         for sock in self._sockets:
@@ -131,7 +131,7 @@ class UdpListener:
         """Do nothing: datagrams arrive and wait from `bind` on."""
 
     def start(self) -> None:
-        """Take requests."""
+        """Accept requests."""
         loop = asyncio.get_running_loop()
         for sock in self._sockets:
             loop.add_reader(sock, self._readable, sock)
@@ -139,7 +139,7 @@ class UdpListener:
         self.emit(events.ListenerUp(self.settings.name, self.address))
 
     def finish(self) -> None:
-        """Take no more requests than have arrived; those in progress are answered, unless others replace them."""
+        """Accept no further requests; arrived ones and those in progress are answered, unless others replace them."""
         for sock in self._sockets:
             self._readable(sock)
         self._is_finishing = True
@@ -150,7 +150,7 @@ class UdpListener:
             peer.finish()
 
     def close(self) -> None:
-        """Take no more requests and answer none."""
+        """Accept no more requests, and answer none."""
         if self._sweeping is not None:
             self._sweeping.cancel()
         for key in list(self._peers):
@@ -167,13 +167,13 @@ class UdpListener:
         self._process()
 
     def _read_first(self, sock: socket.socket) -> None:
-        """Read what has arrived before a response is sent."""
+        """Read arrived datagrams before a response is sent; they are processed soon."""
         self._read(sock)
         if self._arrived:
             asyncio.get_running_loop().call_soon(self._process)
 
     def _read(self, sock: socket.socket) -> None:
-        """Keep the requests that have arrived. One with the identifier of an earlier one replaces it."""
+        """Keep arrived requests. One with the identifier of an earlier one replaces it."""
         for _ in range(MOST_AT_ONCE - len(self._arrived)):
             try:
                 data, key = receive(sock)
@@ -188,7 +188,7 @@ class UdpListener:
             self._arrived[key, adu.transaction] = Arrived(sock, adu, is_repeated)
 
     def _process(self) -> None:
-        """Process the requests that have arrived. One that is read meanwhile may replace another that still waits."""
+        """Process received requests. One that is read meanwhile may replace another that still waits."""
         now = asyncio.get_running_loop().time()
         for arrived in list(self._arrived):
             request = self._arrived.pop(arrived)
@@ -216,7 +216,10 @@ class UdpListener:
         self._waiting[arrived] = request
 
     def _permanent_refusal(self, sock: socket.socket, key: PeerAddress) -> str:
-        """Say why a sender is rejected even if there is room. Checked on arrival: it takes no place of others."""
+        """Return why a sender is rejected even if there is room; empty if it is not.
+
+        It is checked on arrival, so that the sender takes no place of others.
+        """
         if not is_meant(key.asked_host, sock, self._addresses):
             return NOT_MEANT
         return "" if self.router.rights.admits(key.host) else NO_RIGHTS
@@ -230,7 +233,7 @@ class UdpListener:
         self._process()
 
     def _admit_first(self) -> None:
-        """Admit the peer that has waited longest, if it may be; its requests are processed before all others."""
+        """Admit the peer that has waited longest, if possible; its requests are processed before all others."""
         key, _ = first = next(iter(self._waiting))
         sock = self._waiting[first].sock
         requests = {each: self._waiting.pop(each) for each in list(self._waiting) if each[0] == key}
@@ -245,7 +248,7 @@ class UdpListener:
             self._failed(key, error)
 
     def _admit(self, sock: socket.socket, key: PeerAddress, now: float) -> str:
-        """Admit a peer, or return why it is rejected: the listener is full, or it has lost its rights."""
+        """Admit a peer. Return why it is rejected: the listener is full, or it has lost its rights; else empty."""
         client = join_host_port(key.host, key.port)
         caller = Caller(client, key.host, self._share_keys.of(key.host, now))
         if why_not := self._admission.make_room(caller, self.router.rights, self.settings, now, self._forget_replaced):

@@ -1,4 +1,4 @@
-"""Cuts the bytes of a client of RTU or ASCII over TCP into requests, and tells which of them were sent together."""
+"""Cuts the bytes of a client of RTU or ASCII over TCP into requests, and tells which were sent together."""
 
 from math import inf
 from typing import Final, Literal
@@ -9,19 +9,19 @@ from gateway.modbus.frame import Frame
 from gateway.modbus.rtu import RtuFramer
 
 #: The silence that ends an RTU frame of unknown size, or noise, in seconds. A network delays the second half of a frame
-#: by less (TCP first repeats a lost segment after 200 ms).
+#: by less (TCP repeats a lost segment after 200 ms at first).
 SILENCE: Final = 0.25
-#: Requests that arrive within this many seconds were sent together: no client's time-out is so short.
+#: Requests that arrive within this many seconds were sent together: no client has such a short time-out.
 TOGETHER: Final = 0.05
-#: How often a client that sends nothing is looked at, in seconds. What is read next has arrived since the last look.
+#: Seconds between looks at a silent client. Bytes read next have arrived since the last look.
 LOOK_STEP: Final = 0.02
-#: What a framer gets for the time.
+#: The constant time for a framer.
 _ALWAYS: Final = 0.0
-#: The most that is received at once.
+#: The most bytes received at once.
 _BUFFER: Final = 2 * MAX_RTU_ADU
 
 
-#: When a request was sent: together with the one before, or later. Unclear: the gateway stood still in between.
+#: When a request was sent: together with the previous one, or later. Unclear: the gateway stood still in between.
 Relation = Literal["together", "later", "unclear"]
 
 
@@ -29,8 +29,8 @@ class Arrivals:
     """The bytes of one client, and the requests in them. Times in seconds, of one clock.
 
     Bytes are stored as they arrive (`filled`) and cut into frames when the session asks for them (`cut`). They have
-    arrived at any time between the last look that found no more of them (`looked`) and when they are cut. A frame
-    behind noise is found long after it has arrived, at any time since the noise.
+    arrived between the last look that found no more of them (`looked`) and when they are cut. A frame behind noise may
+    have arrived at any time since the noise.
 
     The framer gets no time: it would take a stand-still of the gateway for a silence.
     """
@@ -44,19 +44,21 @@ class Arrivals:
         """Expect the framing of `scheme`: `rtu+tcp` or `ascii+tcp`."""
         self._framer = AsciiFramer() if scheme == "ascii+tcp" else RtuFramer(SILENCE)
         self._buffer = memoryview(bytearray(_BUFFER))
-        #: Bytes that have arrived and are not cut yet.
+        #: Received bytes that are not cut yet.
         self._uncut = b""
         #: The number of bytes since the last request.
         self.noise = 0
-        #: The bytes that were cut last.
+        #: The bytes cut last.
         self.latest = b""
-        #: All that had arrived at this time was cut.
+        #: All bytes that had arrived at this time were cut.
         self._looked_at = now
         #: The last bytes have arrived between these two times.
         self._heard_since = self._heard_at = now
-        #: The bytes since there was no incomplete frame, and the frames that were found last, came after these times.
+        #: Lower limits of arrival times: of the bytes since there was no incomplete frame, and of the frames found
+        #: last.
         self._begun_since = self._found_since = now
-        #: Until when a request was certainly sent together with the one before, and after when it certainly was not.
+        #: Up to the first time a request was certainly sent together with the previous one, after the second certainly
+        #: not.
         self._together_until = self._later_after = now
         #: When a silence will end the incomplete frame, or None.
         self.ends_at: float | None = None
@@ -65,12 +67,12 @@ class Arrivals:
 
     @property
     def has_uncut(self) -> bool:
-        """Tell whether bytes have been read that are not cut yet."""
+        """Whether bytes have been read that are not cut yet."""
         return bool(self._uncut)
 
     @property
     def has_begun(self) -> bool:
-        """Tell whether a part of a frame has arrived."""
+        """Whether a part of a frame has arrived."""
         return bool(self._uncut) or self._framer.unfinished > 0
 
     def room(self) -> memoryview:
@@ -78,17 +80,17 @@ class Arrivals:
         return self._buffer
 
     def filled(self, count: int) -> None:
-        """Store `count` bytes that have arrived in `room()`."""
+        """Store `count` bytes that were received into `room()`."""
         self._uncut += bytes(self._buffer[:count])
 
     def looked(self, now: float) -> None:
-        """Note that all that had arrived at `now` has been read and cut."""
+        """Note that all bytes that had arrived at `now` were read and cut."""
         self._looked_at = now
 
     def ended(self, now: float) -> list[Frame]:
-        """Return the frames that a silence has ended. Everything that has arrived until `now` must have been read.
+        """Return the frames that a silence has ended. All bytes that have arrived until `now` must have been read.
 
-        Bytes that are not cut yet may have arrived right after the last look: only until then it was certainly silent.
+        Bytes that are not cut yet may have arrived right after the last look: it was certainly silent only until then.
         """
         silent_until = self._looked_at if self._uncut else now
         if self.ends_at is None or silent_until < self.ends_at:
@@ -98,7 +100,7 @@ class Arrivals:
         return self._found(self._framer.tick(inf))
 
     def cut(self, now: float) -> list[Frame]:
-        """Cut the bytes that have arrived. Return the frames that are complete with them."""
+        """Cut the received bytes. Return the frames that are complete with them."""
         data, self._uncut = self._uncut, b""
         if not data:
             return []
@@ -111,17 +113,17 @@ class Arrivals:
         framer.heard_noise = False
         frames = framer.received(data, _ALWAYS)
         self.ends_at = None if framer.deadline() is None else now + SILENCE
-        # noise may have hidden frames that arrived before these bytes
+        # noise may hide frames that arrived before these bytes
         self._found_since = self._begun_since if framer.heard_noise else self._heard_since
         return self._found(frames)
 
     @property
     def noise_relation(self) -> Relation:
-        """Compare when bytes arrived that are no request, or not yet, with the last request."""
+        """When bytes that are no request, or not yet, were sent, relative to the last request."""
         return self._relation(self._heard_since, self._heard_at) if self.noise else "together"
 
     def next_relation(self) -> Relation:
-        """Compare when the next of the frames that were found last was sent with the one before; once for each."""
+        """Return when the next of the frames found last was sent, relative to the previous one; once for each."""
         since, at = self._found_since, self._heard_at
         relation = self._relation(since, at)
         self._together_until = max(self._together_until, since + TOGETHER)
@@ -134,7 +136,7 @@ class Arrivals:
         return "later" if since > self._later_after else "unclear"
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
-        """Return the ADU in this client's framing."""
+        """Encode the ADU of `pdu` in this client's framing."""
         return self._framer.encode(unit, pdu)
 
     def stop(self) -> None:
@@ -142,7 +144,7 @@ class Arrivals:
         self._is_stopped = True
 
     def go_on(self, now: float) -> None:
-        """Note that reading continues. Bytes that waited for that are not late, and a silence begins anew."""
+        """Note that reading continues. Bytes that waited for that are not late, and a silence starts anew."""
         if self._is_stopped:
             self._is_stopped = False
             self._together_until = self._later_after = now + TOGETHER

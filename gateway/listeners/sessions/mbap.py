@@ -10,15 +10,15 @@ from gateway.modbus import mbap
 from gateway.modbus.framings import likeness
 from gateway.request import Caller, Request, Target
 
-#: In place of the transaction identifier of a request that another one has replaced.
+#: Replaces the transaction identifier of a request that another one has replaced.
 _GIVEN_UP: Final = -1
-#: A client counts once each of its last _COUNTED identifiers was larger than the one before, by less than _STEP. So
+#: A client counts if each of its last _COUNTED identifiers was larger than the previous one, by less than _STEP. So
 #: none of them was used twice.
 _COUNTED: Final = 16
 _STEP: Final = 0x1000
-#: The next requests were read ahead: they do not show that the client counts, for it may have given up some of them.
+#: The next requests were read ahead: they do not prove that the client counts, because it may have given up some.
 _READ_AHEAD: Final = -1
-#: No client's time-out is shorter, in seconds.
+#: No client has a shorter time-out, in seconds.
 _QUICK: Final = 0.05
 #: Process what has been read as soon as possible.
 _SOON: Final = 0.0
@@ -27,11 +27,11 @@ _SOON: Final = 0.0
 class MbapSession(Session):
     """A Modbus TCP client.
 
-    Responses carry the client's own transaction and unit identifiers, and are sent in the order in which they arrive.
-    A client that uses an identifier again has given up its earlier request: only the latest request with an identifier
-    gets a response. So reading goes on while the session finishes. And before a response is sent, everything that has
-    arrived is read. This is not needed if the client counts its identifiers up and the response is quick, because then
-    its next requests have other identifiers.
+    Responses carry the client's own transaction and unit identifiers, and are sent in the order in which they become
+    available. A client that uses an identifier again has given up its earlier request: only the latest request with an
+    identifier gets a response. So reading goes on while the session finishes. And before a response is sent, everything
+    that has arrived is read. This is not needed if the client counts its identifiers up and the response is quick,
+    because then its next requests have other identifiers.
     """
 
     __slots__ = ("_framer", "_latest", "_rises", "_under_way")
@@ -45,19 +45,19 @@ class MbapSession(Session):
         settings: ListenSettings,
         now: float,
     ) -> None:
-        """See Session."""
+        """Begin a session; see Session."""
         super().__init__(caller, router=router, connection=connection, settings=settings, now=now)
         self._framer = mbap.MbapFramer()
-        #: The requests in progress by their transaction identifiers.
+        #: The requests in progress by transaction identifier.
         self._under_way: dict[int, Request] = {}
         #: The latest identifier.
         self._latest = 0
-        #: How many identifiers in a row have risen up to the latest one, or _READ_AHEAD.
+        #: The number of identifiers in a row that have risen, up to the latest one, or _READ_AHEAD.
         self._rises = 0
 
     @property
     def has_begun(self) -> bool:
-        """Tell whether a part of an ADU has arrived."""
+        """Whether a part of an ADU has arrived."""
         return self._framer.unfinished > 0
 
     def room(self) -> memoryview:
@@ -65,7 +65,7 @@ class MbapSession(Session):
         return self._framer.room()
 
     def received(self, count: int, now: float) -> None:
-        """Process `count` bytes that have arrived in `room()`."""
+        """Process `count` bytes that were received into `room()`."""
         self._framer.filled(count)
         self.proceed(now)
 
@@ -76,7 +76,7 @@ class MbapSession(Session):
         if is_awaited and request.transaction in self._under_way:  # else it was ready at once
             del self._under_way[request.transaction]
             if self._rises > 0 and self._connection.time() - request.received_at > _QUICK:
-                self._rises = 0  # the client may have given up, and ask something else with the same identifier
+                self._rises = 0  # the client may reuse the identifier after a time-out
         if self._life == GONE:
             return
         if is_awaited and pdu is not None and not is_kept_back(request, self._settings.on_failure):
@@ -85,7 +85,7 @@ class MbapSession(Session):
         self._go_on()
 
     def wants(self, request: Request) -> bool:
-        """See Session; also False if another request with its identifier has replaced it."""
+        """Tell whether a waiting request should still be sent: not if another with its identifier has replaced it."""
         return super().wants(request) and request.transaction != _GIVEN_UP
 
     def _awaited_requests(self) -> Iterable[Request]:
@@ -139,7 +139,7 @@ class MbapSession(Session):
                 raise NotModbus(f"what it sends is not Modbus TCP{words}")
 
     def _close_when_done(self) -> None:
-        """See Session; what was read before the client closed its side is processed first."""
+        """Close when done, but first process bytes read before the client closed its side."""
         if self._life != HALF_CLOSED or self._limit == 0 or not self._framer.has_whole:
             super()._close_when_done()
 
@@ -149,9 +149,9 @@ class MbapSession(Session):
         super()._flush()
 
     def _look(self) -> None:
-        """Read what has arrived, and drop the responses whose identifiers come again in it.
+        """Read arrived bytes, and drop the responses whose identifiers occur in them again.
 
-        What was read is processed later: the caller may be a line that is handing over its response.
+        They are processed later: the caller may be a line that is delivering its response.
         """
         room = self._framer.room()
         if len(room) and (count := self._connection.receive(room)):
@@ -162,7 +162,7 @@ class MbapSession(Session):
             self._out = [response for response in self._out if not self._framer.holds(response[:2])]
 
     def _withdraw(self, transaction: int) -> None:
-        """Drop the response with this identifier, which was ready at once and is not sent yet."""
+        """Drop the response with this identifier that was ready at once and is not sent yet."""
         for number, response in enumerate(self._out):
             if response[0] << 8 | response[1] == transaction:
                 del self._out[number]

@@ -65,11 +65,11 @@ _NEXT: Final[dict[str, dict[str, str]]] = {
     },
 }
 
-#: A client that sends this many bytes without a request uses another protocol: HTTP, TLS.
+#: A client that sends this many bytes without a request uses another protocol, such as HTTP or TLS.
 MOST_NOISE: Final = 4 * MAX_RTU_ADU
 #: A broadcast is dropped if this many requests beyond `in_flight` and the awaited one are in progress or wait.
 MOST_BROADCASTS: Final = 128
-#: Process what waits as soon as possible.
+#: Process waiting requests as soon as possible.
 _SOON: Final = 0.0
 
 
@@ -78,8 +78,8 @@ class OverTcpSession(Session):
 
     Requests that arrive together wait for one another; after `in_flight` of them reading stops. Noise gets no response,
     nor does a request to unit 0, unless `unit0` names the unit for it. Broadcasts are never given up, because no
-    response is expected. Nor do they stop reading, because the time-out of a request behind them would not be seen:
-    beyond `MOST_BROADCASTS` they are dropped.
+    response is expected. They do not stop reading either, because the time-out of a request behind them would not be
+    seen: beyond `MOST_BROADCASTS` they are dropped.
     """
 
     __slots__ = ("_arrivals", "_awaited", "_state", "_waiting")
@@ -93,9 +93,9 @@ class OverTcpSession(Session):
         settings: ListenSettings,
         now: float,
     ) -> None:
-        """See Session."""
+        """Begin a session; see Session."""
         super().__init__(caller, router=router, connection=connection, settings=settings, now=now)
-        self._limit += 1  # the awaited one: what arrives after it shows that it was given up
+        self._limit += 1  # the awaited one: later bytes show that it was given up
         self._arrivals = Arrivals(settings.scheme, now)
         self._state = IDLE
         #: The request whose response the client waits for.
@@ -105,7 +105,7 @@ class OverTcpSession(Session):
 
     @property
     def has_begun(self) -> bool:
-        """Tell whether a part of an ADU has arrived."""
+        """Whether a part of an ADU has arrived."""
         return self._arrivals.has_begun
 
     def room(self) -> memoryview:
@@ -113,12 +113,12 @@ class OverTcpSession(Session):
         return self._arrivals.room()
 
     def received(self, count: int, now: float) -> None:
-        """Process `count` bytes that have arrived in `room()`."""
+        """Process `count` bytes that were received into `room()`."""
         self._arrivals.filled(count)
         self.proceed(now)
 
     def look(self, now: float) -> None:
-        """Process what has arrived until `now`; to be called every LOOK_STEP. What is read next has arrived since."""
+        """Process bytes that have arrived until `now`. Call it every LOOK_STEP; later bytes arrived after that."""
         if self._back_pressure.is_paused:
             return
         is_all = self._read() < len(self._arrivals.room())
@@ -128,11 +128,11 @@ class OverTcpSession(Session):
             self._arrivals.looked(now)
 
     def wants(self, request: Request) -> bool:
-        """See Session; also False if the client has given the request up."""
+        """Tell whether a waiting request should still be sent: not if the client has given it up."""
         return super().wants(request) and (request is self._awaited or not self._gets_response(request))
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the response to one of the session's requests; drop it if the client has given the request up.
+        """Take the response to a request of the session; drop it if the client has given the request up.
 
         The client's next request may have arrived unread. Then the response waits until `proceed` has processed that.
         """
@@ -162,14 +162,14 @@ class OverTcpSession(Session):
 
     @property
     def _takes_more(self) -> bool:
-        """Tell whether reading goes on. It does while the client is held back, or its time-out would not be seen."""
+        """Whether reading goes on; also while the client is held back, or its time-out would not be seen."""
         is_blocked = self._back_pressure.blocked_at is not None
         has_room = self.in_progress < self._limit or self._unanswered < self._limit
         return not is_blocked and (has_room or self._limit == 0)
 
     @property
     def _unanswered(self) -> int:
-        """Return the number of requests that still have to get a response."""
+        """Number of requests that still must get a response."""
         return (self._awaited is not None) + sum(map(self._gets_response, self._waiting))
 
     def _resume(self) -> None:
@@ -178,7 +178,7 @@ class OverTcpSession(Session):
             self._connection.wake(_SOON)
 
     def closed(self) -> None:
-        """See Session."""
+        """Drop all requests and responses; see Session."""
         super().closed()
         self._awaited = None
         self._waiting.clear()
@@ -206,14 +206,14 @@ class OverTcpSession(Session):
             self._connection.wake(_SOON)
 
     def _flush(self) -> None:
-        """See Session; a response that waits for unread bytes stays."""
+        """Send responses, but not one that waits for unread bytes."""
         if self._state != ANSWERED:
             super()._flush()
 
     def _read(self) -> int:
-        """Read the beginning of what has arrived. Return the number of bytes.
+        """Read the first of the arrived bytes. Return their number.
 
-        They must be processed before a response is sent. The beginning is enough: it arrived together with the last
+        They must be processed before a response is sent. The first ones are enough: they arrived together with the last
         request, or later.
         """
         if self._back_pressure.is_paused:
@@ -236,10 +236,10 @@ class OverTcpSession(Session):
             self._notice(self._arrivals.noise_relation)
 
     def _check_framing(self) -> None:
-        """Look at the first bytes of a client, in which there is no request.
+        """Check the first bytes of a client that contain no request.
 
         Raises:
-            NotModbus: they are of another framing.
+            NotModbus: they have another framing.
         """
         own: Framing = "ASCII" if self._settings.scheme == "ascii+tcp" else "RTU"
         latest = self._arrivals.latest
@@ -261,10 +261,10 @@ class OverTcpSession(Session):
         self.asked += len(frames)
 
     def _notice(self, relation: Relation) -> None:
-        """Take note of something that has arrived, together with the requests before or later."""
+        """Note that something has arrived, and whether it was sent together with the previous request."""
         event = relation
         if relation == UNCLEAR and self._state != UNANSWERED and not self._unanswered:
-            event = LATER  # no response is left that could be taken for another
+            event = LATER  # no response could be taken for another
         if event != TOGETHER:
             self._give_up()
         self._apply(event)
@@ -283,20 +283,20 @@ class OverTcpSession(Session):
             if self.in_progress - len(self._waiting) > most:
                 return
             request = self._waiting.popleft()
-            self._flush()  # to hand one out takes a while, in which the client may give up
+            self._flush()  # handing out takes a while, in which the client may give up
             if self._gets_response(request):
                 self._awaited = request
                 self._apply(HANDED_OUT)
             self._router.submit(request, now)
 
     def _deliver(self) -> None:
-        """Send the response that is in `_out`."""
+        """Send the response in `_out`."""
         self._apply(CAUGHT_UP)
         self._awaited = None
         self.in_progress -= 1
 
     def _give_up(self) -> None:
-        """Drop all requests, and a response that is kept: the client's time-out has passed."""
+        """Drop all requests, and a kept response: the client's time-out has passed."""
         if self._state == ANSWERED:
             self._out.clear()
         self._abandon_all()
@@ -316,5 +316,5 @@ class OverTcpSession(Session):
         self._state = _NEXT[self._state][event]
 
     def _gets_response(self, request: Request) -> bool:
-        """Tell whether a request gets a response: to unit 0 it gets none on a line (S 2.1)."""
+        """Tell whether a request gets a response; on a line one to unit 0 gets none (S 2.1)."""
         return request.unit != BROADCAST_UNIT or isinstance(self._settings.unit0, int)

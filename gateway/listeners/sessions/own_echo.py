@@ -1,4 +1,4 @@
-"""Detects the gateway's own responses that the adapter of a server line echoes: a write would be executed for ever."""
+"""Detects echoes of the gateway's own responses on a server line: an echoed write would be repeated forever."""
 
 from typing import Final, Literal
 
@@ -6,14 +6,14 @@ from gateway.events import EchoHeard, Emit
 from gateway.lines.echo import ECHOES
 from gateway.modbus.frame import Frame
 
-#: What a received frame is. `doubtful`: a client can have sent it, but it may as well be an echo; the exception that
-#: answers it shows which, for no client can send that.
+#: The kind of a received frame. `doubtful`: it may be a request or an echo. It is answered with an exception; if that
+#: comes back too, it is an echo, for no client sends one.
 Verdict = Literal["request", "echo", "doubtful"]
 _ADVICE: Final = 'if the adapter echoes, set echo = true; if the client has no wire, wire = "direct"'
 
 
 class OwnEcho:
-    """Tells the echo of the last response from a client's request with the same content. Times in seconds.
+    """Distinguishes the echo of the last response from a client's request with the same content. Times in seconds.
 
     The echo of a response that differs from its request proves that the adapter echoes, until one does not come back.
     """
@@ -24,7 +24,7 @@ class OwnEcho:
     )  # fmt: skip
 
     def __init__(self, name: str, source: str, emit: Emit, *, echoes: bool) -> None:
-        """Use `name` and `source` of the line for the event that reports the first echo.
+        """Make it for a line; `name` and `source` are for the event that reports the first echo.
 
         `echoes` is set if the adapter is known to echo.
         """
@@ -32,34 +32,34 @@ class OwnEcho:
         self._source = source
         self._emit = emit
         self._echoes = echoes
-        #: Set while an echo of ours has shown that the adapter echoes.
+        #: Whether an echo has proved that the adapter echoes.
         self._is_proven = False
-        #: Set once the event was emitted.
+        #: Whether the event was emitted.
         self._has_told = False
         self.port_up(virtual=True)
 
     def port_up(self, *, virtual: bool) -> None:
-        """Begin anew with an open port. The client of a `virtual` one may send at once what was just sent to it."""
+        """Start anew with an open port. On a `virtual` one the client may repeat a response at once."""
         self._is_virtual = virtual
         #: Our last response, until the next frame is received.
         self._said: Frame | None = None
-        #: Set if a client can send it too, because it equals the request.
+        #: Whether a client can send it too, because it equals the request.
         self._is_repeatable = False
-        #: Until when it is an echo even then.
+        #: Before this time it is an echo even then.
         self._until = 0.0
-        #: How many responses in a row came back.
+        #: Number of responses in a row that came back.
         self._in_a_row = 0
-        #: How many of them make the next one doubtful.
+        #: The number of them that makes the next one doubtful.
         self._limit = ECHOES
 
     def note_response(self, response: Frame, until: float, *, is_repeatable: bool) -> None:
-        """Note a response that is sent. No client can repeat it before `until`, unless the port is virtual."""
+        """Note a response being sent. No client can repeat it before `until`, unless the port is virtual."""
         self._said = response
         self._until = until
         self._is_repeatable = is_repeatable
 
     def judge(self, frame: Frame, heard_at: float, heard_since: float) -> Verdict:
-        """Tell what `frame` is, read at `heard_at` and received not before `heard_since`. Call it for each frame."""
+        """Return the kind of `frame`, read at `heard_at` and received after `heard_since`. Call it for each frame."""
         said, self._said = self._said, None
         if said is None:
             return "request"
@@ -80,7 +80,7 @@ class OwnEcho:
         """Note that the last response did not come back."""
         if not self._is_repeatable:
             self._is_proven = False
-            if self._in_a_row >= self._limit:  # it was a client that repeated itself: doubt it less often
+            if self._in_a_row >= self._limit:  # the client repeated itself: doubt it less often
                 self._limit *= 2
         self._in_a_row = 0
 

@@ -1,6 +1,6 @@
 """A Modbus UDP client as a state machine: a datagram in, at most one response out.
 
-A datagram may be lost, repeated or forged, and there is no connection to close: what is kept of a peer is bounded.
+A datagram may be lost, repeated or forged, and there is no connection to close: the state of a peer is bounded.
 """
 
 from collections.abc import Callable
@@ -14,21 +14,21 @@ from gateway.timing.measured import NEVER
 
 
 class Path(NamedTuple):
-    """The way to a peer: its addresses, and a socket."""
+    """The path to a peer: its addresses, and a socket."""
 
-    #: Has every peer `notice` the datagrams that have arrived. They are processed soon, not inside this call.
+    #: Reads the arrived datagrams, so that every peer can `notice` them. They are processed soon, not inside this call.
     read: Callable[[], None]
     #: Sends a datagram to the peer.
     send: Callable[[bytes], None]
 
 
 class Peer:
-    """A Modbus UDP client, known by its address and port: the Origin of its requests.
+    """A Modbus UDP client, identified by its address and port: the Origin of its requests.
 
     At most `in_flight` requests are in progress; another one gets 06. The same request again while it is in progress is
-    a repeated datagram: it is executed once and gets one response. Another request with the same transaction
-    identifier replaces the earlier one, whose response is dropped. Every datagram that has arrived counts, also while
-    the peer finishes, so all are read before a response is sent.
+    a repeated datagram: it is executed once and gets one response. Another request with the same transaction identifier
+    replaces the earlier one, whose response is dropped. Every datagram that has arrived counts, also while the peer
+    finishes, so all are read before a response is sent.
     """
 
     #: Datagrams come without a certificate.
@@ -53,16 +53,16 @@ class Peer:
 
     @property
     def is_idle(self) -> bool:
-        """True if no request of the client is in progress."""
+        """Whether no request of the client is in progress."""
         return not self._under_way
 
     @property
     def in_progress(self) -> int:
-        """The number of its requests that have no response yet."""
+        """Number of its requests without a response."""
         return len(self._under_way)
 
     def notice(self, adu: mbap.TcpFrame) -> bool:
-        """Return True if an arrived request repeats one in progress. Else it replaces one with its identifier."""
+        """Tell whether a received request repeats one in progress. If it reuses its identifier, replace that one."""
         earlier = self._under_way.get(adu.transaction)
         if earlier is None:
             return False
@@ -73,7 +73,7 @@ class Peer:
         return False
 
     def received(self, adu: mbap.TcpFrame, now: float, *, is_repeated: bool = False) -> None:
-        """Process one request; `is_repeated` if it repeated one in progress when it was noticed."""
+        """Process one request; `is_repeated` if it repeated one in progress when it was read."""
         self.last_asked = now
         self.asked += 1
         if self.notice(adu) or is_repeated or self._is_finishing:
@@ -86,11 +86,11 @@ class Peer:
             self._router.submit(request, now)
 
     def finish(self) -> None:
-        """Take no more requests; one with the identifier of another in progress still shows that this is given up."""
+        """Accept no more requests; one that reuses the identifier of another in progress still gives that up."""
         self._is_finishing = True
 
     def wants(self, request: Request) -> bool:
-        """Return True if a request that still waits should be sent."""
+        """Tell whether a waiting request should still be sent."""
         return not self.gone and self._under_way.get(request.transaction) is request
 
     def answer(self, request: Request, pdu: bytes | None) -> None:

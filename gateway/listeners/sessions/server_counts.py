@@ -1,14 +1,14 @@
-"""Counts of a line where an outside client asks us."""
+"""Counts of a server line, where an outside client sends requests."""
 
 from dataclasses import dataclass
 
 
 @dataclass(slots=True)
 class ServerCounts:
-    """What has happened on a server line since it was built.
+    """Events on a server line since it was created.
 
     Each of the `requests` to its units gets a response (some are `exceptions`) or not: the request has none, the
-    failure was kept `silent`, the response came `too_late`, or was `overtaken` by other bytes on the line.
+    failure was kept `silent`, the response came `too_late`, or it was `overtaken` by other bytes on the line.
     """
 
     requests: int = 0

@@ -43,9 +43,9 @@ from gateway.trace.ring import Ring
 
 #: Up to this many bytes right behind a request are glitches of an RS-485 line; more are the next frame.
 _GLITCH: Final = 3
-#: How often an open port is looked at, in seconds. What is read next has arrived since the last look.
+#: Seconds between readings of an open port. Bytes read next have arrived since the last reading.
 LOOK_STEP: Final = 0.05
-#: Bytes count as arrived when they are read, unless nobody has looked for longer than this, in seconds.
+#: Bytes count as arrived when they are read, unless the last reading is longer ago than this, in seconds.
 UNNOTICED: Final = 0.1
 
 
@@ -53,8 +53,8 @@ UNNOTICED: Final = 0.1
 class ServerSettings:
     """The settings of a server line; all times in seconds.
 
-    `serves` are the units that it answers for. `idle_chars` is the silence that ends an RTU frame, in characters.
-    `gap` is the silence before each response; None: the same as `idle_chars`.
+    `serves` are the units that it answers for. `idle_chars` is the silence that ends an RTU frame, in characters. `gap`
+    is the silence before each response; None: the same as `idle_chars`.
     """
 
     name: str
@@ -70,12 +70,12 @@ class ServerSettings:
 
     @property
     def frame_end(self) -> float:
-        """Return the silence that ends a frame."""
+        """The silence that ends a frame, in seconds."""
         return self.timing.frame_end(self.idle_chars)
 
     @property
     def silence_before_response(self) -> float:
-        """Return the silence before each response (S 2.5.1.1)."""
+        """The silence before each response, in seconds (S 2.5.1.1)."""
         return self.frame_end if self.gap is None else self.gap
 
 
@@ -106,24 +106,24 @@ class SerialSession:
         #: The request in progress, and the PDU of its response, empty until there is one.
         self._current: Request | None = None
         self._answer = b""
-        #: When the last bytes were read, and since when they may have waited for that.
+        #: When the last bytes were read, and the earliest time at which they may have arrived.
         self._heard_at = self._heard_since = 0.0
-        #: When the line will have been silent for long enough for a response.
+        #: When the line will have been silent long enough for a response.
         self._quiet_at = 0.0
-        #: Until when a few bytes are taken for a glitch behind the request.
+        #: Before this time a few bytes are taken for a glitch behind the request.
         self._glitch_until = 0.0
         self._is_ending = False
         self._tune(latency=0.0)
 
     @property
     def is_idle(self) -> bool:
-        """Tell whether no request of the client is in progress."""
+        """Whether no request of the client is in progress."""
         return self._current is None
 
     def port_up(self, write: Callable[[bytes], None], latency: float, now: float, *, virtual: bool = True) -> None:
-        """Send responses by `write` from now on: the port is open. Received bytes may be late by `latency` seconds.
+        """Send responses with `write` from now on. Received bytes may be late by `latency` seconds.
 
-        A `virtual` one carries bytes at once: the next request can arrive before a real line has carried a response.
+        A `virtual` port carries bytes at once: the next request can arrive before a real line has carried a response.
         """
         self._tune(latency)
         self._write = write
@@ -137,7 +137,7 @@ class SerialSession:
         self._tune(self._latency)
 
     def finish(self) -> None:
-        """Take no more requests; the one in progress is still answered."""
+        """Accept no more requests; the one in progress is still answered."""
         self._is_ending = True
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, since: float | None = None) -> None:
@@ -151,7 +151,7 @@ class SerialSession:
         self._hear(self._framer.received(data, now, damaged=damaged), now)
 
     def deadline(self) -> float | None:
-        """Return when `tick` must be called, or None."""
+        """Return when to call `tick`; None if there is no need to."""
         silence = self._framer.deadline()
         if self._current is None:
             return silence
@@ -237,7 +237,7 @@ class SerialSession:
         self._router.submit(request, now)
 
     def _has_newer_frame(self) -> bool:
-        """Tell whether bytes arrived after the request, perhaps long after: most likely the client's next request."""
+        """Tell whether bytes arrived after the request: most likely the client's next request."""
         behind = self._framer.behind
         is_right_behind = self._heard_at <= self._glitch_until and self._heard_at == self._heard_since
         return behind > (_GLITCH if is_right_behind else 0)
@@ -260,14 +260,14 @@ class SerialSession:
         self._withhold(request, "other bytes were received before it was available", now)
 
     def _withhold(self, request: Request, reason: str, now: float) -> None:
-        """Drop a response that the client does not wait for, or would take for another one."""
+        """Drop a response that the client does not await, or would take for another one."""
         self._drop()
         name, source, elapsed = self.settings.name, self.settings.source, round((now - request.received_at) * 1000, 1)
         self._emit(events.AnswerWithheld(name, request.unit, request.pdu[0], elapsed, reason, source))
         self._record(request, None, now, reason)
 
     def _record(self, request: Request, response: bytes | None, now: float, reason: str = "") -> None:
-        """Keep what passed on the line, or why nothing did."""
+        """Record the response, or why there is none."""
         if self._ring.is_on:
             line, unit, asked = self.settings.name, request.unit, request.pdu
             self._ring.add(Answered(now, line, "", line, unit, asked, response, request.received_at, reason))

@@ -1,6 +1,6 @@
 """A client's connection as a state machine: bytes in, requests out, responses back, all of it bounded.
 
-`Session` is what all TCP clients have in common; `mbap.py` and `over_tcp.py` add their framings.
+`Session` is common to all TCP clients; `mbap.py` and `over_tcp.py` add the framings.
 """
 
 from abc import ABC, abstractmethod
@@ -24,7 +24,7 @@ SHORTEST_HOLD: Final = 0.002
 LONGEST_HOLD: Final = 0.128
 HOLD_RECOVERS: Final = 0.8
 
-#: The states of a session: it goes down this list, and may skip some.
+#: The states of a session, in this order; some may be skipped.
 OPEN: Final = 0
 #: The gateway takes no more requests; those in progress are answered.
 FINISHING: Final = 1
@@ -35,7 +35,7 @@ GONE: Final = 3
 
 
 class BackPressure:
-    """Why a client is not read: it does not read its responses, or the queue of a line has just refused its request.
+    """The reasons not to read a client: it does not read its responses, or a queue has just refused its request.
 
     Clients that repeat at once after a refusal would leave the lines no time.
     """
@@ -45,20 +45,21 @@ class BackPressure:
     def __init__(self) -> None:
         #: Since when the client does not read its responses; None while it does.
         self.blocked_at: float | None = None
-        #: Set while the client is held back after a refusal.
+        #: Whether the client is held back after a refusal.
         self.is_held = False
-        #: Set while the connection receives nothing: for one of these, or because of enough requests in progress.
+        #: Whether the connection receives nothing: for one of these reasons, or because enough requests are in
+        #: progress.
         self.is_paused = False
-        #: How long the next refusal holds it back.
+        #: The seconds for which the next refusal holds it back.
         self._hold = SHORTEST_HOLD
 
     @property
     def is_on(self) -> bool:
-        """Tell whether the client is not to be read."""
+        """Whether the client must not be read."""
         return self.is_held or self.blocked_at is not None
 
     def hold(self) -> float:
-        """Hold the client back after a refusal. Return for how many seconds, 0.0 if it is already held back."""
+        """Hold the client back after a refusal. Return for how many seconds; 0.0 if it is already held back."""
         if self.is_held:
             return 0.0
         self.is_held = True
@@ -72,13 +73,13 @@ class BackPressure:
 
 
 class Connection(Protocol):
-    """What a session can do to its connection. Nothing here calls back into the session's requests and responses."""
+    """The operations of a session on its connection. None of them calls back into its requests and responses."""
 
     def time(self) -> float:
-        """Return the time, for the last moment before a response leaves."""
+        """Return the current time, for decisions right before a response is sent."""
 
     def receive(self, room: memoryview) -> int:
-        """Copy what has arrived into `room`. Return the number of bytes, 0 if there are none."""
+        """Copy received bytes into `room`. Return their number; 0 if there are none."""
 
     def send(self, data: bytes) -> None:
         """Send `data`, or keep it until the client reads it."""
@@ -87,7 +88,7 @@ class Connection(Protocol):
         """Receive nothing more until `resume`."""
 
     def resume(self) -> None:
-        """Receive again, and call `proceed` soon for what has already been received."""
+        """Receive again, and call `proceed` soon for bytes that have already been received."""
 
     def wake(self, when: float | None) -> None:
         """Call `proceed` at `when`, soon if that has passed; None cancels it, but not a call due to `resume`."""
@@ -96,14 +97,14 @@ class Connection(Protocol):
         """Call `release` after this many seconds."""
 
     def close(self) -> None:
-        """Close once everything has been sent."""
+        """Close once everything is sent."""
 
     def reject(self, reason: str) -> None:
-        """Close because of what the client did."""
+        """Close because of the client's behaviour."""
 
 
 class _Gone:
-    """Replaces a connection that is closed, and does nothing."""
+    """Replaces a closed connection, and does nothing."""
 
     def time(self) -> float:
         """See Connection."""
@@ -138,8 +139,8 @@ class _Gone:
 class Session(ABC):
     """A client on a TCP connection: the Origin of its requests.
 
-    At most `in_flight` requests are in progress; beyond that the gateway stops reading the client. It also stops for
-    a moment when the queue of a line refuses a request (QueueFull).
+    At most `in_flight` requests are in progress; beyond that the gateway stops reading the client. It also stops for a
+    moment when the queue of a line refuses a request (QueueFull).
     """
 
     __slots__ = (
@@ -158,9 +159,9 @@ class Session(ABC):
     ) -> None:
         """Submit the requests of `caller` to `router`."""
         self.caller = caller
-        #: When it last sent a request.
+        #: When the client last sent a request.
         self.last_asked = NEVER
-        #: The number of requests that it has sent.
+        #: The number of its requests.
         self.asked = 0
         self._life = OPEN
         self._router = router
@@ -168,11 +169,11 @@ class Session(ABC):
         self._settings = settings
         #: The most requests in progress; 0 while no more are taken.
         self._limit = settings.in_flight
-        #: The number of its requests that have no response yet.
+        #: The number of its requests without a response.
         self.in_progress = 0
-        #: Responses that have not been sent yet.
+        #: Responses that are not sent yet.
         self._out: list[bytes] = []
-        #: Set while `proceed` submits requests: it sends the responses to all of them together.
+        #: Whether `proceed` is submitting requests: it sends the responses to all of them together.
         self._is_draining = False
         self._back_pressure = BackPressure()
         #: When the last look found no incomplete ADU.
@@ -184,7 +185,7 @@ class Session(ABC):
 
     @abstractmethod
     def received(self, count: int, now: float) -> None:
-        """Process `count` bytes that have arrived in `room()`."""
+        """Process `count` bytes that were received into `room()`."""
 
     @abstractmethod
     def answer(self, request: Request, pdu: bytes | None) -> None:
@@ -193,33 +194,33 @@ class Session(ABC):
     @property
     @abstractmethod
     def has_begun(self) -> bool:
-        """Tell whether a part of an ADU has arrived."""
+        """Whether a part of an ADU has arrived."""
 
     @abstractmethod
     def _awaited_requests(self) -> Iterable[Request]:
-        """Return the requests that were submitted and have no response yet."""
+        """Return the submitted requests without a response."""
 
     @abstractmethod
     def _drain(self, now: float) -> None:
-        """Submit the requests that have arrived, within the bounds. Raises NotModbus."""
+        """Submit received requests, within the bounds. Raises NotModbus."""
 
     @property
     def gone(self) -> bool:
-        """Tell whether the connection has ended, or is being closed."""
+        """Whether the connection has ended, or is being closed."""
         return self._life == GONE
 
     @property
     def takes_responses(self) -> bool:
-        """Tell whether neither end of the connection has been closed yet."""
+        """Whether neither end of the connection has been closed yet."""
         return self._life < HALF_CLOSED
 
     @property
     def is_idle(self) -> bool:
-        """Tell whether no request of the client is in progress."""
+        """Whether no request of the client is in progress."""
         return self.in_progress == 0
 
     def proceed(self, now: float) -> None:
-        """Submit the requests that have arrived, within the bounds; then send the responses that were ready at once."""
+        """Submit received requests, within the bounds; then send the responses that were ready at once."""
         self._is_draining = True
         try:
             self._drain(now)
@@ -242,7 +243,7 @@ class Session(ABC):
         return self._life != GONE and (self._life != HALF_CLOSED or only_reads(request.pdu))
 
     def block(self, now: float) -> None:
-        """Read no more requests until `unblock`: the client does not read its responses."""
+        """Stop reading requests until `unblock`: the client does not read its responses."""
         self._back_pressure.blocked_at = now
 
     def unblock(self) -> None:
@@ -257,24 +258,23 @@ class Session(ABC):
         self._resume()
 
     def end_of_input(self) -> None:
-        """Close once the client has its responses: it has closed its side."""
+        """Note that the client has closed its side: close once it has its responses."""
         if self._life != GONE:
             self._life = HALF_CLOSED
             self._give_up_all()
             self._close_when_done()
 
     def finish(self) -> None:
-        """Take no more requests, and close once those in progress have been answered."""
+        """Accept no more requests, and close once those in progress are answered."""
         if self._life == OPEN:
             self._life = FINISHING
         self._limit = 0
         self._close_when_done()
 
     def find_fault(self, now: float) -> str:
-        """Return which rule the client breaks, in words; empty if none. To be called periodically.
+        """Return the rule that the client breaks, in words; empty if none. Call it periodically.
 
-        The request path does not note times for it: an ADU counts as begun at the last call that
-        found none.
+        The request path does not note times for it: an ADU counts as begun at the last call that found none.
         """
         blocked_at = self._back_pressure.blocked_at
         if blocked_at is not None and now - blocked_at >= TAKING_DEADLINE:
@@ -286,7 +286,7 @@ class Session(ABC):
         return ""
 
     def closed(self) -> None:
-        """Drop the responses, and the reference to the connection, which is closed.
+        """Drop the responses, and the reference to the closed connection.
 
         The connection refers to the session: as a cycle, both would never be freed after a reload (`runtime.garbage`).
         """
@@ -301,16 +301,16 @@ class Session(ABC):
 
     @property
     def _hint(self) -> str:
-        """Return the words to add if what it has sent looks like another framing."""
+        """The addition to a message if the client's bytes look like another framing."""
         return ""
 
     @property
     def _takes_more(self) -> bool:
-        """Tell whether another request may be submitted."""
+        """Whether another request may be submitted."""
         return self.in_progress < self._limit and not self._back_pressure.is_on
 
     def _hold_back(self, request: Request) -> None:
-        """Stop reading from the client for a moment if the queue refused this request."""
+        """Stop reading from the client for a moment if a queue has refused this request."""
         if request.error is None or not isinstance(request.error, QueueFull):
             self._back_pressure.recover()
         elif seconds := self._back_pressure.hold():
@@ -333,7 +333,7 @@ class Session(ABC):
             self._connection.send(data)
 
     def _go_on(self) -> None:
-        """Send the response to a request that is finished, resume reading, and close if it was the last.
+        """Send the response to a finished request, resume reading, and close if it was the last.
 
         While requests are being submitted, `proceed` does that for all of them together.
         """
