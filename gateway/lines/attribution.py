@@ -1,4 +1,4 @@
-"""Which request each received frame belongs to: every frame has one owner, and nothing else decides that.
+"""Finds the request that each received frame belongs to: every frame has one owner, decided only here.
 
 A response does not say which request it answers, nor whose. So the first of these rules that fits counts (ADR 5):
 
@@ -14,7 +14,7 @@ A response does not say which request it answers, nor whose. So the first of the
 | nobody           | everything else                                                                                |
 
 A frame with a damaged byte is no response. It counts as a request, because the device may have received it undamaged,
-unless it looks like the response to our request and nobody else was ever heard.
+unless it looks like the response to our request and no other client was ever heard.
 
 Some frames can be read both ways: `01 03 10 00 18` is a read of 24 coils, and a response with 24 coils. For five
 minutes after another client was heard, such a frame is not believed: it counts as a request, and answers none. It is
@@ -46,8 +46,8 @@ Owner = Literal["the request", "another client", "a late response", "an echo", "
 class Attribution:
     """Finds the owner of each frame on a line among the exchanges of its ledger.
 
-    `patience(asked, answer_time)` is for how many seconds a response to another client's request may come from the unit
-    that we ask.
+    `patience(asked, answer_time)` returns for how many seconds a response to another client's request may come from the
+    unit that our request goes to.
     """
 
     def __init__(self, ledger: Ledger, patience: Callable[[RequestPdu, AnswerTime], float]) -> None:
@@ -59,14 +59,14 @@ class Attribution:
         self.heard_other: Callable[[], None] | None = None
         #: Another client's request that the response to ours may belong to.
         self.doubt: Exchange | None = None
-        #: Our exchange that the last late response belongs to.
+        #: Our exchange to which the last late response belongs.
         self.late: Exchange
         #: Consecutive requests of ours that were also received as copies.
         self.echoes_in_a_row = 0
         self._ledger = ledger
         self._patience = patience
-        #: Copies of our last request that were received besides the response; until when one is an echo; whether that
-        #: has come.
+        #: Number of copies of our last request, besides its response; the time before which one is an echo; whether
+        #: that has come.
         self._copies = 0
         self._echo_until = 0.0
         self._had_echo = False
@@ -84,7 +84,7 @@ class Attribution:
         self._ledger.begin(ours, position)
 
     def owner(self, token: Token) -> Owner:
-        """Find the owner of a frame. To be called once for each, in order."""
+        """Return the owner of a frame. Call it once for each frame, in order."""
         is_twofold = self._is_twofold(token)
         if self._answers_request(token, is_twofold=is_twofold):
             return "the request"
@@ -93,12 +93,12 @@ class Attribution:
         return self._other_owner(token, is_twofold=is_twofold)
 
     def is_alone(self, now: float) -> bool:
-        """Tell whether no other client was heard for so long that none is there any more."""
+        """Tell whether no other client was heard for so long that there is probably none any more."""
         other = self._ledger.other_client
         return other is None or now >= other.ends_at
 
     def may_be_others(self, exchange: Exchange) -> bool:
-        """Tell whether another client waits for a response of the same unit."""
+        """Tell whether another client awaits a response of the same unit."""
         return bool(self._ledger.heard) if exchange.answers_from is None else exchange.unit in self._ledger.heard
 
     def _other_owner(self, token: Token, *, is_twofold: bool) -> Owner:
@@ -138,7 +138,7 @@ class Attribution:
         return self.doubt is None
 
     def _doubt_about(self, frame: Frame, ours: Exchange) -> Exchange | None:
-        """Find another client's request that `frame` may answer: not one that equals ours and came later."""
+        """Find another client's request that `frame` may answer, except one that equals ours and came later."""
         transaction = ours.sender
         same_unit = self._ledger.foreign(frame.unit)
         for each in same_unit if frame.unit == ours.unit else [*same_unit, *self._ledger.foreign(ours.unit)]:
@@ -151,14 +151,14 @@ class Attribution:
         return None
 
     def _is_damaged_response(self, token: Token) -> bool:
-        """Tell whether it is the response to our request with a damaged byte, and nobody else was ever heard."""
+        """Tell whether it is the response to our request with a damaged byte, and no other client was ever heard."""
         ours = self._ledger.last
         if not token.is_damaged or ours is None or not ours.is_awaited or self.is_shared or self._echo_until == inf:
             return False
         return token.start >= ours.since and ours.accepts(token.frame)
 
     def _is_stripped(self, token: Token) -> bool:
-        """Tell whether it is our echo, which comes before the response, if there is one: it answers nobody."""
+        """Tell whether it is our echo, which comes before any response: then it answers nobody."""
         ours = self._ledger.last
         if ours is None or not ours.is_copy(token.frame):
             return False
@@ -167,10 +167,10 @@ class Attribution:
         return ours.place <= token.start and token.end <= ours.since
 
     def _answers_other_client(self, token: Token) -> bool:
-        """Close the other client's request that a frame answers.
+        """Close the other client's request that a frame answers. Return False if there is none.
 
-        If one of our late responses looks the same, this may have been that one: its window is extended. It may answer
-        an earlier sending of the request on the line, too: then another client's is still awaited.
+        If one of our late responses looks the same, the frame may have been that one: its window is extended. If the
+        frame may also answer an earlier sending of the request on the line, the other client's request stays open.
         """
         if token.is_damaged or token.frame.unit not in self._ledger.heard:
             return False
@@ -196,15 +196,15 @@ class Attribution:
         return late is not None
 
     def _was_refused(self, token: Token) -> bool:
-        """Tell whether it has ended our request, but may be another client's, or for another client."""
+        """Tell whether it has ended our request, but may answer another client's."""
         return self.doubt is not None and self._ledger.last is not None and token.end == self._ledger.last.end_place
 
     def _is_echo(self, token: Token) -> bool:
-        """Tell whether it is a copy of our request that came from the adapter, or a response to a broadcast.
+        """Tell whether it is a copy of our request from the adapter, or a response to a broadcast.
 
         A request has one echo: a copy that comes so soon that nobody else can have sent it. Any other copy is another
-        client's request, unless the adapter is known to echo. That includes a second copy of a response that is equal
-        to its request (05, 06): if another client has sent it, one more follows.
+        client's request, unless the adapter is known to echo. That includes a second copy of a response that equals its
+        request (05, 06): if another client has sent it, one more follows.
         """
         ours = self._ledger.last
         if ours is None or token.start < ours.place or not _is_repeated(ours, token.frame):
@@ -233,7 +233,7 @@ class Attribution:
             self.is_shared = True
 
     def _is_request(self, token: Token, *, is_sure: bool) -> bool:
-        """Keep a frame that can be read as a request. One that is not sure proves no other client."""
+        """Keep a frame that can be read as a request. Return False for others. If not `is_sure`, it proves no client."""
         frame = token.frame
         try:
             asked = parse_sent(frame.pdu)
@@ -258,7 +258,7 @@ class Attribution:
         return True
 
     def _may_be_response(self, frame: Frame) -> bool:
-        """Tell whether it may as well be the response to ours with another value: a device limits what is written."""
+        """Tell whether it may be the response to ours with another value: devices may limit written values."""
         ours = self._ledger.last
         if ours is None or not ours.is_awaited or frame.unit != ours.unit:
             return False

@@ -1,4 +1,4 @@
-"""Back-off of units that do not respond, so that they take little of their line's time.
+"""The back-off of units that do not respond, so that they take little of their line's time.
 
 After three failures in a row a unit rests: its requests get 0B at once. The rest counts from the end of the last late
 window. The next request after it is the probe; the gateway sends none of its own. If it fails too, the next rest is
@@ -19,7 +19,7 @@ LIMITS_PER_REST: Final = 9
 
 
 class Breaker:
-    """Whether requests to one unit may be sent."""
+    """Decides whether requests to one unit may be sent."""
 
     __slots__ = ("_until", "failures", "rest")
 
@@ -41,9 +41,10 @@ class Breaker:
     def record_failure(
         self, limit: float, window_end: float, longest: float | None = None, *, failed_before: int = 0
     ) -> bool:
-        """Count a request that failed after `limit` seconds, and so often before that; True if a rest begins.
+        """Count a request that failed after `limit` seconds, and `failed_before` times before.
 
-        `longest` is the maximum in seconds: 0 for no rest at all, None for the default.
+        Return True if a rest begins. Late responses may come until `window_end`. `longest` is the maximum in seconds: 0
+        for no rest, None for the default.
         """
         self.failures += not (failed_before and self.failures)
         if self.failures < FAILURES or longest == 0:
@@ -57,7 +58,7 @@ class Breaker:
         return not failed_before
 
     def record_success(self) -> bool:
-        """Begin anew: the unit has responded. True if that ends its back-off."""
+        """Start anew: the unit has responded. Return True if that ends a back-off."""
         rested = self.rest > 0.0
         self.failures, self.rest, self._until = 0, 0.0, 0.0
         return rested

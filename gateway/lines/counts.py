@@ -12,13 +12,13 @@ from gateway.timing.measured import NEVER, Times
 
 #: The key of all functions that the gateway does not know; clients may send any of them.
 OTHER_FUNCTIONS: Final = 0
-#: How often what came in place of a response is kept.
+#: The number of wrong responses that are kept.
 _KEPT: Final = 8
 
 
 @dataclass(slots=True)
 class Counts:
-    """Requests by result, then what was sent and received.
+    """Requests by result, then numbers of frames.
 
     Each request of a client is counted in exactly one of the first group. Reads that shared a transaction count one
     each, but the transaction is `sent` once.
@@ -44,7 +44,7 @@ class Counts:
     #: Not sent: its client had disconnected.
     unwanted: int = 0
 
-    #: Bad frames of which it is known why they are no responses.
+    #: Bad frames with a known reason.
     explained: int = 0
     #: Frames sent, including broadcasts and repeated reads, and valid responses within their limits.
     sent: int = 0
@@ -52,8 +52,8 @@ class Counts:
     retries: int = 0
     #: Reads that shared the transaction of an equal one.
     coalesced: int = 0
-    #: Responses after their requests had failed, and before these can have been sent; valid frames that were not the
-    #: response; transactions with other bytes before the response; copies of the request.
+    #: Responses after their requests had failed; responses before these can have been sent; valid frames that were not
+    #: the response; transactions with other bytes before the response; copies of the request.
     late_responses: int = 0
     early_responses: int = 0
     foreign_frames: int = 0
@@ -61,12 +61,12 @@ class Counts:
     echoes: int = 0
 
     def count_error(self, error: RequestError, requests: int) -> None:
-        """Count so many requests that failed with `error`."""
+        """Count `requests` requests that failed with `error`."""
         setattr(self, error.result, getattr(self, error.result) + requests)
 
 
 class LastTime(NamedTuple):
-    """When something happened last, and how many responses the unit had given in time by then."""
+    """The last time of an event, and how many responses the unit had given in time by then."""
 
     at: float
     responses: int
@@ -76,10 +76,10 @@ class UnitCounts(dict[int, Counts]):
     """The Counts of one unit by function; unknown functions share one. `times` has the same keys.
 
     `codes` counts the unit's exception responses by code. `last_error` is the result of the last request that was sent
-    and not `ok`: `timeout`, `exception 02`. That was at `last_error_at`. `received_instead` has the last bytes that
-    came in place of responses, for no known reason. `why` explains the last failure, if that can be explained.
-    `last_times` has those of what may be repaired: of failed requests by their result, of `late` responses, and of
-    those that came `twice`.
+    and not `ok`: `timeout`, `exception 02`; `last_error_at` is its time. `received_instead` holds the last bytes that
+    came in place of responses without a known reason. `why` explains the last failure, if possible. `last_times` are
+    the last times of faults that may be repaired: of failed requests by their result, of `late` responses, and of
+    responses that came `twice`.
     """
 
     __slots__ = ("codes", "last_error", "last_error_at", "last_times", "received_instead", "times", "why")
@@ -96,7 +96,7 @@ class UnitCounts(dict[int, Counts]):
 
     @property
     def responses(self) -> int:
-        """Count the valid responses in time."""
+        """Number of valid responses in time."""
         return sum(counts.responses for counts in self.values())
 
     def __missing__(self, function: int) -> Counts:
@@ -109,22 +109,22 @@ class UnitCounts(dict[int, Counts]):
         return counts
 
     def count_exception(self, code: int, requests: int, now: float) -> None:
-        """Count so many requests that got the exception `code` from the unit."""
+        """Count `requests` requests that got the exception `code` from the unit."""
         self.codes[code] = self.codes.get(code, 0) + requests
         self.record_error(f"exception {code:02X}", now)
 
     def record(self, what: str, now: float) -> None:
-        """Keep the time of what may be repaired: see `last_times`."""
+        """Record the time of a fault: see `last_times`."""
         self.last_times[what] = LastTime(now, self.responses)
 
     def record_instead(self, received: bytes, why: str) -> None:
-        """Keep the bytes that came in place of a response; `why` they are none, if they tell."""
+        """Record the bytes that came in place of a response, and `why` they are none, empty if unknown."""
         self.why = why
         if received and not why:
             self.received_instead.append(received)
 
     def record_error(self, error: str, now: float) -> None:
-        """Keep why a request that was sent has failed."""
+        """Record the result of a request that was sent and failed."""
         self.last_error = error
         self.last_error_at = now
 
@@ -147,9 +147,9 @@ def total_of_units(units: Iterable[UnitCounts]) -> Counts:
 
 @dataclass(slots=True)
 class Belated:
-    """Responses that came after the late window of their request, and the longest time from a request to one.
+    """Responses that came after the late window of their request; the longest time from a request to one.
 
-    `limit` was that of the request.
+    `limit` is the time limit of that request.
     """
 
     count: int = 0
@@ -159,12 +159,12 @@ class Belated:
 
 @dataclass(slots=True)
 class Overheard:
-    """Frames since the start.
+    """Frames of others, or of unclear origin, since the start.
 
-    `copies` equal the line's own last request: an adapter echoes, or another client sends the same. `requests` are all
-    others, so another client sent them. `copied_at` and `requested_at` are the times of the last ones; so many requests
-    of the line were sent since then. By unit, `second_responses` are those that followed a valid response to the
-    same request, and `belated` those that came after its late window.
+    `copies` equal the line's own last request: an adapter echoes, or another client sends the same. `requests` are
+    other requests, so another client sent them. `copied_at` and `requested_at` are the times of the last ones;
+    `sent_since_copy` and `sent_since_request` count the line's requests since then. By unit, `second_responses` counts
+    responses that followed a valid one to the same request, `belated` those that came after its late window.
     """
 
     copies: int = 0
@@ -194,7 +194,7 @@ class Overheard:
         self.sent_since_request = 0
 
     def count_second_response(self, unit: int) -> None:
-        """Count a response of `unit` that came once more."""
+        """Count a second response of `unit` to a request."""
         self.second_responses[unit] = self.second_responses.get(unit, 0) + 1
 
     def count_belated(self, unit: int, seconds: float, limit: float) -> None:

@@ -1,4 +1,4 @@
-"""Connects a line to its port and to the clock: the only part of a line that knows the event loop."""
+"""Connects a line to its port and to the clock: the only part of a line that uses the event loop."""
 
 import asyncio
 from collections.abc import Callable
@@ -15,25 +15,26 @@ from gateway.ports.port import CharacterErrors, OpenAgain, Port, Wire, resolve_w
 
 
 class Permission(Protocol):
-    """Leave to write to a line that others ask on too, in turn."""
+    """Permission to write to a line that several gateways use in turn."""
 
     def may_send(self) -> bool:
         """Tell whether a request may be written now."""
 
     def silence(self) -> float:
-        """Return how long nothing may be written from now on, in seconds: late answers to others may come."""
+        """Return for how many seconds nothing may be written: late answers to others may come."""
 
     def heard_other(self) -> None:
-        """Note that another client has asked on the line."""
+        """Note that another client has sent a request on the line."""
 
 
 class LineDriver:
-    """Passes bytes, time and requests to `line`. It is the PortOwner of the line's port.
+    """Passes bytes, time and requests to `line`; the PortOwner of the line's port.
 
     `rate_changed` is called with a new rate of the line, at which the port is opened from then on. `wire` is `auto`
-    until the port has been open. With a `permission` nothing is written without leave.
+    until the port has been open. With a `permission` nothing is written unless it allows that.
 
-    An unexpected error is logged here, all requests of the line fail, and the port is closed and reopened.
+    An unexpected error is contained here: it is logged, all requests of the line fail, and the port is closed and
+    reopened.
     """
 
     def __init__(
@@ -61,18 +62,18 @@ class LineDriver:
         line = self.line
         if line.can_send(now):
             self._read_port()
-        is_planned = line.is_busy and line.queue.has_expiry  # then its deadline cannot come forward
+        is_planned = line.is_busy and line.queue.has_expiry  # then its deadline cannot become earlier
         try:
             line.submit(transaction, now)
         except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
             self._boundary.fail(error)
-            transaction.fail_open(LineDown())  # it met the defect before the line had taken it over
+            transaction.fail_open(LineDown())  # the line may not have taken it over
             is_planned = False
         if not is_planned:
             self._boundary.plan(self._deadline())
 
     def port_up(self, port: Port) -> None:
-        """Use this port: it is open."""
+        """Use this open port."""
         self._boundary.port = port
         self.wire = resolve_wire(self.line.settings.wire, is_virtual=port.is_virtual)
         port_up = partial(self.line.port_up, virtual=self.wire == "direct", has_arrived=port.has_arrived)
@@ -92,14 +93,14 @@ class LineDriver:
         self._boundary.plan(self._deadline())
 
     def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:
-        """See PortOwner."""
+        """End the connection. Return whether it may stay closed until it is needed."""
         self._read_at = None
         self._boundary.port = None
         self._boundary.run(partial(self.line.port_ended, at_once=at_once), open_again, self._time())
         return self.line.is_closed
 
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - the reconnector logs why
-        """Let go of the port, which was lost; requests fail at once until it is open again."""
+        """Stop using the port, which was lost; requests fail at once until it is open again."""
         self._boundary.lost()
 
     def change_rate(self, baud: int) -> None:
@@ -111,17 +112,17 @@ class LineDriver:
 
     @property
     def is_virtual(self) -> bool:
-        """Tell whether the port is open, and a virtual one."""
+        """Whether the port is open, and a virtual one."""
         return self._boundary.port is not None and self._boundary.port.is_virtual
 
     @property
     def errors(self) -> CharacterErrors | None:
-        """Return what was wrong with received characters since the port was opened, if its driver counts that."""
+        """Counts of faulty characters since the port was opened; None if the driver has none."""
         return None if self._boundary.port is None else self._boundary.port.errors
 
     @property
     def is_busy(self) -> bool:
-        """Tell whether a request is on the line."""
+        """Whether a request is on the line."""
         return self.line.is_busy
 
     def finish(self) -> None:
@@ -147,7 +148,7 @@ class LineDriver:
             self._renew()
 
     def _renew(self) -> None:
-        """Close the connection; `port_ended` has the next one opened."""
+        """Close the connection, so that a new one is opened."""
         port, self._boundary.port = self._boundary.port, None
         if port is not None:
             self._emit(ConnectionRenewed(self.line.settings.name, self.line.settings.source))
@@ -161,7 +162,7 @@ class LineDriver:
             self._boundary.port.read_now()
 
     def _receive(self, data: bytes, now: float, damaged: bool) -> None:  # noqa: FBT001 - a step of the boundary
-        """Take bytes, and pause the port if possible. Pieces of one read may still come while it is paused."""
+        """Take bytes, and pause the port if possible. The rest of one read may still come while it is paused."""
         self.line.received(data, now, damaged=damaged)
         read_at, port = self.line.read_at(now), self._boundary.port
         if read_at is not None and port is not None and port.pause():
@@ -175,7 +176,7 @@ class LineDriver:
 
 
 def _write_with(permission: Permission, port: Port, data: bytes) -> None:
-    """Write if it is still permitted: nothing comes between this look and the system call."""
+    """Write if that is still permitted; nothing happens between this check and the system call."""
     if permission.may_send():
         port.write(data)
     else:

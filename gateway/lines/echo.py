@@ -1,8 +1,9 @@
 """Detects adapters that echo, and ports without a wire.
 
-On two-wire lines an adapter may receive what it sends. Nobody else can copy a request before all of it was sent, so an
-early copy is the adapter's, and the config should say `echo = true`. A later copy may be another client's request, but
-not one of every request. Valid responses that come so early mean that the port has no wire (`wire = "direct"`).
+On two-wire lines an adapter may receive its own bytes. No other client can copy a request before all of it was sent, so
+an early copy comes from the adapter, and the config should say `echo = true`. A later copy may be another client's
+request, but not if every request is copied. Valid responses that come so early mean that the port has no wire
+(`wire = "direct"`).
 """
 
 from typing import Final
@@ -17,7 +18,7 @@ EARLY_ANSWERS: Final = 3
 
 
 class EchoDetector:
-    """What is known of a line's adapter: it `is_configured` to echo, or `is_suspected` of it."""
+    """The knowledge about a line's adapter: it `is_configured` to echo, or `is_suspected` of it."""
 
     def __init__(self, telling: Telling, *, is_configured: bool) -> None:
         self.is_configured = is_configured
@@ -29,16 +30,16 @@ class EchoDetector:
 
     @property
     def echoes(self) -> bool:
-        """True if a copy of a request is the adapter's, whenever it comes."""
+        """Whether a copy of a request comes from the adapter, at any time."""
         return self.is_configured or self.is_suspected
 
     @property
     def has_no_wire(self) -> bool:
-        """True if the port is known to have no wire."""
+        """Whether the port is known to have no wire."""
         return self._early_responses >= EARLY_ANSWERS
 
     def tune(self, *, virtual: bool) -> None:
-        """Set whether the port is `virtual`: what is received early, or twice, proves nothing there."""
+        """Set whether the port is `virtual`: there early or repeated bytes prove nothing."""
         self.is_virtual = virtual
 
     def record_copies(self, count: int, transaction: Transaction) -> None:
@@ -57,6 +58,6 @@ class EchoDetector:
         self._early_responses = 0
 
     def record_early_response(self, transaction: Transaction) -> None:
-        """Note a response that came before all of the request can have been sent: on a connection no proof."""
+        """Note a response that came before all of the request can have been sent. A virtual port proves nothing."""
         self._early_responses += not self.is_virtual
         self._telling.too_early(transaction, proven=self._early_responses == EARLY_ANSWERS)

@@ -27,40 +27,45 @@ class Exchange(Expected):
     ) -> None:
         super().__init__(answers_from, asked, place)
         self.unit = unit
-        #: Where it was sent, or where another client's ended, in the bytes of the line.
+        #: The place where it was sent, or where another client's ended, in the bytes of the line.
         self.place = place
-        #: The transaction that has sent it; None if an earlier line did, or another client.
+        #: The transaction that has sent it; None for a request of an earlier line or of another client.
         self.transaction = transaction
-        #: Whether another client's stands for several, so that any response with its function may answer it.
+        #: Whether it stands for several requests of other clients, so that any response with its function may answer
+        #: it.
         self.is_any = False
-        #: When its last character was on the line, and until when up to `owed` responses may come.
+        #: When its last character was on the line; up to what time `owed` responses may come.
         self.asked_at = 0.0
         self.ends_at = 0.0
         self.owed = 1
-        #: Whether the next response that fits is taken for its own, and whether one was.
+        #: Whether the next fitting response is taken for its own, and whether one was.
         self.is_awaited = False
         self.is_answered = False
-        #: The place from which on it is awaited no more.
+        #: The place from which on it is not awaited any more.
         self.end_place = NEVER
-        #: Whether nothing was received for it, so that the connection may hold it back; and whether all of it had
+        #: Whether nothing was received for it, so that the connection may hold its response back; whether all of it had
         #: arrived at the other end when its late window began.
         self.is_silent = False
         self.had_arrived = True
 
     @property
     def sender(self) -> Transaction:
-        """The transaction that has sent it; only one of ours has one."""
+        """The transaction that has sent it.
+
+        Raises:
+            AttributeError: another client or an earlier line has sent it.
+        """
         if self.transaction is None:
             raise AttributeError("another client has sent it, or an earlier line")
         return self.transaction
 
     def finish(self, place: int) -> None:
-        """Await it no more from this place on. Frames from before it may still follow."""
+        """Stop awaiting it from this place on. Frames from before it may still follow."""
         self.is_awaited = False
         self.end_place = min(self.end_place, place)
 
     def join(self, earlier: "Exchange") -> None:
-        """Stand for another client's earlier request with the same function, too."""
+        """Stand also for another client's earlier request with the same function."""
         self.is_any = True
         self.owed += earlier.owed
 
@@ -75,10 +80,10 @@ class Exchange(Expected):
         return self.answers_from in (None, frame.unit) and self.asked.accepts(frame.pdu)
 
     def forbids(self, other: Transaction) -> bool:
-        """Tell whether a response to this one could be taken for the response to `other`.
+        """Tell whether a response to this exchange could be taken for the response to `other`.
 
         A late exception response fits any quantity, so only unit and function count. Before and after the change of an
-        address nothing may be owed by its unit: it would come from the new address. A request to address 0 that
+        address the unit must owe nothing: the response would come from the new address. A request to address 0 that
         expects a response must be the only one on the line.
         """
         if not (self.owed and other.expects_answer):
@@ -94,7 +99,7 @@ class Exchange(Expected):
     def may_get(self, pdu: bytes) -> bool:
         """Tell whether another client's request may get this response.
 
-        Mostly its function alone counts: an exception fits any quantity, and another client may repeat its request with
+        Usually only its function counts: an exception fits any quantity, and another client may repeat its request with
         another one. But where the response repeats the request (05, 06), it fits no other.
         """
         asked = self.asked
@@ -103,7 +108,7 @@ class Exchange(Expected):
         return self.is_any or asked.data != asked.response_head or pdu == asked.data
 
     def gets(self, pdu: bytes) -> bool:
-        """Tell whether a PDU is a response to another client's request, or to one of those that it stands for."""
+        """Tell whether a PDU answers this request of another client, or one of those that it stands for."""
         if self.is_any:
             return self.may_get(pdu) and response_size(pdu) in (0, len(pdu))
         return self.asked.accepts(pdu)
@@ -113,7 +118,7 @@ class Exchange(Expected):
 
 
 def foreign_request(frame: Frame, asked: RequestPdu, at: float, end: int) -> Exchange:
-    """Make the exchange of a request that another client has sent: read `at`, up to the place `end`."""
+    """Make the exchange of another client's request, read at the time `at` and ending at the place `end`."""
     exchange = Exchange(frame.unit, frame.unit, asked, end)
     exchange.asked_at = at
     exchange.ends_at = at + FOREIGN_LASTS

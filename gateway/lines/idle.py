@@ -1,7 +1,7 @@
-"""The question of a scan that waits for a line's idle time, outside of the queue: it takes nobody's place there.
+"""The read of a scan that waits for idle time of a line, outside the queue: it takes no other request's place.
 
-It is sent while nobody else waits. On a line that is never free it is sent after OTHERS others, but only once all who
-waited for the last question of the scan have had their turn. So no request waits for more than one of them.
+It is sent while nothing else waits. On a line that is never free it is sent after OTHERS other requests, but only when
+all requests that waited during the scan's last read have had their turn. So no request waits for more than one read.
 """
 
 from math import inf
@@ -12,14 +12,14 @@ from gateway.lines.ledger import Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.transaction import ScanTransaction
 
-#: How many others are sent between two questions on a line that is never free.
+#: The number of other requests between two reads on a line that is never free.
 OTHERS: Final = 16
 
 
 class IdleTime:
-    """When the one `question` that waits here may be sent.
+    """Decides when the one `question` that waits here may be sent.
 
-    `held_until` is when no late window forbids it any more, `others` how many were sent while it waits.
+    Until `held_until` a late window forbids it. `others` is the number of requests sent while it waits.
     """
 
     def __init__(self, queue: WaitingQueue, ledger: Ledger) -> None:
@@ -28,18 +28,18 @@ class IdleTime:
         self._queue = queue
         self._ledger = ledger
         self.others = 0
-        #: The question that was sent last.
+        #: The last question sent.
         self._last: ScanTransaction | None = None
 
     def put(self, question: ScanTransaction) -> None:
-        """Let a question wait here, in place of one that is no longer wanted."""
+        """Keep a question until it can be sent. It replaces one that is no longer wanted."""
         before, self.question = self.question, question
         self.held_until = 0.0
         if before is not None:
             before.fail(Unwanted())
 
     def take(self, now: float) -> ScanTransaction | None:
-        """Take out the question if it may be sent at `now`; None if another request may."""
+        """Remove and return the question if it may be sent at `now`; None if another request may."""
         question = self.question
         if question is None:
             return None
@@ -53,13 +53,13 @@ class IdleTime:
         return question
 
     def deadline(self, sends_at: float) -> float | None:
-        """Return when it can be sent, on a line that is free at `sends_at` and for which nothing else waits."""
+        """Return when the question can be sent, on a line that is free at `sends_at`; None if other requests wait."""
         if self.question is None or len(self._queue):
             return None
         return max(sends_at, self.held_until)
 
     def clear(self) -> list[ScanTransaction]:
-        """Remove the question."""
+        """Remove and return the question, if any."""
         question, self.question = self.question, None
         return [] if question is None else [question]
 

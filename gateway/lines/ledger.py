@@ -1,11 +1,11 @@
-"""The open exchanges of a line: every request, ours or another client's, of which a response may still come.
+"""The open exchanges of a line: every request, ours or another client's, whose response may still come.
 
 RTU and ASCII frames have no transaction identifier, so a response looks like the response to the next request of the
-same shape, whoever asked. What may still come is kept here, and all decisions read it: whose a frame is
-(`attribution`), what must not be sent (`forbid_until`), when a connection must be renewed (`must_renew`), what the next
-line on the port has to know (`handed_on`).
+same shape, from any client. All responses that may still come are recorded here, and all decisions use them: the owner
+of a frame (`attribution`), requests that must not be sent (`forbid_until`), when a connection must be renewed
+(`must_renew`), and what the next line on the port has to know (`handed_on`).
 
-| an exchange is | who asked      | from                              | until                                         |
+| an exchange is | sender         | from                              | until                                         |
 |----------------|----------------|-----------------------------------|-----------------------------------------------|
 | current        | we             | its request is sent               | its response, its limit                       |
 | late           | we             | its limit has ended               | all it is owed has come, its late window ends |
@@ -15,8 +15,8 @@ line on the port has to know (`handed_on`).
 |                |                |                                   | the latest after `FOREIGN_LASTS` seconds      |
 
 A late exchange forbids requests with the same function to the same unit; other functions and units go on (ADR 5). A
-silent one may be in a device server that stalls, or in the network, for as long as that takes: if its window ends,
-nothing more is sent on this connection.
+silent one may be stuck in a device server or in the network for an unknown time: when its window ends, nothing more is
+sent on this connection.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -32,48 +32,48 @@ from gateway.timing.budget import AnswerTime
 #: so that a client that polls one unit after the other is not blocked.
 WORTH_WAITING: Final = 0.250
 #: A foreign request occupies the line until its response, or for this long, in seconds: longer than most devices take,
-#: shorter than most clients wait for one that is silent. (Measured: ADR 5.)
+#: shorter than most clients wait for a silent one. (Measured: ADR 5.)
 FOREIGN_OCCUPIES: Final = 0.1
-#: If requests to more units are without a response, another client scans the line, which is not awaited.
+#: With unanswered foreign requests to more units than this, another client is scanning; that does not occupy the line.
 FOREIGN_SCAN: Final = 16
-#: So many foreign requests to one unit are told apart: of more, one stands for several with its function.
+#: The most foreign requests to one unit that are told apart; beyond that, one stands for several with its function.
 FOREIGN_PER_UNIT: Final = 16
 
-#: Returns whether the other end of a connection has received all that was written to it.
+#: Tells whether the other end of a connection has received all written bytes.
 HasArrived = Callable[[], bool]
 
 
 class Ledger:
-    """The exchanges of a line. Late windows last `seconds`; None: as long as the device's answer times say."""
+    """The exchanges of a line. Late windows last `seconds`; None: as the device's answer times say."""
 
     def __init__(self, seconds: float | None) -> None:
-        #: The one on the line, or about to be sent again; and the last one of ours, which may be over.
+        #: The exchange on the line, or about to be sent again; and our last one, which may be over.
         self.current: Exchange | None = None
         self.last: Exchange | None = None
-        #: Ours that are late or silent, in the order in which they became that.
+        #: Our late or silent exchanges, in the order in which they became late.
         self.late: list[Exchange] = []
         #: Other clients' requests without a response, by unit: there may be many, and a frame concerns few of them.
         self.heard: dict[int, list[Exchange]] = {}
-        #: The latest foreign request that shows another client. That may be there until it `ends_at`.
+        #: The latest foreign request that proves another client, who may be there until it `ends_at`.
         self.other_client: Exchange | None = None
         self._seconds = seconds
         self._has_arrived: HasArrived | None = None
-        #: How long after a request of an earlier line its response may come, in seconds.
+        #: How long the response to a request of an earlier line may take, in seconds.
         self._patience = 0.0
 
     # --- times ---
 
     def length(self, limit: float, answer_time: AnswerTime) -> float:
-        """Return how long after its limit a response may come: twice the limit, or the device's longest time."""
+        """Return how long after its limit a response may come: by default twice that, or the device's longest time."""
         return max(2 * limit, answer_time.slowest) if self._seconds is None else self._seconds
 
     def end_of(self, transaction: Transaction, now: float) -> float:
-        """Return when the window of a transaction ends that fails at `now`; it begins at its limit at the earliest."""
+        """Return the end of the late window of a transaction that fails at `now`; it starts at its limit or later."""
         ends_at = max(now, transaction.fails_at) + self.length(transaction.limit, transaction.device.answer_time)
         return max(ends_at, transaction.ends_at + transaction.patience)
 
     def expire(self, now: float) -> None:
-        """Close what has ended. What a connection may hold back stays until it is released."""
+        """Close late windows that have ended. Exchanges that a connection may hold back stay until their release."""
         for each in self.late:
             if each.ends_at <= now:
                 each.owed = 0
@@ -82,7 +82,7 @@ class Ledger:
     # --- our requests ---
 
     def take(self, transaction: Transaction) -> Exchange:
-        """Make a request of ours the current one: it is about to be sent, perhaps once more."""
+        """Make a request of ours the current exchange: it is about to be sent, perhaps again."""
         transaction.unit = transaction.device.unit
         before = self.current
         owed = transaction.awaits_second if before is None else before.owed
@@ -94,14 +94,14 @@ class Ledger:
         return current
 
     def begin(self, current: Exchange, position: int) -> None:
-        """Note that it is sent at this place: its response comes there or later."""
+        """Note that the current exchange is sent at this place: its response comes there or later."""
         current.place = current.since = position
         current.asked_at = current.sender.ends_at
         current.is_awaited = current.sender.expects_answer
         self.last = current
 
     def end(self, now: float) -> bool:
-        """End the request on the line. If responses are owed, its late window opens: returns whether it does."""
+        """End the request on the line. Return True if responses are owed: then its late window opens."""
         current, self.current = self.current, None
         if current is None or not current.owed:
             return False
@@ -110,16 +110,16 @@ class Ledger:
         return True
 
     def owed(self) -> list[Exchange]:
-        """List those of ours whose responses may still come."""
+        """Return our exchanges whose responses may still come."""
         return [each for each in self.late if each.owed]
 
     def count_late(self, now: float) -> int:
-        """Count the late windows."""
+        """Count the open late windows."""
         self.expire(now)
         return len(self.owed())
 
     def forbid_until(self, transaction: Transaction, now: float) -> float | None:
-        """Return when `transaction` may be sent, if a late response could be taken for its own; else None."""
+        """Return until when a late response could be taken for that of `transaction`; None if none can."""
         self.expire(now)
         return max((each.ends_at for each in self.late if each.forbids(transaction)), default=None)
 
@@ -128,7 +128,7 @@ class Ledger:
         return min((each.ends_at for each in self.owed()), default=None)
 
     def changes_until(self, units: Collection[int]) -> float:
-        """Return until when a device with one of the `units` may still change its address, or an earlier time."""
+        """Return until when a device with one of the `units` may still change its address, or a time in the past."""
         ends = [each.ends_at for each in self.owed() if each.answers_from is None and each.unit in units]
         current = self.current
         if current is not None and current.answers_from is None and current.unit in units:
@@ -136,12 +136,12 @@ class Ledger:
         return max(ends, default=0.0)
 
     def heads_of_others(self, unit: int) -> list[bytes]:
-        """List the first bytes of late responses from units other than `unit`."""
+        """Return the first bytes of late responses from units other than `unit`."""
         others = [each for each in self.owed() if each.unit != unit]
         return [bytes((each.unit, each.asked.function | bit)) for each in others for bit in (0, EXCEPTION_BIT)]
 
     def take_late(self, token: Token) -> Exchange | None:
-        """Find the oldest exchange that this is a late response to, which is owed one less then."""
+        """Find the oldest exchange that this late response answers, and count it as received; None if there is none."""
         self.expire(token.at)
         for each in self.owed():
             if token.start >= each.since and not token.is_damaged and each.accepts(token.frame):
@@ -151,9 +151,9 @@ class Ledger:
         return None
 
     def extend(self, token: Token, foreign: Exchange, patience: Callable[[AnswerTime], float]) -> None:
-        """Extend the windows that this response to a `foreign` request fits: it may have been ours.
+        """Extend the windows of our exchanges that this response to a `foreign` request fits: it may have been theirs.
 
-        A response to the foreign request may come for as long after that as `patience` tells of a device.
+        A response to the foreign request may take as long after it as `patience` returns for a device.
         """
         for each in self.owed():
             if each.accepts(token.frame):
@@ -164,14 +164,14 @@ class Ledger:
     # --- what a connection may hold back ---
 
     def connected(self, has_arrived: HasArrived | None) -> None:
-        """Begin with a new port, which holds nothing back. `has_arrived` is None unless it is a connection."""
+        """Start with a new port, which holds nothing back. `has_arrived` is None unless it is a connection."""
         self._has_arrived = has_arrived
         for each in self.late:
             each.is_silent = False
         self._drop_closed()
 
     def is_underway(self) -> bool:
-        """Tell whether the other end of the connection has not received all that was written to it."""
+        """Tell whether the other end of the connection has not yet received all written bytes."""
         return self._has_arrived is not None and not self._has_arrived()
 
     def note_silence(self, exchange: Exchange) -> None:
@@ -188,7 +188,7 @@ class Ledger:
         self._drop_closed()
 
     def renews_at(self) -> float | None:
-        """Return when nothing more may be sent on this connection, unless a response comes; None: never."""
+        """Return when nothing more may be sent on this connection, unless a response comes; None if never."""
         return min((each.ends_at for each in self.late if each.is_silent), default=None)
 
     def must_renew(self, now: float) -> bool:
@@ -196,7 +196,7 @@ class Ledger:
         return any(each.is_silent and each.ends_at <= now for each in self.late)
 
     def await_arrived(self, position: int, now: float) -> None:
-        """Open the late windows again of requests that had not arrived when these began: only now their limits do."""
+        """Reopen the late windows of requests that had not arrived when these began: their limits begin only now."""
         for each in [each for each in self.late if each.is_silent and each.ends_at <= now and not each.had_arrived]:
             if each.transaction is not None and self._has_arrived is not None:
                 self.late.remove(each)
@@ -209,22 +209,23 @@ class Ledger:
     # --- other clients' requests ---
 
     def foreign(self, unit: int | None = None) -> list[Exchange]:
-        """List other clients' requests without a response, to this unit or to all."""
+        """Return other clients' requests without a response, to this unit or to all."""
         if unit is not None:
             return self.heard.get(unit, [])
         return [each for requests in self.heard.values() for each in requests]
 
     def occupied_until(self) -> float:
-        """Return until when another client's exchange occupies the line: nothing of ours is sent into its response.
+        """Return until when another client's exchange occupies the line: we must not send into its response.
 
-        Of a unit with several requests the oldest counts: one that has not answered does not occupy the line again.
+        For a unit with several requests the oldest counts: if it was not answered, the unit does not occupy the line
+        again.
         """
         if len(self.heard) > FOREIGN_SCAN:
             return 0.0
         return FOREIGN_OCCUPIES + max((requests[0].asked_at for requests in self.heard.values()), default=0.0)
 
     def hear(self, request: Exchange) -> None:
-        """Keep another client's request. None is dropped: of too many to one unit, the oldest two are joined."""
+        """Record another client's request. None is dropped: with too many to one unit, the oldest two are joined."""
         requests = self.heard.setdefault(request.unit, [])
         requests.append(request)
         if len(requests) > FOREIGN_PER_UNIT:
@@ -244,7 +245,7 @@ class Ledger:
             del self.heard[foreign.unit]
 
     def _join_oldest(self, requests: list[Exchange]) -> None:
-        """Join the oldest two with the same function. If there are none, there is one request for each function."""
+        """Join the oldest two with the same function. Without such a pair there is one request per function."""
         of_function: dict[int, Exchange] = {}
         for each in requests:
             before = of_function.get(each.asked.function)
@@ -257,7 +258,7 @@ class Ledger:
     # --- the next line on the port ---
 
     def handed_on(self, now: float, patience: float) -> list[Exchange]:
-        """List what may still come, for the next line on the port. Foreign responses come within `patience` seconds.
+        """Return the exchanges for the next line on the port. Foreign responses come within `patience` seconds.
 
         Another client that may be there is an exchange that is owed nothing.
         """
@@ -269,7 +270,7 @@ class Ledger:
         return [each for each in handed if each.ends_at > now]
 
     def take_over(self, exchanges: Iterable[Exchange], patience: float) -> None:
-        """Take over what an earlier line on the port has handed on. Any response comes within `patience` seconds."""
+        """Take over exchanges from an earlier line on the port. Any response comes within `patience` seconds."""
         self._patience = patience
         for each in exchanges:
             if each.owed:
@@ -283,7 +284,7 @@ class Ledger:
 
 
 def _handed(exchange: Exchange, owed: int, ends_at: float) -> Exchange:
-    """Make the exchange as another line gets it: by then it does not matter who asked."""
+    """Copy the exchange for another line, without its sender."""
     handed = Exchange(exchange.unit, exchange.answers_from, exchange.asked, 0)
     handed.owed = owed
     handed.ends_at = ends_at

@@ -50,7 +50,7 @@ from gateway.timing.budget import Budget
 from gateway.timing.measured import Phases, TimeSpent
 from gateway.trace.ring import Ring
 
-#: Silence after a device has confirmed a new baud rate, in seconds: time for the device and for our port to change.
+#: The silence after a device has confirmed a new baud rate, in seconds: time for the device and our port to change.
 RATE_CHANGE_PAUSE: Final = 0.1
 
 #: Sends bytes.
@@ -62,33 +62,33 @@ State = Literal["down", "idle", "awaiting", "repeating", "closed", "last"]
 
 
 class Line:
-    """One line and its transactions, which are kept in `ring`."""
+    """One line and its transactions, which are recorded in `ring`."""
 
     def __init__(self, settings: LineSettings, emit: Emit, ring: Ring | None = None) -> None:
         self.settings = settings
-        #: Bytes on the idle line, how the line's time was used, and by whom.
+        #: Number of bytes on the idle line; the use of the line's time; the observer of transactions.
         self.unasked_bytes = 0
         self.spent = TimeSpent()
         self.observer: Observer | None = None
         self._telling = Telling(settings.name, settings.source, emit, settings.timing.mode, ring)
-        #: All requests whose responses may still come.
+        #: All exchanges whose responses may still come.
         self.ledger = Ledger(settings.late_window)
         echo = EchoDetector(self._telling, is_configured=settings.echo)
         self._receiver = Receiver(settings, self.ledger, echo, self._telling)
         self._scheduler = Scheduler(settings, self.ledger, echo, self._telling, self._limit_of)
-        #: What is known of others on the line, and the requests that wait.
+        #: Other clients on the line, and the requests that wait.
         self.attribution = self._receiver.attribution
         self.queue = self._scheduler.queue
         self._write: Write | None = None
         self._is_virtual = True
         self._state: State = "down"
-        #: Why the request on the line was without a response when it was sent before.
+        #: What was received in place of a response to the last sending.
         self._diagnosis = NOTHING
         self._quiet_at = 0.0
         self._tune(latency=0.0)
 
     def phases(self, now: float) -> Phases:
-        """Return how the line's time was used, including the transaction in progress."""
+        """Return the use of the line's time, including the transaction in progress."""
         current = self.ledger.current
         if current is None or not self._is_awaiting:
             return self.spent.phases()
@@ -96,21 +96,21 @@ class Line:
         return self.spent.phases(asked_at - current.sender.sent_at, now - asked_at)
 
     def share(self, may_send: MaySend, heard_other: Callable[[], None]) -> None:
-        """Share the line with another gateway: send only while `may_send()`. Call `heard_other` when a client asks."""
+        """Share the line with other gateways: send only while `may_send()`; call `heard_other` when a client asks."""
         self._scheduler.may_send = may_send
         self.attribution.heard_other = heard_other
 
     def be_silent(self, until: float) -> None:
-        """Send nothing before then."""
+        """Send nothing before the time `until`."""
         self._quiet_at = max(self._quiet_at, until)
 
     def port_up(
         self, write: Write, latency: float, now: float, *, virtual: bool = True, has_arrived: HasArrived | None = None
     ) -> None:
-        """Begin to send: the port is open, and requests are sent with `write`.
+        """Start sending: the port is open, and requests are sent with `write`.
 
-        `latency` is what it may add to a response, in seconds. A `virtual` port carries bytes at once, so a response
-        can come before a real line could have carried the request. `has_arrived` is None unless it is a connection.
+        The port may add `latency` seconds to a response. A `virtual` port carries bytes at once, so a response can come
+        before a real line could have carried the request. `has_arrived` is None unless it is a connection.
         """
         self._is_virtual = virtual
         self._tune(latency)
@@ -123,7 +123,7 @@ class Line:
         self._state = "idle"
 
     def port_down(self, now: float) -> None:
-        """Fail all: the port was lost. The unit may have acted on what was sent (0B), others were not sent (0A)."""
+        """Fail all requests: the sent one with 0B, because the unit may have acted on it, others with 0A."""
         self._disconnect("down")
         waiting = self._scheduler.clear()
         try:
@@ -137,15 +137,15 @@ class Line:
         return not self.is_busy and self.ledger.must_renew(now)
 
     def renew(self, now: float) -> None:
-        """Wait for a new connection, because this one is being closed. Waiting requests go on waiting."""
+        """Keep waiting requests for a new connection, because this one is being closed."""
         self._disconnect("closed")
         self._scheduler.reopening.begin(now)
 
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
-        """Do without a connection that has ended in order; `at_once` after it was opened. If idle, that is no loss.
+        """Note that a connection has ended in order; `at_once` after it was opened, or later. If idle, that is no loss.
 
-        It is opened again for what waits, or for the next request; while another client may be there, at once, to hear
-        it. But if requests wait for one that ends at once, they would wait in vain: that is a loss.
+        It is opened again for waiting requests, or for the next one; if another client may be there, at once, to hear
+        it. But a connection that ends at once while requests wait is a loss: they would wait in vain.
         """
         if self._state == "closed":  # by `renew`
             self._scheduler.reopening.ended(open_again, is_needed=True)
@@ -156,12 +156,12 @@ class Line:
 
     @property
     def is_closed(self) -> bool:
-        """True if the line has no connection because none is needed."""
+        """Whether the line has no connection because none is needed."""
         return self._state == "closed"
 
     @property
     def is_busy(self) -> bool:
-        """True if a request is on the line, or about to be sent again."""
+        """Whether a request is on the line, or about to be sent again."""
         return self.ledger.current is not None
 
     def can_send(self, now: float) -> bool:
@@ -169,7 +169,7 @@ class Line:
         return self._state != "awaiting" and now >= self._free_at()
 
     def finish(self, now: float) -> None:
-        """Accept no more requests: waiting ones are not sent (0A), the one on the line may be answered."""
+        """Accept no more requests: waiting ones fail with 0A, the one on the line may still be answered."""
         is_repeating = self._state == "repeating"
         self._disconnect("last" if self.is_busy else "down")
         waiting = self._scheduler.clear()
@@ -180,13 +180,13 @@ class Line:
             self._scheduler.fail_unsent(waiting, now)
 
     def change_rate(self, baud: int, now: float) -> None:
-        """Use another rate after the transaction on the line. Nothing is sent while devices and port change to it."""
+        """Use another rate after the transaction on the line. Nothing is sent while devices and port change."""
         self.settings = replace(self.settings, timing=replace(self.settings.timing, baud=baud))
         if not self.is_busy:
             self._follow_rate(now)
 
     def submit(self, transaction: Transaction, now: float) -> None:
-        """Take over a transaction: it is sent in its turn, that of a scan when nobody else waits, or fails."""
+        """Take over a transaction: it is sent in its turn, that of a scan when nothing else waits, or fails."""
         is_down = self._write is None and self._state != "closed"
         rejection = errors.LineDown() if is_down else self._scheduler.put(transaction, now)
         if rejection is not None:
@@ -197,7 +197,7 @@ class Line:
             self._go_on(now)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False) -> None:
-        """Take bytes. A frame that contains all of `damaged` ones is no response."""
+        """Take bytes. A frame that contains all of the `damaged` ones is no response."""
         if self._state == "repeating" and self.ledger.current is not None:
             self._stop_repeating(self.ledger.current, now)
         current = self.ledger.current
@@ -216,7 +216,7 @@ class Line:
             self._take(current, outcome, now)
 
     def deadline(self) -> float | None:
-        """Return when to call `tick`, or None."""
+        """Return when to call `tick`; None if there is no need to."""
         current = self.ledger.current
         if current is not None:
             deadline = earliest(self._next_step(current), self.queue.next_expiry())
@@ -229,7 +229,7 @@ class Line:
         return earliest(deadline, self._receiver.late_deadline()) if self.ledger.late else deadline
 
     def read_at(self, now: float) -> float | None:
-        """Return when to read the port again: no byte before that decides anything. None: at the next byte."""
+        """Return when to read the port again: no earlier byte decides anything. None: at the next byte."""
         return None if self.ledger.late else self._receiver.read_at(now)
 
     def tick(self, now: float) -> None:
@@ -254,11 +254,11 @@ class Line:
         return self._state in ("awaiting", "last")
 
     def _free_at(self) -> float:
-        """Return when a request may be sent: the line was silent for long enough, and no other exchange occupies it."""
+        """Return when a request may be sent: the line was silent long enough, and no other exchange occupies it."""
         return max(self._quiet_at, self.ledger.occupied_until()) if self.ledger.heard else self._quiet_at
 
     def _tune(self, latency: float) -> None:
-        """Set what follows from the line's timing and its port's latency."""
+        """Set the times that follow from the line's timing and its port's latency."""
         self._budget = Budget(self.settings.timing, latency)
         self._gap = self.settings.silence_before_request
         self.spent.tune(self.settings.timing)
@@ -279,7 +279,7 @@ class Line:
         self._quiet_at = max(self._quiet_at, now + RATE_CHANGE_PAUSE)
 
     def _next_step(self, current: Exchange) -> float:
-        """Return when the state ends without an event. A response of unknown size that has begun may be completed."""
+        """Return when the state ends without an event. A begun response of unknown size may still be completed."""
         if self._state == "repeating":
             return self._free_at()
         silence, fails_at = self._receiver.deadline(), current.sender.fails_at
@@ -375,26 +375,26 @@ class Line:
                 transaction.device.finished(transaction, frame)
 
     def _take(self, current: Exchange, outcome: Outcome, now: float) -> None:
-        """End the transaction with the response, or with an ambiguous one."""
+        """End the transaction with the response, or as ambiguous."""
         if isinstance(outcome, Frame):
             current.sender.count_response(now)
             current.owed -= 1
             self._scheduler.record_response(current)
-        else:  # the response to this request comes next
+        else:  # the response to this request may come next
             self._quiet_at = max(self._quiet_at, current.sender.fails_at)
         self._finish(current, outcome, now)
 
     def _give_up(self, current: Exchange, now: float) -> None:
-        """Send the request again if it may be, or fail it: no response came.
+        """Send the request again if allowed, else fail it: no response came.
 
-        A damaged response is repeated at once; after silence, and if it may be another client's, the late window comes
-        first.
+        A damaged response is repeated at once. After silence, or if the response may be another client's, the late
+        window comes first.
         """
         transaction = current.sender
         diagnosis = self._diagnosis = self._receiver.diagnose()
         self._report_late(now)
         current.owed -= self._receiver.has_damaged_response(now)
-        if current.owed:  # else the response was damaged
+        if current.owed:  # nothing is owed after a damaged response
             self._record_silence(current, diagnosis.text, now)
         at_once = diagnosis.verdict == "broken" and not self.attribution.may_be_others(current)
         if not self._may_repeat(transaction, now if at_once else self.ledger.end_of(transaction, now)):
@@ -408,14 +408,14 @@ class Line:
             self._finish(current, None, now)
 
     def _record_silence(self, current: Exchange, text: bytes, now: float) -> None:
-        """Note that no response came, but `text`, with which a late response of another unit may have collided."""
+        """Note a failure of the unit, unless a late response of another unit may have collided with its response."""
         if not text:
             self.ledger.note_silence(current)
         if not (current.sender.is_scan or self._receiver.may_have_collided(current.unit, text)):
             self._scheduler.record_failure(current.sender, now)
 
     def _may_repeat(self, current: Transaction, at: float) -> bool:
-        """Tell whether the request may be sent once more, not before `at`."""
+        """Tell whether the request may be sent again, not before the time `at`."""
         if current.retries >= self.settings.retries or not current.asked.only_reads or current.is_scan:
             return False
         if self._write is None or not current.is_wanted:
@@ -434,14 +434,14 @@ class Line:
         self._fail(current, now)
 
     def _fail(self, current: Exchange, now: float) -> None:
-        """Fail the transaction, and tell why."""
+        """Fail the transaction, and report the reason."""
         verdict, text = self._diagnosis
         transaction = current.sender
         if not transaction.is_scan:
             is_echo, is_damaged = verdict == "echo", not current.owed
             self._telling.given_up(transaction, now, received=text, is_echo=is_echo, is_damaged=is_damaged)
         elif verdict != "broken":
-            text = b""  # only frames of others: the unit that was asked is silent
+            text = b""  # only frames of others: the unit itself is silent
         self._finish(current, errors.BrokenResponse() if text else errors.ResponseTimeout(), now)
 
     def _finish(self, current: Exchange, outcome: Frame | RequestError | None, now: float) -> None:
@@ -477,7 +477,7 @@ class Line:
             self._scheduler.fail_forbidden(forbidden, now)
 
     def _spend(self, transaction: Transaction, response: int, now: float) -> None:
-        """Account for the line's time until `now`, for the client that asked first; `response` is a PDU's size."""
+        """Count the line's time until `now` for the client of the first request; `response` is a PDU's size."""
         self.spent.add(transaction.sent_at, transaction.ends_at, now, response, self._quiet_at)
         caller, until = transaction.requests[0].caller, max(now, self._quiet_at)
         client, function = caller.host or caller.client, transaction.asked.function

@@ -1,41 +1,41 @@
-"""When to read a port again while a response comes in, byte by byte, or noise.
+"""Decides when to read a port again while a response comes in byte by byte, or noise.
 
 Each byte that wakes the gateway costs as much as the rest of a transaction, and nothing can be decided before the
-response can be complete: until then the port is not read. Why the driver does not gather bytes (VMIN):
+response can be complete: until then the port is not read. Why the driver does not collect bytes (VMIN):
 docs/adr/0011-who-looks-at-each-byte.md
 """
 
 from typing import Final
 
-#: An adapter may have delayed a byte by this many seconds (a USB frame), so that the next ones follow sooner.
+#: An adapter may have delayed a byte by this many seconds (a USB frame); the next ones follow sooner then.
 HELD_BACK: Final = 0.001
-#: The last byte is not waited for in a pause: the byte before it may be one character old.
+#: A pause ends this many bytes before the last one: the previous byte may be one character old.
 LAST_BYTES_READ_SINGLY: Final = 1
-#: A shorter pause costs more than it saves, in characters.
+#: The shortest pause that saves more than it costs, in characters.
 SHORTEST_PAUSE_CHARS: Final = 2
 #: The longest pause, in seconds: a lost port is noticed only when it is read.
 LONGEST: Final = 0.05
-#: The longest pause before bytes were seen to come at the line's rate: the rest may come at once.
+#: The longest pause before bytes have proved to come at the line's rate: the rest may come at once.
 LONGEST_UNPROVEN: Final = 0.002
-#: The pause in noise, in seconds: at any rate, a driver can buffer what comes meanwhile.
+#: The pause in noise, in seconds: at any rate, a driver can buffer the bytes that come meanwhile.
 NOISE: Final = 0.005
-#: A byte's time of arrival is known to half a character.
+#: The precision of a byte's time of arrival, in characters.
 _ROUGHLY: Final = 0.5
 
 
 class Pace:
-    """How bytes come from a line, whose longest frame has `longest` bytes."""
+    """The arrival of bytes from a line whose longest frame has `longest` bytes."""
 
     def __init__(self, longest: int) -> None:
         self._longest = longest
         self._character = 0.0
         self._silence = 0.0
         self._held_back = 0.0
-        #: Of a response: when its first bytes came, how many they were, and how many have come.
+        #: The response: when its first bytes came, their number, and the number of all that have come.
         self._first_at = 0.0
         self._first = 0
         self._came = 0
-        #: On the idle line: when the last byte came, and how many since the last silence.
+        #: The idle line: when the last byte came, and the number of bytes since the last silence.
         self._idle_at = 0.0
         self._since_silence = 0
 
@@ -46,39 +46,39 @@ class Pace:
         self._held_back = 0.0 if virtual else HELD_BACK
 
     def begin(self) -> None:
-        """Begin anew: a request is sent."""
+        """Start anew: a request is sent."""
         self._first = self._came = self._since_silence = 0
 
     def add(self, size: int, now: float) -> None:
-        """Count bytes that came, and may be part of the response."""
+        """Count received bytes that may be part of the response."""
         if not self._came:
             self._first_at, self._first = now, size
         self._came += size
 
     def add_idle(self, size: int, now: float) -> None:
-        """Count bytes that came on the idle line."""
+        """Count received bytes on the idle line."""
         if now - self._idle_at - size * self._character > self._silence:
             self._since_silence = 0
         self._idle_at = now
         self._since_silence += size
 
     def read_at(self, missing: int, now: float) -> float | None:
-        """Choose when to read again if `missing` bytes of a response or more are still to come; None: at the next byte.
+        """Return when to read again if `missing` or more bytes of a response are still to come; None: at the next byte.
 
         Bytes that came faster than the line's rate do not tell when the rest comes. Only bytes after the first ones
-        count, because the device may have taken its time before.
+        count, because the device may have taken its time before them.
         """
         came, character = self._came - self._first, self._character
         late = now - self._first_at - came * character
         if late < -_ROUGHLY * character:
             return None
-        # By more than a character only what comes in bundles is seen late, and then the rest is under way already.
+        # Bytes that are late by more than a character come in bundles, and then the rest is already on its way.
         held_back = max(self._held_back, min(late - character, HELD_BACK))
         pause = (missing - LAST_BYTES_READ_SINGLY) * character - held_back
         pause = min(pause, LONGEST if came else LONGEST_UNPROVEN)
         return None if pause < SHORTEST_PAUSE_CHARS * character else now + pause
 
     def read_idle_at(self, now: float) -> float | None:
-        """Choose the same for the idle line: noise, longer than any frame, need not be read byte by byte."""
+        """Return when to read the idle line again: noise, longer than any frame, need not be read byte by byte."""
         is_noise = self._since_silence > self._longest
         return now + NOISE if is_noise and SHORTEST_PAUSE_CHARS * self._character <= NOISE else None

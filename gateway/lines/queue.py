@@ -22,17 +22,17 @@ from gateway.lines.transaction import Destination, Transaction
 from gateway.lines.turns import Clients, Held, Place, Row
 from gateway.request import Request
 
-#: How many others may go while a mirror waits for its poll.
+#: The number of other requests that may go while a mirror waits for its poll.
 YIELDS: Final = 16
-#: For each request that may wait, so many entries are kept at most, those of requests that wait no more included.
+#: The most entries per request that may wait, including requests that no longer wait.
 _ENTRIES: Final = 4
 
 
 class Crowd:
-    """The rows in which most requests wait; of equals, those whose address has most. None is searched for.
+    """Finds the rows with the most waiting requests; of equals, those whose address has most. Nothing is searched.
 
-    It is a heap that is made when somebody is refused, and used until `most` entries are in it. Until then a row that
-    grows is entered again. One that shrinks is not: an entry that says too much is corrected when it comes up.
+    It is a heap that is built when a request is refused, and used until it has `most` entries. Until then a row that
+    grows is added again. One that shrinks is not: an entry that is too high is corrected when it comes up.
     """
 
     def __init__(self, most: int) -> None:
@@ -48,7 +48,7 @@ class Crowd:
             heappush(self._entries, self._entry(row))
 
     def greediest(self, rows: Iterable[Row]) -> Row | None:
-        """Find the row that loses a request, of all `rows`. Repeats are not lost: 06 means that nothing was sent."""
+        """Return the row that loses a request, of all `rows`. Repeats are not lost: 06 means that nothing was sent."""
         entries = self._entries
         if not entries:
             entries.extend(map(self._entry, rows))
@@ -76,12 +76,12 @@ class WaitingQueue:
         self._coalesce = coalesce
         self._clients = Clients()
         self._polls = Clients()
-        #: How many others went since a poll did, while one waits.
+        #: Number of other requests that went since a poll did, while one waits.
         self._yields = 0
         self._crowd = Crowd(_ENTRIES * size)
-        #: The places of requests by when each will have waited too long; also of some that no longer wait.
+        #: The places of requests by their expiry, including some that no longer wait.
         self._expiries: deque[Place] = deque()
-        #: The places of requests that their clients may not want any more.
+        #: The places of requests that their clients may no longer want.
         self._given_up: dict[Place, None] = {}
         #: Transactions that wait to be sent again.
         self._repeats: list[Transaction] = []
@@ -92,11 +92,11 @@ class WaitingQueue:
         return self._clients.waiting + self._polls.waiting
 
     def __iter__(self) -> Iterator[Transaction]:
-        """Yield each transaction that waits, once."""
+        """Yield each waiting transaction once."""
         return iter(dict.fromkeys(place.transaction for row in self._rows() for place in row.places))
 
     def put(self, transaction: Transaction, now: float) -> Transaction | None:
-        """Let a transaction with one request wait. Returns the one that the full queue loses: this or another one."""
+        """Add a transaction with one request. Return the one that a full queue loses, this or another one; else None."""
         lost = self._make_room(transaction) if len(self) >= self._size else None
         if lost is transaction:
             return lost
@@ -115,7 +115,7 @@ class WaitingQueue:
         return lost
 
     def put_back(self, transaction: Transaction) -> None:
-        """Let a transaction wait to be sent again, first in its clients' rows, until its `gives_up_at`."""
+        """Add a transaction that is sent again, first in its clients' rows, until its `gives_up_at`."""
         clients = self._clients_of(transaction)
         for request in transaction.requests:
             row = clients.row(request.caller)
@@ -124,7 +124,7 @@ class WaitingQueue:
         self._repeats.append(transaction)
 
     def take(self, is_held: Held | None = None) -> Transaction | None:
-        """Take out the next transaction; None if none may be sent now."""
+        """Remove and return the next transaction; None if none may be sent now."""
         place = self._next(is_held)
         if place is None:
             return None
@@ -135,7 +135,7 @@ class WaitingQueue:
         return transaction
 
     def expired(self, now: float) -> list[tuple[Request, str]]:
-        """Remove the requests that have waited too long at `now`. Returns each with the name of its device."""
+        """Remove the requests that have waited too long at `now`. Return each with the name of its device."""
         late = []
         expiries = self._expiries
         while expiries:
@@ -151,23 +151,23 @@ class WaitingQueue:
         return late
 
     def expired_repeats(self, now: float) -> list[Transaction]:
-        """Remove the transactions that it is too late to send again."""
+        """Remove and return the transactions that it is too late to send again."""
         late = [transaction for transaction in self._repeats if transaction.gives_up_at <= now]
         for transaction in late:
             self._remove(transaction)
         return late
 
     def waits_since(self) -> float:
-        """Return when the request came that waits longest, or earlier. What waits to be sent again came long ago."""
+        """Return when the oldest waiting request came, or an earlier time; minus infinity if there is a repeat."""
         return -inf if self._repeats else self._expiries[0].expires_at - self._max_wait
 
     @property
     def has_expiry(self) -> bool:
-        """Tell whether a request waits that may expire: one that waits behind it does not expire earlier."""
+        """Whether a request waits that may expire; requests behind it do not expire earlier."""
         return len(self) > 0 and len(self._expiries) > 0
 
     def next_expiry(self) -> float | None:
-        """Return when the next request will have waited too long, or earlier."""
+        """Return when the next request will have waited too long, or an earlier time; None if none will."""
         expiry = self._expiries[0].expires_at if self.has_expiry else None
         if not self._repeats:
             return expiry
@@ -175,14 +175,14 @@ class WaitingQueue:
         return until if expiry is None else min(until, expiry)
 
     def drop(self, is_dropped: Held) -> list[Transaction]:
-        """Remove the transactions of which `is_dropped` is true."""
+        """Remove and return the transactions for which `is_dropped` is true."""
         dropped = [transaction for transaction in self if is_dropped(transaction)]
         for transaction in dropped:
             self._remove(transaction)
         return dropped
 
     def clear(self) -> list[Transaction]:
-        """Remove all."""
+        """Remove and return all transactions."""
         return self.drop(lambda _: True)
 
     def _clients_of(self, transaction: Transaction) -> Clients:
@@ -192,7 +192,7 @@ class WaitingQueue:
         return chain(self._clients.rows(), self._polls.rows())
 
     def _next(self, is_held: Held | None) -> Place | None:
-        """Choose what is sent next: polls last, unless the others have had enough turns since one went."""
+        """Choose the next request: polls last, unless the others have had enough turns since one went."""
         clients, polls = self._clients, self._polls
         if not polls.waiting:
             self._yields = 0
@@ -206,16 +206,16 @@ class WaitingQueue:
         return None
 
     def _offer(self, transaction: Transaction) -> None:
-        """Let others join a read; after anything else, earlier reads are not shared any more."""
+        """Offer a read for sharing; after anything else, earlier reads are not shared any more."""
         if transaction.yields:
-            return  # a client that joined it would wait as long
+            return  # a client that joined it would have to wait as long
         if transaction.asked.only_reads:
             self._reads[transaction.device, transaction.asked.data] = transaction
         else:
             self._reads.clear()
 
     def _join(self, transaction: Transaction, row: Row) -> Transaction | None:
-        """Find the waiting transaction that this one shares, unless it could overtake earlier requests in its row."""
+        """Join the waiting transaction that this one equals, unless it could overtake earlier requests in its row."""
         shared = self._reads.get((transaction.device, transaction.asked.data))
         if shared is None or row.holds_back(transaction):
             return None
@@ -224,7 +224,7 @@ class WaitingQueue:
         return shared
 
     def _part(self, transaction: Transaction) -> Transaction:
-        """Take out of a shared transaction the requests that overtake nothing in their rows."""
+        """Split off the requests of a shared transaction that overtake nothing in their rows."""
         go: list[Request] = []
         stay: list[Request] = []
         for request in transaction.requests:
@@ -265,7 +265,7 @@ class WaitingQueue:
             self._given_up.pop(place, None)
 
     def _make_room(self, newcomer: Transaction) -> Transaction | None:
-        """Fail requests that no client wants any more. Returns the transaction that is lost if that is not enough."""
+        """Fail requests that no client wants any more. Return the transaction that is lost if that is not enough."""
         while self._given_up:
             self._drop_unwanted(self._given_up.popitem()[0])
         if len(self) < self._size:
@@ -289,5 +289,5 @@ class WaitingQueue:
 
 
 def _place_of(request: Request) -> Place:
-    """Return the place of a request that waits."""
+    """Return the place of a waiting request."""
     return cast("Place", request.place)

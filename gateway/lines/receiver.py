@@ -23,16 +23,16 @@ from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.timing.budget import AnswerTime, Budget
 
-#: At most this many bytes and frames are kept to report what was received before a response or instead of one.
+#: The most bytes and frames kept to report what was received before a response or instead of one.
 _BYTES: Final = 1024
 _FRAMES: Final = 64
 
-#: How long another client's copy of a request takes at least, as a share of the request: its clock may be faster.
+#: The shortest time of another client's copy of a request, as a share of ours: its clock may be faster.
 _SOONEST: Final = 0.9
 
-#: A response after its time limit, and the exchange that it ends.
+#: A response after its time limit, and its exchange.
 LateResponse = tuple[Exchange, Frame]
-#: The response; or an error if one came that may be another client's; None while neither has come.
+#: The response, or an error if it may be another client's; None while neither has come.
 Outcome = Frame | AmbiguousResponse | None
 
 
@@ -53,15 +53,15 @@ class Diagnosis(NamedTuple):
     text: bytes
 
 
-#: Of a request that was not sent.
+#: The diagnosis before anything was sent.
 NOTHING: Final = Diagnosis("nothing", b"")
 
 
 class Receiver:
     """Receives from one line. The ledger's last request is awaited from `begin` until `stop` or `diagnose`.
 
-    `late_responses` are for the caller to take out. `damaged_at` is when silence will have shown that the response came
-    with a wrong check sum; None unless it looks so. `silent_at` is when silence ends what came on the idle line; inf
+    The caller takes responses out of `late_responses`. `damaged_at` is when silence will prove that the response came
+    with a wrong checksum; None unless it looks so. `silent_at` is when silence ends a frame on the idle line; infinite
     unless it may be from a unit that rests.
     """
 
@@ -77,11 +77,11 @@ class Receiver:
         self._budget: Budget
         self._scanner: Scanner = AsciiScanner() if is_ascii else RtuScanner()
         self._pace = Pace(MAX_ASCII_ADU if is_ascii else MAX_RTU_ADU)
-        #: The first bytes since the request on the line, and the frames that are not its response. On the idle line:
-        #: the last frames.
+        #: The first bytes since the request on the line, and the frames that are not its response; on the idle line the
+        #: last frames.
         self._text = b""
         self._frames: list[tuple[Token, Owner]] = []
-        #: What came behind the response, together with it.
+        #: The frames behind the response that came together with it.
         self._behind: list[Token] = []
 
     def tune(self, budget: Budget, silence: float, *, virtual: bool) -> None:
@@ -97,9 +97,9 @@ class Receiver:
         return self._scanner.position
 
     def begin(self, ours: Exchange, now: float) -> bytes:
-        """Put our request on the line: it is sent. Returns its frame."""
+        """Await the response to our request, which is being sent. Return its frame."""
         echo, scanner, transaction = self._echo, self._scanner, ours.sender
-        # Another client's copy takes as long as our request, by its own clock, and cannot begin before that was sent.
+        # Another client's copy takes as long as our request, by its own clock, and cannot begin before ours was sent.
         soon = min(scanner.silence, _SOONEST * (transaction.ends_at - now))
         echo_until = inf if echo.echoes else 0.0 if echo.is_virtual else transaction.ends_at + soon
         self.attribution.begin(ours, scanner.position, echo_until)
@@ -135,23 +135,23 @@ class Receiver:
         return self._attribute(self._scanner.tick(now))
 
     def deadline(self) -> float | None:
-        """Return when silence ends a response of unknown size that has begun."""
+        """Return when silence ends a begun response of unknown size; None if there is none."""
         awaited = self._awaited
         return None if awaited is None else self._scanner.deadline(awaited)
 
     def late_deadline(self) -> float | None:
-        """Return when silence ends a late response."""
+        """Return when silence ends a late response; None if it ends none."""
         deadlines = [self._scanner.deadline(late) for late in self._ledger.owed()]
         return min((each for each in deadlines if each is not None), default=None)
 
     def read_at(self, now: float) -> float | None:
-        """Return when to read the port again: no byte before that decides anything. None: at the next byte."""
+        """Return when to read the port again: no earlier byte decides anything. None: at the next byte."""
         if self._awaited is None:
             return self._pace.read_idle_at(now)
         return self._pace.read_at(self._scanner.missing, now)
 
     def responding(self, now: float) -> set[int]:
-        """List the units whose responses the last bytes on the idle line, read `now`, complete."""
+        """Return the units whose responses are complete with the last bytes on the idle line, read at `now`."""
         self.silent_at = now + self._scanner.silence
         return {token.frame.unit for token, _ in self._frames if _is_response(token.frame)}
 
@@ -192,7 +192,7 @@ class Receiver:
             self._note(token, self.attribution.owner(token), ours)
 
     def take_behind(self) -> int:
-        """Attribute what came behind the response, on the idle line. Returns how many bytes that were."""
+        """Attribute the frames behind the response, as on the idle line. Return the number of their bytes."""
         self._frames.clear()
         if self._behind:
             tokens, self._behind = self._behind, []
@@ -201,7 +201,7 @@ class Receiver:
         return 0 if ours is None else self._scanner.position - ours.end_place
 
     def has_damaged_response(self, now: float) -> bool:
-        """Tell whether what was received is the response, damaged, so that no other one comes."""
+        """Tell whether the received bytes are the response, damaged, so that no other one comes."""
         return self.damaged_at is not None and now >= self.damaged_at
 
     def may_have_collided(self, unit: int, text: bytes) -> bool:
@@ -217,7 +217,7 @@ class Receiver:
         return ours if ours is not None and ours.is_awaited else None
 
     def _follow_ledger(self) -> None:
-        """Tell the scanner which late responses may come."""
+        """Update the scanner's late responses."""
         if self._ledger.late or self._scanner.late:
             self._scanner.late = self._ledger.owed()
 
@@ -235,7 +235,7 @@ class Receiver:
         return None
 
     def _note(self, token: Token, owner: Owner, awaited: Exchange | None) -> None:
-        """Keep and report a frame that is not the response."""
+        """Record and report a frame that is not the response."""
         if owner == "a late response":
             self.late_responses.append((self.attribution.late, token.frame))
         elif awaited is not None and not (token.is_damaged or awaited.is_copy(token.frame)):
@@ -246,7 +246,7 @@ class Receiver:
             self._frames.append((token, owner))
 
     def _finish(self, ours: Exchange, token: Token) -> Outcome:
-        """End the request with its response, which is ambiguous if it may be for another client's."""
+        """End the request with its response, which is ambiguous if it may answer another client."""
         self._echo.record_response()
         doubt = self.attribution.doubt
         end = token.start if doubt is None else token.end
@@ -263,7 +263,7 @@ class Receiver:
         return AmbiguousResponse()
 
     def _has_noise(self, start: int, end: int) -> bool:
-        """Tell whether bytes between these places are not part of a frame."""
+        """Tell whether bytes between these places belong to no frame."""
         at = start
         sound = [token for token, _ in self._frames if not token.is_damaged]
         for token in sorted(sound, key=lambda token: token.start):
@@ -272,16 +272,16 @@ class Receiver:
         return at < end
 
     def _is_damaged(self, ours: Exchange) -> bool:
-        """Tell whether all that was received looks like the response with a wrong check sum.
+        """Tell whether all received bytes look like the response with a wrong checksum.
 
         It may be another response with a damaged unit identifier while a late response, another client's, or one to an
-        earlier sending may come. Where copies or other clients were ever heard, it may be a damaged request too.
+        earlier sending may come. Where copies or other clients were ever heard, it may also be a damaged request.
         """
         if self._ledger.late or self._ledger.heard or ours.owed > 1:
             return False
         begin = ours.since - ours.place
         if begin and not self._echo.is_configured:
-            return False  # what came early may have been another client's request
+            return False  # early bytes may have been another client's request
         shared = self.attribution.is_shared or self._echo.echoes
         if not self._scanner.is_damaged(self._text[begin:], ours, shared=shared):
             return False
@@ -302,18 +302,18 @@ class Receiver:
         return any(_is_early(token, ours) and ours.accepts(token.frame) for token in others)
 
     def _notice_echo(self, ours: Exchange) -> None:
-        """Take a copy that came before all of the request was sent for the adapter's."""
+        """Report an echo if a copy came before all of the request was sent."""
         if any(_is_early(token, ours) and ours.is_copy(token.frame) for token, _ in self._frames):
             self._echo.record_echo(ours.sender)
 
     def _patience(self, asked: RequestPdu, answer_time: AnswerTime) -> float:
-        """Return how long after another client's request its response may come: as long as after ours."""
+        """Return how many seconds after another client's request its response may come: as many as after ours."""
         limit = self._budget.limit(asked, answer_time)
         return limit + self._ledger.length(limit, answer_time)
 
 
 def _is_early(token: Token, ours: Exchange) -> bool:
-    """Tell whether it began after the request, but before all of that can have been sent."""
+    """Tell whether it began after the request did, but before all of that can have been sent."""
     return ours.place <= token.start < ours.since
 
 

@@ -1,4 +1,4 @@
-"""A connection that was closed while nobody needed it: the next request has it opened again, and waits for it."""
+"""A connection that was closed while it was not needed: the next request has it opened again, and waits for it."""
 
 from collections.abc import Callable
 
@@ -10,8 +10,8 @@ from gateway.ports.port import OpenAgain
 class Reopening:
     """Has a closed connection opened for the requests in `queue`. `is_on` while it is closed.
 
-    Each request waits for the smaller of its limit, as `limit_of` tells, and `max_wait`; `until` is when that ends for
-    one of them.
+    Each request waits for `max_wait` or its limit, from `limit_of`, whichever is shorter. `until` is the first end of
+    these.
     """
 
     __slots__ = ("_limit_of", "_max_wait", "_open_again", "_queue", "_since", "is_on", "until")
@@ -26,13 +26,13 @@ class Reopening:
         self._open_again: OpenAgain | None = None
 
     def begin(self, now: float) -> None:
-        """Begin: the connection is closed, or about to be."""
+        """Start: the connection is closed, or about to be."""
         self.is_on = True
         self.until = None
         self._since = now
 
     def ended(self, open_again: OpenAgain, *, is_needed: bool) -> None:
-        """Keep how to open the closed connection again, and do so at once if it `is_needed`."""
+        """Keep `open_again`, and call it at once if the connection `is_needed`."""
         self._open_again = open_again
         if is_needed:
             self._plan()
@@ -45,13 +45,13 @@ class Reopening:
         self._open()
 
     def end(self) -> None:
-        """End: the connection is open, or cannot be opened."""
+        """Stop: the connection is open, or cannot be opened."""
         self.is_on = False
         self.until = None
         self._open_again = None
 
     def given_up(self, now: float) -> list[Transaction]:
-        """Remove the requests from the queue that have waited too long for it."""
+        """Remove and return the requests that have waited too long for the connection."""
         if self.until is None or now < self.until:
             return []
         late = self._queue.drop(lambda waiting: self._until(waiting) <= now)

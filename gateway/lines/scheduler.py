@@ -1,4 +1,4 @@
-"""Which waiting request is sent next on a line, and which must not be sent.
+"""Chooses the waiting request that is sent next on a line, and refuses those that must not be sent.
 
 A request is not sent while its unit rests (`breaker`), while a late response could be taken for its own or its
 connection may hold back earlier requests (`ledger`), or if its response would equal it on a line that echoes (`echo`).
@@ -26,7 +26,7 @@ MaySend = Callable[[], bool]
 class Scheduler:
     """The waiting requests of one line, and the units that rest.
 
-    `recorder` is the line's, `limit_of` tells its time limits. `may_send` is for a line on which others ask too.
+    `limit_of` returns the time limit of a transaction. `may_send` is set on a line that several gateways use.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Scheduler:
         self._held_until = 0.0
 
     def put(self, transaction: Transaction, now: float) -> RequestError | None:
-        """Let a transaction wait for its turn, or return why it cannot be sent."""
+        """Keep a transaction until its turn. Return the reason if it cannot be sent, else None."""
         if isinstance(transaction, ScanTransaction):
             self._idle.put(transaction)
             return None
@@ -71,7 +71,7 @@ class Scheduler:
 
     @property
     def is_empty(self) -> bool:
-        """Tell whether nothing waits, no question of a scan either."""
+        """Whether nothing waits, not even a read of a scan."""
         return not len(self.queue) and self._idle.question is None
 
     def sent(self) -> None:
@@ -80,7 +80,7 @@ class Scheduler:
             self._idle.others += 1
 
     def next(self, now: float) -> Transaction | None:
-        """Take out the next transaction; None if none may be sent now."""
+        """Remove and return the next transaction; None if none may be sent now."""
         if self._ledger.late and self._ledger.must_renew(now):
             return None
         question = self._idle.take(now)
@@ -96,7 +96,7 @@ class Scheduler:
         return transaction
 
     def rejection(self, transaction: Transaction, now: float) -> RequestError | None:
-        """Return why a transaction must not be sent, or None."""
+        """Return why a transaction must not be sent; None if it may."""
         if self._resting and not transaction.retries and transaction.device.breaker.is_resting(now):
             return errors.UnitResting()
         if self._echo.is_suspected and transaction.expects_answer and transaction.asked.accepts(transaction.asked.data):
@@ -112,13 +112,14 @@ class Scheduler:
         return earliest(max(sends_at, self._held_until), deadline) if len(self.queue) else deadline
 
     def clear(self) -> list[Transaction]:
-        """Remove all that waits."""
+        """Remove and return everything that waits."""
         return [*self.queue.clear(), *self._idle.clear()]
 
     def end(self, now: float) -> list[Transaction]:
         """End the request on the line. If responses are owed, its late window opens.
 
-        Takes out the waiting transactions that the window forbids for too long. Repeats stay: they wait for it anyway.
+        Return the waiting transactions that the window forbids for too long, which are removed. Repeats stay: they wait
+        for it anyway.
         """
         if not self._ledger.end(now):
             return []
@@ -131,12 +132,12 @@ class Scheduler:
         transaction.fail(error)
 
     def fail_forbidden(self, transactions: list[Transaction], now: float) -> None:
-        """Fail these: a late response could be taken for theirs."""
+        """Fail these transactions: a late response could be taken for theirs."""
         for transaction in transactions:
             self.refuse(transaction, errors.AnswerOverdue(), now)
 
     def fail_unsent(self, transactions: list[Transaction], now: float) -> None:
-        """Fail these, because the port was lost: repeats were sent before, others were not."""
+        """Fail these transactions because the port was lost: repeats as sent before, others as not sent."""
         for transaction in transactions:
             self.refuse(transaction, errors.LineLost() if transaction.retries else errors.LineDown(), now)
 
@@ -152,23 +153,23 @@ class Scheduler:
             self._telling.resting(device, now)
 
     def record_response(self, exchange: Exchange) -> None:
-        """Note that a valid response to it came, in time or late."""
+        """Note a valid response to `exchange`, in time or late."""
         self._held_until = self._idle.held_until = 0.0
         self._ledger.release(exchange)
         self._recover(exchange.sender.device)
 
     @property
     def resting(self) -> set[int]:
-        """Return the units that rest."""
+        """The addresses of the units that rest."""
         return {device.unit for device in self._resting}
 
     def record_frames(self, units: set[int]) -> None:
-        """Note that valid frames came from these units, though no request was sent."""
+        """Note that valid frames came from these units without a request."""
         for device in [each for each in self._resting if each.unit in units]:
             self._recover(device)
 
     def end_rests(self) -> None:
-        """Ask all units again: the port was lost, so those that failed before may respond now."""
+        """End all rests: the port was lost, so units that failed before may respond now."""
         for device in self._resting:
             device.breaker.record_success()
         self._resting.clear()

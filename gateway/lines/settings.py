@@ -6,7 +6,7 @@ from typing import Final
 from gateway.ports.port import Wire
 from gateway.timing.characters import LineTiming
 
-#: How long devices usually need for an answer, in seconds.
+#: The usual answer time of devices, in seconds.
 _ANSWER: Final = 0.05
 
 
@@ -16,8 +16,8 @@ class LineSettings:
 
     `idle_chars` is the silence that ends an RTU frame, in characters. `gap` is the silence before each request, None
     for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a late response may
-    come, None for what the device's answer times say. A read and its repeats take at most `retry_within`; None for
-    what `time_for_repeats` says. `rest` is the longest rest of a unit, None for the default, 0 for none.
+    come, None for the device's answer times. A read and its repeats take at most `retry_within`; None for
+    `time_for_repeats`. `rest` is the longest rest of a unit, None for the default, 0 for none.
     """
 
     name: str
@@ -41,7 +41,7 @@ class LineSettings:
         """Return how long a read and its repeats may take. `request` is on the wire, `limit` and late `window` follow.
 
         By default twice the limit and the window. If that is too short for a repeat after silence, it is longer by a
-        short request of others, behind which the repeat may have to wait.
+        short request of another client that the repeat may have to wait for.
         """
         if self.retry_within is not None:
             return self.retry_within
@@ -50,10 +50,10 @@ class LineSettings:
 
     @property
     def frame_end(self) -> float:
-        """Return the silence that ends a frame."""
+        """The silence that ends a frame, in seconds."""
         return self.timing.frame_end(self.idle_chars)
 
     @property
     def silence_before_request(self) -> float:
-        """Return the silence before each request."""
+        """The silence before each request, in seconds."""
         return self.frame_end if self.gap is None else self.gap

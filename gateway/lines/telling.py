@@ -1,6 +1,6 @@
-"""What a line or an upstream tells: its log events, most of which are counted too, and what it leaves in the ring.
+"""The reports of a line or an upstream: log events, most of which are counted too, and records for the trace.
 
-Each transaction, each refusal and what else was heard stay in the ring for a while, for the trace.
+Transactions, refusals and other received frames are recorded in the ring for a while.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ _NO_WIRE: Final = 'if the device is its own adapter (USB CDC, a virtual machine,
 class Telling:
     """Logs events of a line, each with what a reader needs to find the device: line, name, place in the config.
 
-    Keeps in `ring` what happens on the line.
+    Records in `ring` what happens on the line.
     """
 
     def __init__(self, line: str, source: str, emit: events.Emit, mode: Mode, ring: Ring | None) -> None:
@@ -41,14 +41,14 @@ class Telling:
     # --- events ---
 
     def queue_full(self, transaction: Transaction) -> None:
-        """Tell that a request got 06."""
+        """Report that a request got 06."""
         device = transaction.device
         self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.client))
 
     def given_up(
         self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool, is_damaged: bool = False
     ) -> None:
-        """Tell that `received` came and no valid response; `is_echo`: it is the request, `is_damaged`: the response."""
+        """Report that `received` came, not a valid response; `is_echo`: it is the request, `is_damaged`: the response."""
         is_told = bool(received) and not is_echo
         why = explain(transaction.asked, transaction.answers_from, received, self._mode) if is_told else ""
         transaction.device.counts.record_instead(received, why)
@@ -62,7 +62,7 @@ class Telling:
             self._log(events.RequestTimeout, transaction, now)
 
     def late_response(self, transaction: Transaction, now: float) -> None:
-        """Count a response that came after its request had failed: at its limit, or as one may be another client's."""
+        """Count a response after its request had failed: at its limit, or because it was ambiguous."""
         transaction.counts.late_responses += 1
         if transaction.times.came_late(now - transaction.ends_at, transaction.limit):
             transaction.device.counts.record("late", now)
@@ -82,22 +82,22 @@ class Telling:
         self._emit(events.ForeignFrame(self._line, asked.unit, asked.device.name, frame.pdu[0], _text(frame)))
 
     def other_client(self, transaction: Transaction, frame: Frame) -> None:
-        """Tell that another client has sent a request to the same unit."""
+        """Report that another client has sent a request to the same unit."""
         self._emit(events.OtherClientHeard(self._line, transaction.unit, transaction.device.name, _text(frame)))
 
     def echo(self, transaction: Transaction, *, first: bool) -> None:
-        """Count a copy of the request, which came from the adapter."""
+        """Count a copy of the request that came from the adapter."""
         transaction.counts.echoes += 1
         if first:
             self._emit(events.EchoHeard(self._line, self._source, _echo_hint(transaction)))
 
     def resting(self, device: Destination, now: float) -> None:
-        """Tell that a unit begins to rest."""
+        """Report that a unit begins to rest."""
         rest = round(device.breaker.rest_left(now), 1)
         self._emit(events.UnitResting(self._line, device.unit, device.name, rest, device.source))
 
     def recovered(self, device: Destination) -> None:
-        """Tell that a unit that rested has responded."""
+        """Report that a unit that rested has responded."""
         self._emit(events.UnitRecovered(self._line, device.unit, device.name))
 
     # --- the ring ---
@@ -105,7 +105,7 @@ class Telling:
     def record_sent(
         self, over: Transaction, response: bytes | None, now: float, answered_by: int | None = None
     ) -> None:
-        """Record a transaction that was sent and is over: answered, or never to be.
+        """Record a transaction that was sent and is over: answered, or without an answer to expect.
 
         `answered_by` is the unit identifier of the response. Devices that move have two.
         """
@@ -159,7 +159,7 @@ class Telling:
     def record_refused(
         self, refused: Transaction, error: RequestError, now: float, *, waiting: int, late_until: float = 0.0
     ) -> None:
-        """Record a transaction that was not sent: a late window forbids it until then, or so many others wait."""
+        """Record a transaction that was not sent: a late window forbids it until `late_until`, or others wait."""
         until, count = late_until, waiting
         if isinstance(error, UnitResting):
             breaker = refused.device.breaker
@@ -168,18 +168,18 @@ class Telling:
             self._ring.refuse(request, error, now, line=self._line, name=refused.device.name, until=until, count=count)
 
     def record_expired(self, request: Request, name: str, error: RequestError, now: float) -> None:
-        """Record a request for the device called `name` that has waited for too long and was not sent."""
+        """Record a request for the device named `name` that has waited too long and was not sent."""
         self._ring.refuse(request, error, now, line=self._line, name=name)
 
     def record_heard(self, token: Token, owner: str) -> None:
-        """Record a frame that is not the answer, and its owner."""
+        """Record a frame that is not the response, and its owner."""
         if self._ring.is_on:
             frame = token.frame
             kind = "a damaged frame" if token.is_damaged else owner
             self._ring.add(Heard(token.at, self._line, kind, bytes((frame.unit,)) + frame.pdu, 1))
 
     def record_noise(self, data: bytes, count: int, now: float) -> None:
-        """Record so many bytes that are not part of any frame; `data` are the first of them."""
+        """Record `count` bytes that belong to no frame; `data` are the first of them."""
         if self._ring.is_on:
             self._ring.add(Heard(now, self._line, "noise", data[:MOST_HEARD], count))
 
@@ -219,7 +219,7 @@ class Telling:
 
 
 def _echo_hint(transaction: Transaction) -> str:
-    """Choose the advice for a copy of the request, which may be its response."""
+    """Return the advice for a copy of the request, which may be its response."""
     asked = transaction.asked
     return _ECHO_OR_ANSWER if asked.accepts(asked.data) else _ECHO
 

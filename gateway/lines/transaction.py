@@ -1,4 +1,4 @@
-"""One request on a line: the unit it is sent to, the response it accepts, and its time limit."""
+"""One request on a line: its unit, the response that it accepts, and its time limit."""
 
 from gateway.errors import RequestError, ResponseTimeout, Unwanted
 from gateway.lines.breaker import Breaker
@@ -30,9 +30,9 @@ class Destination:
         self.times = self.counts.times
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
-        """Take note that a transaction has ended; `response` is None if none came. Must not answer requests.
+        """Note that a transaction has ended; `response` is None if none came. Must not answer requests.
 
-        Does nothing here: some devices override it.
+        Does nothing by default.
         """
 
 
@@ -46,13 +46,13 @@ class Transaction:
 
     #: Whether it is for all units.
     is_broadcast = False
-    #: Whether it only asks if anybody is there, so that silence is no failure.
+    #: Whether it only tests if a unit exists, so that silence is no failure.
     is_scan = False
     #: Whether a second response may follow the first one.
     awaits_second = False
 
     def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
-        #: Those that it answers.
+        #: The requests that it answers.
         self.requests = [request]
         self.asked = asked
         self.device = device
@@ -62,13 +62,13 @@ class Transaction:
         self.expects_answer = asked.is_answered
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
-        #: Requests of clients go first: this is a mirror's poll.
+        #: Whether requests of clients go first, as before a mirror's poll.
         self.yields = False
-        #: When it is written, when its last character is sent, and its time limit from then on.
+        #: When it is written, when its last character is sent, and its time limit after that, in seconds.
         self.sent_at = 0.0
         self.ends_at = 0.0
         self.limit = 0.0
-        #: How often the unit has not responded, how often it was sent again, and the latest time to do that once more.
+        #: Failures of the unit to respond, number of repeats, and the latest time for another one.
         self.failures = 0
         self.retries = 0
         self.gives_up_at = 0.0
@@ -84,7 +84,7 @@ class Transaction:
         self.limit = budget.limit(self.asked, self.device.answer_time)
 
     def again(self) -> "Transaction":
-        """Make a copy to send once more. This one stays as it is, because a late response to it may come."""
+        """Make a copy to send once more. The original does not change, because a late response to it may come."""
         again = self.part(self.requests)
         again.retries += 1
         return again
@@ -119,20 +119,20 @@ class Transaction:
 
     @property
     def is_wanted(self) -> bool:
-        """True if a client still wants the request to be sent."""
-        for request in self.requests:  # noqa: SIM110 - on the request path: a generator costs more than all the rest
+        """Whether a client still wants the request to be sent."""
+        for request in self.requests:  # noqa: SIM110 - request path: a generator costs more than the rest
             if request.origin.wants(request):
                 return True
         return False
 
     @property
     def unwanted(self) -> RequestError:
-        """The reason why it is not sent if no client wants it: a repeat was sent before."""
+        """The error for a request that no client wants: a repeat was sent before."""
         return ResponseTimeout() if self.retries else Unwanted()
 
     @property
     def patience(self) -> float:
-        """For how many seconds after the request its late window lasts at least."""
+        """The least length of its late window after the request, in seconds."""
         return 0.0
 
     @property
@@ -167,7 +167,7 @@ class Transaction:
             request.respond(pdu)
 
     def fail_sent(self, error: RequestError, now: float) -> None:
-        """Fail all requests; they were sent."""
+        """Fail all requests after they were sent."""
         self.times.limit = self.limit
         self.device.counts.record_error(error.result, now)
         self.device.counts.record(error.result, now)
@@ -182,12 +182,12 @@ class Transaction:
             request.fail(error)
 
     def fail_open(self, error: RequestError) -> None:
-        """Fail those requests that are not over."""
+        """Fail the requests that are not over."""
         self.requests = [request for request in self.requests if not request.is_over]
         self.fail(error)
 
     def end(self) -> None:
-        """Finish all requests without a response: they were sent, and none comes."""
+        """Finish all requests without a response: they were sent, and none is expected."""
         if self.is_broadcast:
             self.counts.broadcast += len(self.requests)
         else:
@@ -212,11 +212,11 @@ class BroadcastTransaction(Transaction):
 
 
 class ScanTransaction(Transaction):
-    """A question to a unit that may not be there: silence is an answer too, neither logged nor held against anybody.
+    """A read from a unit that may not exist: silence is an answer too, neither logged nor counted as a failure.
 
     At address 0 it asks a lone device, which answers from its own address. With `awaits_second` another answer may
-    follow the first one: two devices may have the same address. A client that asks the same unit may allow it more
-    time than the scan does: for this long, `patience`, a late answer may come.
+    follow the first one: two devices may have the same address. A client's request to the unit may have a longer limit
+    than the scan's: late answers may come for `patience` seconds.
     """
 
     __slots__ = ("_patience", "awaits_second")
@@ -238,14 +238,14 @@ class ScanTransaction(Transaction):
 
     @property
     def patience(self) -> float:
-        """See Transaction."""
+        """The least length of its late window after the request, in seconds."""
         return self._patience
 
     @property
     def answers_from(self) -> int | None:
-        """See Transaction."""
+        """The unit that responds; None at address 0, where any unit may."""
         return self.unit or None
 
     def accepts(self, frame: Frame) -> bool:
-        """Tell whether `frame` is the answer; to a question at address 0 it comes from any unit."""
+        """Tell whether `frame` is the answer; to a read at address 0 it comes from any unit."""
         return self.asked.accepts(frame.pdu) if self.unit == BROADCAST_UNIT else super().accepts(frame)

@@ -1,9 +1,9 @@
-"""Whose turn it is at a line: the one policy for all requests that wait. `Turns.next` is all of it.
+"""Gives out the turns at a line: the one policy for all requests that wait. `Turns.next` applies it.
 
-- **Rounds.** In each round everyone who waits has one turn, for one request: first those who are urgent, then the
-  others in the order in which they came. After its turn a member has its next one in the next round. So has one that
-  comes while a round is under way; but the first urgent one of these is still in this round. So nobody comes first more
-  than once in a round of the others, and nobody waits for ever.
+- **Rounds.** In each round every waiting member has one turn, for one request: first the urgent ones, then the others
+  in the order in which they came. After its turn a member has its next one in the next round. So has one that comes
+  while a round is under way; but the first urgent one of these is still in this round. So no member comes first more
+  than once in a round of the others, and none waits forever.
 - **Addresses** take turns, and the connections of an address take turns in those of the address, in rounds of their
   own. So it makes no difference how many connections a host has.
 - **Urgent** is a member that waits with a write, or for a device of high priority. Only its oldest request counts, so
@@ -21,7 +21,7 @@ from typing import Any, Final
 from gateway.lines.transaction import Destination, Transaction
 from gateway.request import Caller, Request
 
-#: When a member has its next turn: in the round that is under way, or in the next one. Of a new one it is not known.
+#: The round of a member's next turn: the one under way, or the next one. For a new member it is unknown.
 UNKNOWN: Final = 0
 NOW: Final = 1
 LATER: Final = 2
@@ -31,9 +31,9 @@ Held = Callable[[Transaction], bool]
 
 
 class Place:
-    """The place of a waiting request in the row of its connection. It waits as long as this is its `place`.
+    """The place of a waiting request in the row of its connection. The request waits while this is its `place`.
 
-    `given_up` are the places of requests that their clients may not want any more.
+    `given_up` are the places of requests that their clients may no longer want.
     """
 
     __slots__ = ("_given_up", "expires_at", "request", "row", "transaction")
@@ -48,12 +48,12 @@ class Place:
         self._given_up = given_up
 
     def give_up(self) -> None:
-        """See Request."""
+        """Note that the client may no longer want the request."""
         self._given_up[self] = None
 
 
 class Member(ABC):
-    """One that takes turns; `waiting` requests are there. `has_passed`: it had nothing to send in its last turn."""
+    """One that takes turns, with `waiting` requests. `has_passed`: it had nothing to send in its last turn."""
 
     __slots__ = ("after", "before", "has_passed", "name", "turn", "waiting")
 
@@ -61,7 +61,7 @@ class Member(ABC):
         self.name = name
         self.waiting = 0
         self.has_passed = False
-        #: When it has its next turn, and which others stand before and after it.
+        #: The round of its next turn, and its neighbours in the line.
         self.turn = UNKNOWN
         self.before: Member | None = None
         self.after: Member | None = None
@@ -69,11 +69,11 @@ class Member(ABC):
     @property
     @abstractmethod
     def is_urgent(self) -> bool:
-        """Tell whether its turn comes before those of others."""
+        """Whether its turn comes before those of others."""
 
     @abstractmethod
     def next(self, is_held: Held | None) -> Place | None:
-        """Choose what is sent in its turn; None if all is held."""
+        """Choose the request for its turn; None if all are held."""
 
 
 class Row(Member):
@@ -88,16 +88,16 @@ class Row(Member):
 
     @property
     def is_urgent(self) -> bool:
-        """See Member."""
+        """Whether its oldest request is a write, or for a device of high priority."""
         if not self.places:
             return False
         oldest = self.places[0].transaction
         return oldest.device.is_urgent or not oldest.asked.only_reads
 
     def next(self, is_held: Held | None) -> Place | None:
-        """Choose the first one that may go: not held, and not after a held one whose order it keeps."""
+        """Choose the first request that may go: not held, and not after a held one whose order it keeps."""
         if is_held is None:
-            return self.places[0]  # as nearly always
+            return self.places[0]  # the usual case
         held: list[Destination] = []
         for place in self.places:
             transaction = place.transaction
@@ -110,25 +110,25 @@ class Row(Member):
         return None
 
     def holds_back(self, transaction: Transaction) -> bool:
-        """Tell whether an earlier one here goes before `transaction`, which waits here or is to be added."""
+        """Tell whether an earlier request goes before `transaction`, which waits here or is to be added."""
         before = takewhile(lambda each: each.transaction is not transaction, self.places)
         return any(each.transaction.device is transaction.device or each.transaction.is_broadcast for each in before)
 
     def add(self, place: Place) -> None:
-        """Let a request wait behind the others."""
+        """Add a request behind the others."""
         self.places.append(place)
         self._count(1)
         if self.waiting == 1:
             self.address.sort(self)
 
     def add_first(self, place: Place) -> None:
-        """Let a request wait before the others."""
+        """Add a request before the others."""
         self.places.appendleft(place)
         self._count(1)
         self.address.sort(self)
 
     def remove(self, place: Place) -> None:
-        """Take a request out."""
+        """Remove a request."""
         self.places.remove(place)
         self._count(-1)
         self.address.sort(self)
@@ -141,7 +141,7 @@ class Row(Member):
 
 
 class Turns(Member):
-    """Members by name, and their rounds: addresses, or the connections of one, which has its turns in those `above`.
+    """Members by name, and their rounds: addresses, or the connections of one address, which has its turns in `above`.
 
     They stand in a line: those with a turn in this round, then those with one in the next. After its turn a member goes
     to the end. The line is linked, because every request moves two members.
@@ -155,19 +155,19 @@ class Turns(Member):
         self.members: dict[str, Any] = {}
         self._first: Member | None = None
         self._last: Member | None = None
-        #: Whether one that came since the round began has a turn in it.
+        #: Whether a member that came since the round began has a turn in it.
         self._has_let_in = False
-        #: The urgent ones, in this round and in the next one.
+        #: The urgent members, in this round and in the next one.
         self._urgent: dict[str, Member] = {}
         self._urgent_later: dict[str, Member] = {}
 
     @property
     def is_urgent(self) -> bool:
-        """See Member."""
+        """Whether an urgent member has a turn in this round."""
         return bool(self._urgent)
 
     def next(self, is_held: Held | None) -> Place | None:
-        """Choose what is sent next, by the rules above. `is_held` is None if nothing is held."""
+        """Choose the next request, by the rules above. `is_held` is None if nothing is held."""
         if not self.waiting:
             return None
         place = self._next_urgent(is_held) or self._next_in_order(is_held)
@@ -177,12 +177,12 @@ class Turns(Member):
         return place
 
     def add(self, member: Member) -> None:
-        """Give a new member its place, the last one."""
+        """Add a new member at the end."""
         self.members[member.name] = member
         self._append(member)
 
     def sort(self, member: Member) -> None:
-        """Find out again when a member has its turn: its oldest request may be another one now."""
+        """Update when a member has its turn: its oldest request may have changed."""
         member.has_passed = False
         if member.turn == UNKNOWN:
             self._let_in(member)
@@ -198,7 +198,7 @@ class Turns(Member):
             self.above.sort(self)
 
     def forget(self, member: Member) -> None:
-        """Forget a member, unless something of it waits."""
+        """Remove a member, unless requests of it wait."""
         if not member.waiting:
             self._remove(member)
             del self.members[member.name]
@@ -215,7 +215,7 @@ class Turns(Member):
         return None
 
     def _next_in_order(self, is_held: Held | None) -> Place | None:
-        """Choose of all in their order. One that is held keeps its turn; one that has nothing to send has had it."""
+        """Choose the next request in order. A held member keeps its turn; one with nothing to send has had it."""
         each = self._first
         while each is not None and each.turn == NOW:
             after = each.after
@@ -237,7 +237,7 @@ class Turns(Member):
     def _had_turn(self, member: Member) -> None:
         """Move a member to the end, for the next round.
 
-        One that had nothing to send is forgotten the second time: one that asks again at once keeps its place.
+        One with nothing to send is forgotten the second time: so one that asks again at once keeps its place.
         """
         if member.has_passed:
             self.forget(member)
@@ -288,7 +288,7 @@ class Clients(Turns):
     __slots__ = ()
 
     def row(self, caller: Caller) -> Row:
-        """Find the row of a client, which may be new: then something is to be added to it."""
+        """Return the row of a client. If it is new, the caller must add a request to it."""
         address: Turns | None = self.members.get(caller.share_key)
         if address is None:
             address = Turns(caller.share_key, self)
@@ -300,11 +300,11 @@ class Clients(Turns):
         return row
 
     def rows(self) -> Iterator[Row]:
-        """Return the rows of all."""
+        """Iterate over all rows."""
         return (row for address in self.members.values() for row in address.members.values())
 
     def waiting_of(self, caller: Caller) -> tuple[int, int]:
-        """Count how many requests of a client wait, and how many from its address."""
+        """Count the waiting requests of a client, and those of its address."""
         address: Turns | None = self.members.get(caller.share_key)
         if address is None:
             return 0, 0
