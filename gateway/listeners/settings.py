@@ -24,12 +24,10 @@ _WITHOUT_ANSWER: Final = frozenset(
 class ListenSettings:
     """One address where clients connect. Times in seconds; `idle` 0 keeps connections forever.
 
-    `reserve` of the `clients` are only for addresses that rows of the rights name.
-
-    `scheme` is the protocol: `tcp`, `tls`, `rtu+tcp`, `ascii+tcp` or `udp`; `tls` names the files for `tls`.
-    `ipv6_only`, for the host `::`, leaves IPv4 clients to another listener on the same port. `on_failure` is the
-    reaction when a unit does not respond. `line` or `upstream` is set on a listener for a single one. `shares_port`:
-    another listener uses this port at another address.
+    `reserve` of the `clients` are only for addresses that rows of the rights name. `scheme` is the protocol: `tcp`,
+    `tls`, `rtu+tcp`, `ascii+tcp` or `udp`; `tls` names the files for `tls`. `ipv6_only`, for the host `::`, leaves IPv4
+    clients to another listener on the same port. `on_failure` is the reaction when a unit does not respond. `line` or
+    `upstream` is set on a listener for a single one. `shares_port`: another listener uses this port at another address.
     """
 
     name: str
