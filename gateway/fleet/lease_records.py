@@ -44,11 +44,11 @@ class StoreView:
         return self.is_lost_since + WAITS * self.longest
 
     def is_fresh(self, now: float) -> bool:
-        """Whether it has answered lately: else it may have lost the entry, and counted up to this revision again."""
+        """Tell whether it has answered lately. If not, it may have lost the entry, and reused this revision."""
         return now < self.looked_at + 2 * LOOKS * self._ttl
 
     def found(self, entry: LeaseEntry | None, revision: int, now: float) -> bool:
-        """This was read. Whether it is news."""
+        """Take what was read at `now`. Return True if it differs from what was known."""
         if self._since is not None and (entry, revision) == (self.entry, self.revision):
             self.looked_at = now
             return False

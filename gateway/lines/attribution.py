@@ -233,7 +233,7 @@ class Attribution:
             self.is_shared = True
 
     def _is_request(self, token: Token, *, is_sure: bool) -> bool:
-        """Keep a frame that can be read as a request. Return False for others. If not `is_sure`, it proves no client."""
+        """Keep a frame that can be read as a request; False for others. If not `is_sure`, it proves no other client."""
         frame = token.frame
         try:
             asked = parse_sent(frame.pdu)

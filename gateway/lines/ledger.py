@@ -161,7 +161,7 @@ class Ledger:
                 lasts = self._patience if device is None else patience(device.answer_time)
                 each.ends_at = max(each.ends_at, foreign.asked_at + lasts)
 
-    # --- what a connection may hold back ---
+    # --- exchanges that a connection may hold back ---
 
     def connected(self, has_arrived: HasArrived | None) -> None:
         """Start with a new port, which holds nothing back. `has_arrived` is None unless it is a connection."""

@@ -96,7 +96,7 @@ class WaitingQueue:
         return iter(dict.fromkeys(place.transaction for row in self._rows() for place in row.places))
 
     def put(self, transaction: Transaction, now: float) -> Transaction | None:
-        """Add a transaction with one request. Return the one that a full queue loses, this or another one; else None."""
+        """Add a transaction with one request. Return the one that a full queue loses: this or another; else None."""
         lost = self._make_room(transaction) if len(self) >= self._size else None
         if lost is transaction:
             return lost

@@ -48,7 +48,7 @@ class Telling:
     def given_up(
         self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool, is_damaged: bool = False
     ) -> None:
-        """Report that `received` came, not a valid response; `is_echo`: it is the request, `is_damaged`: the response."""
+        """Report that `received` came, no valid response; `is_echo`: it is the request, `is_damaged`: the response."""
         is_told = bool(received) and not is_echo
         why = explain(transaction.asked, transaction.answers_from, received, self._mode) if is_told else ""
         transaction.device.counts.record_instead(received, why)

@@ -134,7 +134,7 @@ def shorten(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Untrusted:
-    """Authorities whose certificates nobody can use."""
+    """Authorities that cannot be trusted completely: certificates that they signed are refused."""
 
     #: The reason for each of them.
     reasons: tuple[str, ...]

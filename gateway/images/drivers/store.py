@@ -59,7 +59,7 @@ class Store:
         return self._saved is not None
 
     def open(self) -> None:
-        """Read the files, unless that is done, and write them anew. Blocks. Nothing can be saved before.
+        """Read the files, unless that is done, and rewrite them. Blocks. Nothing can be saved before.
 
         A failure to read or write them is logged.
 

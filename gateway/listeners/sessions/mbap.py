@@ -20,7 +20,7 @@ _STEP: Final = 0x1000
 _READ_AHEAD: Final = -1
 #: No client has a shorter time-out, in seconds.
 _QUICK: Final = 0.05
-#: Process what has been read as soon as possible.
+#: Process bytes already read as soon as possible.
 _SOON: Final = 0.0
 
 

@@ -23,7 +23,7 @@ from gateway.modbus.functions import request_size
 from gateway.modbus.rtu import OVERHEAD
 from gateway.request import Caller, Request, Target
 
-# The states, by what the client waits for:
+# The states, named after what the client waits for:
 IDLE: Final = "idle"  # no response; the next request can be handed out
 AWAITING: Final = "awaiting"  # the response to the request that was handed out
 ANSWERED: Final = "answered"  # the same; the response is there, but so are unread bytes
@@ -50,7 +50,7 @@ _NEXT: Final[dict[str, dict[str, str]]] = {
         LATER: IDLE,  # the awaited one and those that wait are given up; it waits
         UNCLEAR: UNANSWERED,  # the same, but it gets no response either
         RESPONSE: ANSWERED,
-        FAILURE: UNANSWERED,  # waiting requests get no response either: it would be taken for that of this one
+        FAILURE: UNANSWERED,  # waiting requests get no response either: it would be taken for the failed one's
     },
     ANSWERED: {
         TOGETHER: ANSWERED,  # it waits
@@ -191,14 +191,14 @@ class OverTcpSession(Session):
                 self._read()
                 self._take(arrivals.ended(now), now)
             self._take(arrivals.cut(now), now)
-        elif self._state == ANSWERED:  # what was read before the pause shows whether the response is still awaited
+        elif self._state == ANSWERED:  # bytes read before the pause show whether the response is still awaited
             self._take(arrivals.cut(now), now)
         if self._state == ANSWERED:
             self._deliver()
         self._hand_out(now)
         if self._takes_more:
             self._connection.wake(arrivals.ends_at)
-            super()._resume()  # what was handed out may have been answered at once
+            super()._resume()  # requests handed out may have been answered at once
         else:
             arrivals.stop()
             self._pause()
