@@ -40,19 +40,19 @@ class Application(Protocol):
         """Return the buffer to deliver to; empty if there is no room at the moment."""
 
     def buffer_updated(self, nbytes: int) -> None:
-        """See asyncio.BufferedProtocol."""
+        """Take the bytes delivered to that buffer."""
 
     def eof_received(self) -> bool:
-        """See asyncio.BufferedProtocol."""
+        """Take note that the client has closed its side."""
 
     def pause_writing(self) -> None:
-        """See asyncio.BaseProtocol."""
+        """Stop writing: the client does not read."""
 
     def resume_writing(self) -> None:
-        """See asyncio.BaseProtocol."""
+        """Write again: the client reads."""
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """See asyncio.BaseProtocol."""
+        """Forget the connection: it has ended."""
 
     def reject(self, reason: str) -> None:
         """Close because of the client's behaviour."""

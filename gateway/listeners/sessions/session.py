@@ -107,33 +107,33 @@ class _Gone:
     """Replaces a closed connection, and does nothing."""
 
     def time(self) -> float:
-        """See Connection."""
+        """Return NEVER."""
         return NEVER
 
     def receive(self, room: memoryview) -> int:  # noqa: ARG002 - nothing arrives
-        """See Connection."""
+        """Return 0: nothing arrives."""
         return 0
 
     def send(self, data: bytes) -> None:
-        """See Connection."""
+        """Drop `data`."""
 
     def pause(self) -> None:
-        """See Connection."""
+        """Do nothing."""
 
     def resume(self) -> None:
-        """See Connection."""
+        """Do nothing."""
 
     def wake(self, when: float | None) -> None:
-        """See Connection."""
+        """Do nothing."""
 
     def release_after(self, seconds: float) -> None:
-        """See Connection."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """See Connection."""
+        """Do nothing."""
 
     def reject(self, reason: str) -> None:
-        """See Connection."""
+        """Do nothing."""
 
 
 class Session(ABC):
