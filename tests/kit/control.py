@@ -14,7 +14,8 @@ from gateway.errors import DaemonError
 from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import Area
 from gateway.operator.answers.unit import RequestAnswer, UnitPicture
-from gateway.operator.parameters import fields_of
+from gateway.operator.operations import BY_NAME
+from gateway.operator.parameters import fields_of, read_parameters
 from gateway.operator.requests import AT_CONTROL
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
@@ -45,6 +46,7 @@ class FakeConversation(Conversation):
         assert seconds > 2
 
     def _send(self, question: Question) -> None:
+        read_parameters(BY_NAME[question["verb"]].parameters, question)  # as the gateway does
         self.questions.append(question)
         self._coming = iter([*self._answers(question), END])
 

@@ -38,16 +38,10 @@ def notes(status: Status) -> Iterator[tuple[str, str]]:
         yield from ((server.name, note) for note in _for_part(server))
     for upstream in status.upstreams:
         yield from ((upstream.name, note) for note in _for_part(upstream))
-    for unit in filter(was_asked, status.units):
+    for unit in status.units:
         yield from ((f"unit {unit.unit}, {unit.name}", note) for note in _for_unit(unit))
     for moved in status.moved:
         yield from ((f"unit {moved.unit}, {moved.name}", note) for note in _for_moved(moved))
-
-
-def was_asked(unit: UnitStatus) -> bool:
-    """Tell whether there is anything to show of a unit: it was asked, or was to be, or is not fine."""
-    counts = unit.counts
-    return bool(counts.sent or counts.refused or unit.state != "fine" or count_failed(counts))
 
 
 def count_ok(counts: Counts) -> int:

@@ -4,8 +4,8 @@ import textwrap
 from typing import Any, Final, TypeVar
 
 from gateway.cli.kit.columns import align, narrow
-from gateway.cli.show.advice import notes, was_asked
-from gateway.cli.show.status_tables import SITES, TABLES, Table
+from gateway.cli.show.advice import notes
+from gateway.cli.show.status_tables import SITES, TABLES, Table, was_asked
 from gateway.operator.answers.fleet import Sites
 from gateway.operator.answers.status import Status
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
-from gateway.cli.show.advice import count_failed, count_ok, was_asked
+from gateway.cli.show.advice import count_failed, count_ok
 from gateway.config.values.duration import show_age, show_duration
 from gateway.fleet.status import FleetStatus, SiteStatus
 from gateway.operator.answers.fleet import Sites
@@ -50,6 +50,12 @@ class _User(NamedTuple):
     line: str
     unit: str
     user: LineUserStatus
+
+
+def was_asked(unit: UnitStatus) -> bool:
+    """Tell whether there is anything to show of a unit: it was asked, or was to be, or is not fine."""
+    counts = unit.counts
+    return bool(counts.sent or counts.refused or unit.state != "fine" or count_failed(counts))
 
 
 def _asked_units(status: Status) -> list[UnitStatus]:

@@ -70,5 +70,5 @@ def test_what_is_no_terminal_gets_no_progress(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(bench, "Conversation", telling(*STEPS))
-    assert main(["bench", "hall", "--for", "2s"]) == FINE
+    assert main(["bench", "hall"]) == FINE
     assert capsys.readouterr().err == ""
