@@ -1,6 +1,6 @@
 """What several commands need.
 
 - daemon    which gateway is meant, and the conversation with it
-- columns, progress, terminal    tables, how far a long command is, what a terminal is given
+- columns, table, progress, terminal    tables, how far a long command is, what a terminal is given
 - usage, examples    wrong arguments, and examples of right ones
 """

@@ -1,6 +1,7 @@
 """What commands print.
 
 - status, status_tables, advice    `status`: tables, and the notes below them
+- fleet    `status --fleet`
 - check    `check`: all of it; the parts of a config are in the modules below
 - listeners, rights, lines, line_load, servers, sites, images, published    parts of a config
 - limits    time limits and longest waits, for `check` and `profile`

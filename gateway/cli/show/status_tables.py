@@ -1,14 +1,13 @@
 """The tables of `status`: where their rows come from, and what stands in each column."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from math import ceil
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple
 
+from gateway.cli.kit.table import Table
 from gateway.cli.show.advice import count_failed, count_ok
 from gateway.config.values.duration import show_age, show_duration
-from gateway.fleet.status import FleetStatus, SiteStatus
-from gateway.operator.answers.fleet import Sites
+from gateway.fleet.status import FleetStatus
 from gateway.operator.answers.status import (
     ClientStatus,
     ImageStatus,
@@ -26,22 +25,10 @@ from gateway.plant.status import BrokerStatus
 from gateway.state.status import StateFileStatus
 from gateway.tls.status import CertificateStatus
 
-W = TypeVar("W")
-Row = TypeVar("Row")
-
 #: The text of an empty cell.
 _NOTHING: Final = "-"
 #: At most this many users of each line are shown.
 _USERS_SHOWN: Final = 3
-
-
-@dataclass(frozen=True)
-class Table(Generic[W, Row]):
-    """A table: its title, how its `rows` are found in the whole answer, and its columns by their headings."""
-
-    title: str
-    rows: Callable[[W], Iterable[Row]]
-    columns: Mapping[str, Callable[[Row], object]]
 
 
 class _User(NamedTuple):
@@ -104,21 +91,6 @@ def _share(share: float | None) -> str:
 def _per_second(rate: float | None) -> str:
     return _NOTHING if rate is None else f"{rate:.1f}"
 
-
-SITES: Final = Table[Sites, SiteStatus](
-    "Sites",
-    lambda sites: sites.sites,
-    {
-        "SITE": lambda site: site.site,
-        "STATE": lambda site: site.state,
-        "FOR": lambda site: show_age(1000 * site.for_s),
-        "HOST": lambda site: site.host,
-        "LINES UP": lambda site: site.lines,
-        "DOWN": lambda site: ", ".join(site.lines_down) or _NOTHING,
-        "UNITS": lambda site: site.units,
-        "VERSION": lambda site: site.version,
-    },
-)
 
 TABLES: Final[tuple[Table[Status, Any], ...]] = (
     Table[Status, StateFileStatus](

@@ -11,7 +11,8 @@ from typing import Final
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.terminal import redrawn, unescaped
 from gateway.cli.main import FINE
-from gateway.cli.show.status import show_sites, show_status
+from gateway.cli.show.fleet import SITES
+from gateway.cli.show.status import show_status
 from gateway.operator.operation import Nothing
 from gateway.operator.operations import FLEET, STATUS
 
@@ -54,5 +55,5 @@ def _look(args: argparse.Namespace, width: int) -> str:
             told = {"sites": answer["sites"]} if args.fleet else answer["status"]
             return json.dumps(told, indent=None if args.watch else 2)
         if args.fleet:
-            return show_sites(daemon.ask(FLEET, Nothing()), width)
+            return SITES.show(daemon.ask(FLEET, Nothing()), width)
         return show_status(daemon.ask(STATUS, Nothing()), width)

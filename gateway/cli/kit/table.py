@@ -1,0 +1,34 @@
+"""A table of parts of an answer, described by its columns."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final, Generic, TypeVar
+
+from gateway.cli.kit.columns import align, narrow
+
+W = TypeVar("W")
+Row = TypeVar("Row")
+
+_INDENT: Final = "  "
+#: The columns whose texts may be shortened.
+_FLEXIBLE: Final = frozenset(
+    {"NAME", "PORT", "ADDRESS", "AT", "DEVICE", "OF", "AGES", "CLIENT", "LISTENER", "REASON", "DOWN"}
+)
+
+
+@dataclass(frozen=True)
+class Table(Generic[W, Row]):
+    """A table: its title, how its `rows` are found in the whole answer, and its columns by their headings."""
+
+    title: str
+    rows: Callable[[W], Iterable[Row]]
+    columns: Mapping[str, Callable[[Row], object]]
+
+    def show(self, whole: W, width: int) -> str:
+        """Show the table, `width` characters wide unless texts are too long; nothing if it has no rows."""
+        cells = [[str(cell(row)) for cell in self.columns.values()] for row in self.rows(whole)]
+        if not cells:
+            return ""
+        flexible = [place for place, heading in enumerate(self.columns) if heading in _FLEXIBLE]
+        rows = narrow([tuple(self.columns), *cells], flexible, width - len(_INDENT))
+        return f"{self.title}\n{align(rows, _INDENT)}"
