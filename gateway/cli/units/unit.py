@@ -56,12 +56,12 @@ class Answer:
 
     @property
     def exception(self) -> int | None:
-        """The exception code, if it is one."""
+        """Return the exception code, if it is one."""
         return self.pdu[1] if self.pdu[0] & EXCEPTION_BIT else None
 
     @property
     def complaint(self) -> str:
-        """What an exception means."""
+        """Say what the exception means."""
         code = self.exception or 0
         return f"exception {code:02X}, {_name(code)}" + (f": {self.reason}" if self.reason else "")
 
