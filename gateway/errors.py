@@ -34,7 +34,14 @@ GatewayError
 ├── StateError                   a file in the state directory cannot be read
 ├── ConfigError                  the process that reads the config failed
 ├── UsersError                   the file with the users of the web page cannot be used
-├── WrongQuestion                a request at the control socket cannot be carried out
+├── WrongQuestion                an operation cannot be carried out; if no subclass says more, something is not there
+│   ├── Malformed                a parameter is missing, or makes no sense
+│   ├── NotPermitted             this client has no right to it
+│   ├── ChangedMeanwhile         a reload has changed what is asked for
+│   ├── DoesNotFit               a value cannot be written there, or not be read
+│   ├── Unready                  the gateway cannot do it now
+│   └── UnitFailed               the unit did not answer with what was asked for
+│       └── ExceptionReceived    it answered with an exception, or the gateway did so for it
 └── DaemonError                  the running gateway cannot be reached
 
 A request in progress is not ended by raising: `Request.fail` turns a RequestError into the exception response.
@@ -248,7 +255,49 @@ class UsersError(GatewayError):
 
 
 class WrongQuestion(GatewayError):
-    """A request at the control socket cannot be carried out; the message says why."""
+    """An operation cannot be carried out; the message says why. Where no subclass says more, something is not there."""
+
+
+class Malformed(WrongQuestion):
+    """A parameter is missing, or makes no sense."""
+
+
+class NotPermitted(WrongQuestion):
+    """The client has no right to it; `code` is the exception that its request would have got, if there is one."""
+
+    def __init__(self, message: str, code: ExceptionCode | None = None) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class ChangedMeanwhile(WrongQuestion):
+    """A reload has changed what is asked for while it was carried out."""
+
+
+class DoesNotFit(WrongQuestion):
+    """A value cannot be written to its place, or not be read from it. `remedy` says what can be done, if anything."""
+
+    def __init__(self, what: str, remedy: str = "") -> None:
+        super().__init__(f"{what}; {remedy}" if remedy else what)
+        self.what = what
+        self.remedy = remedy
+
+
+class Unready(WrongQuestion):
+    """The gateway cannot do it now; it may be asked again later."""
+
+
+class UnitFailed(WrongQuestion):
+    """The unit did not answer with what was asked for."""
+
+
+class ExceptionReceived(UnitFailed):
+    """The unit, or the gateway in its place, answered with the exception `code`; then `result` is why."""
+
+    def __init__(self, message: str, code: int, result: str = "") -> None:
+        super().__init__(message)
+        self.code = code
+        self.result = result
 
 
 class DaemonError(GatewayError):

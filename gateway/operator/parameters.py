@@ -120,5 +120,6 @@ def _wrong(parameter: Parameter) -> WrongQuestion:
 
 
 def fields_of(value: Any) -> dict[str, Any]:
-    """Give the fields of a dataclass by name; unlike `asdict` it copies nothing."""
-    return {field.name: getattr(value, field.name) for field in fields(value)}
+    """Give the fields of a dataclass by name, without what is told only if known; unlike `asdict` it copies nothing."""
+    told = ((field, getattr(value, field.name)) for field in fields(value))
+    return {field.name: each for field, each in told if each is not None or "if_known" not in field.metadata}

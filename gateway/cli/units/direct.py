@@ -17,7 +17,7 @@ from pymodbus.pdu import DecodePDU
 from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.device_server import refuse_port_of_gateway, settle
-from gateway.cli.units.unit import Answer, NoResponseError
+from gateway.cli.units.unit import NoResponseError
 from gateway.config.plan.points import points_of
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.config.reading.builtin_profiles import builtin_profiles
@@ -29,6 +29,7 @@ from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
 from gateway.modbus.explain import Mode, explain
 from gateway.modbus.pdu import parse_request
+from gateway.operator.values import Answer
 from gateway.ports.opener import open_blocking
 from gateway.ports.port import SerialSettings
 from gateway.profiles.point import Point
@@ -83,7 +84,7 @@ class DirectUnit:
             came = f"{answer.hex(' ').upper()} ({self._what_came(pdu)})"
             raise NoResponseError(f"unit {self.number}: this is not the response to this request: {came}")
         frames = self._frames
-        return Answer(answer, round(elapsed * 1000, 1), "", frames.get(True, b""), frames.get(False, b""))
+        return Answer(answer, round(elapsed * 1000, 1), sent=frames.get(True, b""), received=frames.get(False, b""))
 
     def _what_came(self, pdu: bytes) -> str:
         """Say what came in place of the response to this request."""

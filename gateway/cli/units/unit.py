@@ -2,16 +2,16 @@
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument
 from gateway.cli.kit.usage import add_port_arguments, parsed_by
 from gateway.config.values.duration import parse_duration
-from gateway.errors import ExceptionCode, GatewayError
-from gateway.modbus.codes import EXCEPTION_BIT, Area
+from gateway.errors import GatewayError
+from gateway.modbus.codes import Area
 from gateway.operator.operations import REQUEST, UNIT, OneRequest, OneUnit
+from gateway.operator.values import Answer
 from gateway.profiles.point import Point
 
 #: How much longer than the longest wait of a unit its response may take to arrive here, in seconds.
@@ -37,33 +37,6 @@ _REASONS: Final[Mapping[str, str]] = {
 
 class NoResponseError(GatewayError):
     """A unit that was accessed directly has not responded, or not to this request."""
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """A response PDU, and how long it took.
-
-    `result` and `reason` say why the gateway itself answered with an exception. `sent` and `received` are the frames on
-    the line. Where there were none, as with an image, they are unit identifier and PDU.
-    """
-
-    pdu: bytes
-    elapsed_ms: float
-    reason: str = ""
-    sent: bytes = b""
-    received: bytes = b""
-    result: str = ""
-
-    @property
-    def exception(self) -> int | None:
-        """Return the exception code, if it is one."""
-        return self.pdu[1] if self.pdu[0] & EXCEPTION_BIT else None
-
-    @property
-    def complaint(self) -> str:
-        """Say what the exception means."""
-        code = self.exception or 0
-        return f"exception {code:02X}, {_name(code)}" + (f": {self.reason}" if self.reason else "")
 
 
 class Unit(Protocol):
@@ -128,11 +101,4 @@ class DaemonUnit:
         sent, received = head + pdu, head + response
         if answer.sent:
             sent, received = bytes.fromhex(answer.sent), bytes.fromhex(answer.received)
-        return Answer(response, answer.elapsed_ms, reason, sent, received, result)
-
-
-def _name(code: int) -> str:
-    try:
-        return ExceptionCode(code).name.lower().replace("_", " ")
-    except ValueError:
-        return "not a standard one"
+        return Answer(response, answer.elapsed_ms, result, reason, sent, received)

@@ -2,42 +2,20 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
-from gateway.cli.units.unit import Answer, Unit
+from gateway.cli.units.unit import Unit
+from gateway.errors import ExceptionCode
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
+from gateway.operator.parameters import fields_of
+from gateway.operator.values import Answer, Failure, Outcome, values_told
 from gateway.profiles.point import Reading
-from gateway.registers.items import has_bits, reference
+from gateway.registers.items import MANUAL_BASES, has_bits, reference
 
 #: The text of an empty cell.
 _NOTHING: Final = "-"
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """A request that got an exception, its addresses, and what else to try."""
-
-    span: Span
-    answer: Answer
-    advice: str = ""
-
-    def text(self, unit: Unit) -> str:
-        """The failure in one sentence, and the advice on a second line."""
-        last = "" if self.span.count == 1 else f"-{self.span.end - 1}"
-        what = f"{_called(unit)}, {self.span.area} {self.span.start}{last}: {self.answer.complaint}"
-        return f"{what}\n  help: {self.advice}" if self.advice else what
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What was read or written, what failed, and all answers."""
-
-    readings: list[Reading] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
-    answers: list[Answer] = field(default_factory=list)
 
 
 def table(readings: Sequence[Reading], time: str = "") -> str:
@@ -59,25 +37,25 @@ def table(readings: Sequence[Reading], time: str = "") -> str:
 
 def picture(unit: Unit, area: Area | None, outcome: Outcome) -> dict[str, Any]:
     """The same as JSON: of one area, or of points, which each have their own."""
-    result: dict[str, Any] = {"unit": unit.number}
-    if unit.name:
-        result["name"] = unit.name
-    if area is not None:
-        result["area"] = area
-    result["values"] = [each.as_json(with_area=area is None) for each in outcome.readings]
-    result["elapsed_ms"] = round(sum(answer.elapsed_ms for answer in outcome.answers), 1)
-    if outcome.failures:
-        result["errors"] = [
-            {
-                "area": each.span.area,
-                "address": each.span.start,
-                "count": each.span.count,
-                "exception": each.answer.exception,
-                "reason": each.answer.complaint,
-            }
-            for each in outcome.failures
-        ]
-    return result
+    told = fields_of(values_told(unit.number, unit.name, area, outcome))
+    return told if unit.name else {name: each for name, each in told.items() if name != "name"}
+
+
+def failure_in_words(unit: Unit, failure: Failure) -> str:
+    """The failure in one sentence, and the advice on a second line."""
+    span, answer = failure.span, failure.answer
+    last = "" if span.count == 1 else f"-{span.end - 1}"
+    what = f"{_called(unit)}, {span.area} {span.start}{last}: {answer.complaint}"
+    advice = failure.advice or advice_after(answer, span)
+    return f"{what}\n  help: {advice}" if advice else what
+
+
+def advice_after(answer: Answer, span: Span) -> str:
+    """What may be meant by addresses that do not exist: the numbers of a manual, which count from 40001 or 30001."""
+    base = MANUAL_BASES.get(span.area)
+    if answer.exception != ExceptionCode.ILLEGAL_DATA_ADDRESS or base is None or not 0 <= span.start - base < 10_000:
+        return ""
+    return f"{span.start} of a manual is {span.area} {span.start - base} here"
 
 
 def frames_as_text(answers: Sequence[Answer]) -> str:
@@ -92,7 +70,7 @@ def frames_as_json(answers: Sequence[Answer]) -> list[dict[str, str]]:
 
 def as_json(what: object, *, one_line: bool) -> str:
     """JSON text; on one line if more will follow."""
-    return json.dumps(what, indent=None if one_line else 2, ensure_ascii=False)
+    return json.dumps(what, indent=None if one_line else 2, ensure_ascii=False, default=fields_of)
 
 
 def _cells(reading: Reading) -> dict[str, str]:

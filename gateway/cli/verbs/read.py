@@ -14,9 +14,10 @@ from gateway.cli.units.mbpoll import add_habits
 from gateway.cli.units.on_unit import run_on_unit
 from gateway.cli.units.reading import read_points
 from gateway.cli.units.unit import NoResponseError, Unit, add_unit_arguments
-from gateway.cli.units.values import Outcome, as_json, frames_as_json, frames_as_text, picture, table
+from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, frames_as_text, picture, table
 from gateway.cli.units.words import Command, find_points
 from gateway.config.values.duration import parse_duration
+from gateway.operator.values import Outcome
 from gateway.profiles.point import Point
 
 #: How often to read when only the number of times is said, in seconds.
@@ -120,4 +121,4 @@ def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace, text: str) ->
     if outcome.readings:
         print(text, flush=True)
     for failure in outcome.failures:
-        print(failure.text(unit), file=sys.stderr, flush=True)
+        print(failure_in_words(unit, failure), file=sys.stderr, flush=True)

@@ -11,15 +11,15 @@ from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.units.mbpoll import add_habits
 from gateway.cli.units.on_unit import run_on_unit
-from gateway.cli.units.reading import advice_after, read_points
-from gateway.cli.units.unit import Answer, Unit, add_unit_arguments
-from gateway.cli.units.values import Failure, Outcome, as_json, frames_as_json, frames_as_text, picture, table
+from gateway.cli.units.reading import read_points
+from gateway.cli.units.unit import Unit, add_unit_arguments
+from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, frames_as_text, picture, table
 from gateway.cli.units.words import Assignment, Command, find_assignments
-from gateway.errors import ExceptionCode, GatewayError
+from gateway.errors import DoesNotFit, ExceptionCode, GatewayError
 from gateway.modbus.codes import FunctionCode
-from gateway.modbus.pdu import Span
+from gateway.operator.values import Answer, Failure, Outcome, request_to_write
 from gateway.profiles.point import Reading
-from gateway.registers.items import WRITERS, has_bits, most_written, write_request
+from gateway.registers.items import WRITERS
 
 _EXAMPLES: Final = """\
 examples:
@@ -87,15 +87,22 @@ def _readings(assigned: Sequence[Assignment]) -> list[Reading]:
 
 
 def _write(unit: Unit, wanted: Sequence[Reading], args: argparse.Namespace) -> Outcome:
-    """Write all values with one request; with --show they are read before and afterwards."""
+    """Write all values with one request; with --show they are read before and afterwards.
+
+    Raises:
+        WrongUsageError: they do not fit into one request.
+    """
     points = [reading.point for reading in wanted]
-    request, span = _request(unit, wanted, multiple=args.multiple)
+    try:
+        request, span = request_to_write(wanted, unit.limits, unit.functions, multiple=args.multiple)
+    except DoesNotFit as wrong:
+        raise WrongUsageError(wrong.what, wrong.remedy) from wrong
     is_shown = args.show and points[0].write != "only"
     before = read_points(unit, points) if is_shown else Outcome()
     with _noting("the write may have been carried out"):
         answer = unit.ask(request)
     if answer.exception is not None:
-        failure = Failure(span, answer, _advice(answer, request, span))
+        failure = Failure(span, answer, _advice(answer, request))
         return Outcome([], [*before.failures, failure], [*before.answers, answer])
     with _noting("the write was carried out"):
         after = read_points(unit, points) if is_shown else Outcome(list(wanted))
@@ -117,29 +124,12 @@ def _noting(what: str) -> Iterator[None]:
         raise
 
 
-def _request(unit: Unit, wanted: Sequence[Reading], *, multiple: bool) -> tuple[bytes, Span]:
-    """The request that writes them, and where.
-
-    Raises:
-        WrongUsageError: they do not fit into one request.
-    """
-    first = wanted[0].point
-    span = Span(first.area, first.address, sum(reading.point.count for reading in wanted))
-    most = most_written(span.area, unit.limits)
-    if span.count > most:
-        called = "coils" if has_bits(span.area) else "registers"
-        what = f"{span.count} {called} are too many for one request"
-        raise WrongUsageError(what, f"write at most {most} at a time")
-    items = b"".join(reading.items for reading in wanted)
-    return write_request(span.area, span.start, items, unit.functions, multiple=multiple), span
-
-
-def _advice(answer: Answer, request: bytes, span: Span) -> str:
+def _advice(answer: Answer, request: bytes) -> str:
     """What else can be tried. A gateway on the way, such as that of another site, refuses with 01 as a device does."""
     if answer.result == "denied":
         return "modbus-gateway check shows the rights"
     if answer.exception != ExceptionCode.ILLEGAL_FUNCTION or answer.result == "refused":  # which says why
-        return advice_after(answer, span)
+        return ""
     rights = "this client may not write there: modbus-gateway check, on each gateway on the way, shows the rights"
     singles = {single: several for single, several, _ in WRITERS.values()}
     several = singles.get(FunctionCode(request[0]))
@@ -161,4 +151,4 @@ def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace) -> None:
     if outcome.readings:
         print(table(outcome.readings))
     for failure in outcome.failures:
-        print(failure.text(unit), file=sys.stderr)
+        print(failure_in_words(unit, failure), file=sys.stderr)

@@ -1,0 +1,53 @@
+"""Responses with an exception, in words."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.errors import ExceptionCode
+
+#: Why the gateway itself has answered with an exception, by the result of the request.
+WHYS: Final[Mapping[str, str]] = {
+    "timeout": "no response came within the limit",
+    "bad_frame": "what came was damaged, or not the response to this request",
+    "ambiguous": "the response may have been for another client on the line",
+    "line_lost": "the port was lost while the request was under way",
+    "resting": "not sent: the unit has not answered and rests",
+    "overdue": "not sent: a late response to an earlier request may still come",
+    "echo_suspected": "not sent: the response would look like an echo of the request",
+    "stale": "the values of the mirror are too old",
+    "queue_full": "not sent: too many requests wait for the line",
+    "expired": "not sent: it has waited too long for the line",
+    "line_down": "not sent: the line is down",
+    "denied": "not sent: [[access]] does not allow it",
+    "no_route": "not sent: there is no such unit",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Complaint:
+    """A response with an exception, in words. `result` and `reason` are those of the gateway's own ones."""
+
+    code: int
+    result: str = ""
+    reason: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name the code as the specification does."""
+        return exception_name(self.code)
+
+    @property
+    def why(self) -> str:
+        """Say why the gateway itself has answered with it. There is a translation unless the reason is a rare one."""
+        return WHYS.get(self.result, self.reason)
+
+    def __str__(self) -> str:
+        why = self.reason or self.why
+        return f"exception {self.code:02X}, {self.name}" + (f": {why}" if why else "")
+
+
+def exception_name(code: int) -> str:
+    """Name an exception code as the specification does."""
+    known = code in {each.value for each in ExceptionCode}
+    return ExceptionCode(code).name.lower().replace("_", " ") if known else "not a standard one"
