@@ -292,12 +292,13 @@ class UnitFailed(WrongQuestion):
 
 
 class ExceptionReceived(UnitFailed):
-    """The unit, or the gateway in its place, answered with the exception `code`; then `result` is why."""
+    """The unit answered with the exception `code`; or the gateway in its place, which has a `result` and a `reason`."""
 
-    def __init__(self, message: str, code: int, result: str = "") -> None:
+    def __init__(self, message: str, code: int, result: str = "", reason: str = "") -> None:
         super().__init__(message)
         self.code = code
         self.result = result
+        self.reason = reason
 
 
 class DaemonError(GatewayError):

@@ -7,8 +7,8 @@ from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
 from gateway.modbus.functions import TABLE_FUNCTIONS
 from gateway.operator.answers.measured import Measured, MeasuredRow
+from gateway.operator.asked import OneUnit
 from gateway.operator.operation import Asker
-from gateway.operator.operations import OneUnit
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
 from gateway.runtime.gateway import Gateway

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.errors import ExceptionCode
+from gateway.errors import ExceptionCode, ExceptionReceived, WrongQuestion
 
 #: Why the gateway itself has answered with an exception, by the result of the request.
 WHYS: Final[Mapping[str, str]] = {
@@ -51,3 +51,10 @@ def exception_name(code: int) -> str:
     """Name an exception code as the specification does."""
     known = code in {each.value for each in ExceptionCode}
     return ExceptionCode(code).name.lower().replace("_", " ") if known else "not a standard one"
+
+
+def complaint_of(wrong: WrongQuestion) -> Complaint | str:
+    """Say why an operation was not carried out: with a translation where a unit answered with an exception."""
+    if isinstance(wrong, ExceptionReceived):
+        return Complaint(wrong.code, wrong.result, wrong.reason)
+    return str(wrong)

@@ -4,8 +4,8 @@ from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
 from gateway.events import AddressMoved, BaudChanged, Emit
 from gateway.operator.answers.forgotten import Forgotten
+from gateway.operator.asked import OneDevice
 from gateway.operator.operation import Asker
-from gateway.operator.operations import OneDevice
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
 from gateway.runtime.gateway import Gateway

@@ -14,15 +14,20 @@ from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
+from gateway.errors import WrongQuestion
+
 if TYPE_CHECKING:
-    from gateway.operator.operator import Operator
+    from gateway.operator.operator import Door, Operator
     from gateway.request import Caller
 
 P = TypeVar("P")
 R = TypeVar("R")
 
-#: What is needed for an operation: to see how the gateway is doing, or to change it and to write values.
-Right = Literal["reading", "operator"]
+#: What is needed for an operation: to see how the gateway is doing, to change it, or to write values, which `[web]`
+#: allows only with `write`.
+Right = Literal["reading", "operator", "writing"]
+#: Over HTTP, how an operation is asked for.
+Method = Literal["GET", "PUT", "POST"]
 #: Whether who asks is still there.
 IsThere = Callable[[], bool]
 
@@ -34,14 +39,16 @@ class Nothing:
 
 @dataclass(frozen=True, slots=True)
 class Asker:
-    """Who asks. `host` is the address of an HTTP client; what [[access]] does not let it read is hidden from it.
+    """Who asks, and through which door.
 
-    At the control socket `host` is empty: whoever may use the socket sees everything.
+    Over HTTP what [[access]] does not let the address `host` read is hidden. At the control socket that is empty:
+    whoever may use the socket sees everything.
     """
 
     caller: "Caller"
     is_there: IsThere
     host: str = ""
+    door: "Door" = "control"
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,8 @@ class Operation(Generic[P, R]):
     starts without them. At the control socket the result stands under `key`, or its fields beside `ok` where `key` is
     empty. Over HTTP it is at `path` below /api/v1, where `{name}` is a parameter; an operation without a path is not to
     be had there. One that `is_repeated` has several answers, one after the other.
+
+    `refuses` are the errors, beside wrong parameters and missing rights, for which it is not carried out.
     """
 
     name: str
@@ -62,7 +71,9 @@ class Operation(Generic[P, R]):
     by: str
     key: str = ""
     path: str | None = None
+    method: Method = "GET"
     is_repeated: bool = False
+    refuses: tuple[type[WrongQuestion], ...] = ()
 
     @cached_property
     def result(self) -> type[R]:

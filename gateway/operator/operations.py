@@ -4,116 +4,49 @@ Nothing here loads what answers, or the types of answers: the commands of this p
 quickly.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
+from gateway.errors import ChangedMeanwhile, DoesNotFit, ExceptionReceived, Unready, WrongQuestion
+from gateway.operator.asked import (
+    Addresses,
+    OneDevice,
+    OneLine,
+    OneRequest,
+    OneUnit,
+    PastOfLine,
+    PastOfUnit,
+    PointsToRead,
+    PointsToWrite,
+    PointToRead,
+    PointToWrite,
+    ToExamine,
+    ToExplain,
+    ToMeasure,
+    ToScan,
+    Traced,
+    ValuesToWrite,
+)
 from gateway.operator.operation import Nothing, Operation
-from gateway.operator.parameters import Within
-from gateway.trace.records import MOST_STORIES
 
 if TYPE_CHECKING:
     from gateway.operator.answers.bench import BenchStep
     from gateway.operator.answers.doctor import Examination
     from gateway.operator.answers.fleet import Sites
     from gateway.operator.answers.forgotten import Forgotten
+    from gateway.operator.answers.lines import Lines
     from gateway.operator.answers.measured import Measured
+    from gateway.operator.answers.past import LinePast, UnitPast
     from gateway.operator.answers.running import Reloaded, Which
     from gateway.operator.answers.scan import ScanStep
-    from gateway.operator.answers.status import Status
+    from gateway.operator.answers.status import AnyLine, Status
     from gateway.operator.answers.trace import Stories, TracePage
-    from gateway.operator.answers.unit import RequestAnswer, UnitPicture
+    from gateway.operator.answers.unit import RequestAnswer, Units, UnitWithStatus
+    from gateway.operator.answers.values import Cells, Points, Values
 
-#: A unit: the number that clients use, or its name.
-UnitNamed = Annotated[int | str, "a number from 0 to 255, or a name"]
-LineNamed = Annotated[str, "the name of a line"]
-
-
-@dataclass(frozen=True, slots=True)
-class OneUnit:
-    """The `unit` that is meant."""
-
-    unit: UnitNamed
-
-
-@dataclass(frozen=True, slots=True)
-class OneDevice:
-    """The `device` that is meant."""
-
-    device: UnitNamed
-
-
-@dataclass(frozen=True, slots=True)
-class OneRequest:
-    """A request to `unit`: its `pdu` in hexadecimal."""
-
-    unit: UnitNamed
-    pdu: Annotated[str, 'bytes in hexadecimal, such as "03 00 00 00 02"']
-
-
-@dataclass(frozen=True, slots=True)
-class ToExamine:
-    """The `line`, server line or upstream to examine, or all. Unless it may `ask`, nothing is sent."""
-
-    line: LineNamed | None = None
-    ask: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Traced:
-    """Records from number `after` on; or those of the last `since` seconds, or the last few.
-
-    `line`, `unit`, `function`, `client` and `result` choose among them. With `lines` the answer has the lines too.
-    """
-
-    after: int | None = None
-    since: float | None = None
-    line: str | None = None
-    unit: int | str | None = None
-    function: int | None = None
-    client: str | None = None
-    result: str | None = None
-    lines: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class ToExplain:
-    """The last `count` failed requests of `who`: a unit by number or name, a line, or a client by name or address.
-
-    With a `line`, only those on it.
-    """
-
-    who: Annotated[str, 'a unit, or a client such as "10.2.0.7"']
-    count: Annotated[int, Within(1, MOST_STORIES), f"1 to {MOST_STORIES}"] = 5
-    line: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ToMeasure:
-    """The `line` to read as fast as it goes for some `seconds`, all its units or one, some `items` from `address` on.
-
-    With `progress` it is told each second how far the measurement is.
-    """
-
-    line: LineNamed
-    unit: UnitNamed | None = None
-    seconds: Annotated[float, Within(0.001, 3600), "a number above 0, 3600 at most"] = 60.0
-    items: Annotated[int, Within(1, 2000), "a number above 0, 2000 at most"] = 10
-    address: Annotated[int | None, Within(0, 65535), "a number from 0 to 65535"] = None
-    progress: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class ToScan:
-    """The `line` to scan, for the `units` or all numbers; an answer has `limit_s` seconds.
-
-    With `all_speeds` it is scanned at all usual rates.
-    """
-
-    line: LineNamed
-    units: Annotated[int | str | list[Any] | None, 'units such as "1-32"'] = None
-    limit_s: Annotated[float, Within(0.001, 10), "more than 0 and at most 10 s"] = 0.3
-    all_speeds: bool = False
-
+#: Why what is asked of units by their numbers and names may not be answered.
+_READING: Final = (WrongQuestion, ChangedMeanwhile, DoesNotFit, ExceptionReceived)
+_A_UNIT: Final = "/units/{unit}"
+_ADDRESSES: Final = "{area}/{start}-{end}"
 
 STATUS: Final[Operation[Nothing, "Status"]] = Operation(
     "status",
@@ -148,15 +81,142 @@ RELOAD: Final[Operation[Nothing, "Reloaded"]] = Operation(
     "operator",
     "Read the config again",
     by="gateway.operator.running:reload",
+    path="/reload",
+    method="POST",
+    refuses=(DoesNotFit, Unready),
 )
-UNIT: Final[Operation[OneUnit, "UnitPicture"]] = Operation(
+LINES: Final[Operation[Nothing, "Lines"]] = Operation(
+    "lines",
+    Nothing,
+    "gateway.operator.answers.lines:Lines",
+    "reading",
+    "Lines, lines where the gateway is the server, other servers",
+    by="gateway.operator.lines:tell_lines",
+    path="/lines",
+)
+LINE: Final[Operation[OneLine, "AnyLine"]] = Operation(
+    "line",
+    OneLine,
+    "gateway.operator.answers.status:AnyLine",
+    "reading",
+    "A line, a line where the gateway is the server, or another server",
+    by="gateway.operator.lines:tell_line",
+    key="line",
+    path="/lines/{name}",
+    refuses=(WrongQuestion,),
+)
+LINE_HISTORY: Final[Operation[PastOfLine, "LinePast"]] = Operation(
+    "line-history",
+    PastOfLine,
+    "gateway.operator.answers.past:LinePast",
+    "reading",
+    "What a line, or another server, did in the last hours",
+    by="gateway.operator.past:tell_line",
+    path="/lines/{name}/history",
+    refuses=(WrongQuestion,),
+)
+UNITS: Final[Operation[Nothing, "Units"]] = Operation(
+    "units",
+    Nothing,
+    "gateway.operator.answers.unit:Units",
+    "reading",
+    "Every unit",
+    by="gateway.operator.units:tell_units",
+    path="/units",
+)
+UNIT: Final[Operation[OneUnit, "UnitWithStatus"]] = Operation(
     "unit",
     OneUnit,
-    "gateway.operator.answers.unit:UnitPicture",
+    "gateway.operator.answers.unit:UnitWithStatus",
     "reading",
-    "A unit with its points, as clients have to know it",
+    "A unit, its points and its status",
     by="gateway.operator.units:tell_unit",
     key="unit",
+    path=_A_UNIT,
+    refuses=(WrongQuestion,),
+)
+UNIT_HISTORY: Final[Operation[PastOfUnit, "UnitPast"]] = Operation(
+    "unit-history",
+    PastOfUnit,
+    "gateway.operator.answers.past:UnitPast",
+    "reading",
+    "What a unit did in the last hours",
+    by="gateway.operator.past:tell_unit",
+    path=f"{_A_UNIT}/history",
+    refuses=(WrongQuestion,),
+)
+POINTS: Final[Operation[PointsToRead, "Points"]] = Operation(
+    "points",
+    PointsToRead,
+    "gateway.operator.answers.values:Points",
+    "reading",
+    "All points of a unit that can be read",
+    by="gateway.operator.reading_and_writing:read_points",
+    path=f"{_A_UNIT}/points",
+    refuses=_READING,
+)
+POINT: Final[Operation[PointToRead, "Values"]] = Operation(
+    "point",
+    PointToRead,
+    "gateway.operator.answers.values:Values",
+    "reading",
+    "One point of a unit",
+    by="gateway.operator.reading_and_writing:read_point",
+    path=f"{_A_UNIT}/points/{{name}}",
+    refuses=_READING,
+)
+READ: Final[Operation[Addresses, "Values"]] = Operation(
+    "read",
+    Addresses,
+    "gateway.operator.answers.values:Values",
+    "reading",
+    "Values of a unit by their addresses",
+    by="gateway.operator.reading_and_writing:read_values",
+    path=f"{_A_UNIT}/{_ADDRESSES}",
+    refuses=_READING,
+)
+WRITE_POINTS: Final[Operation[PointsToWrite, "Values"]] = Operation(
+    "write-points",
+    PointsToWrite,
+    "gateway.operator.answers.values:Values",
+    "writing",
+    "Write points that lie side by side, with one request",
+    by="gateway.operator.reading_and_writing:write_points",
+    path=f"{_A_UNIT}/points",
+    method="PUT",
+    refuses=_READING,
+)
+WRITE_POINT: Final[Operation[PointToWrite, "Values"]] = Operation(
+    "write-point",
+    PointToWrite,
+    "gateway.operator.answers.values:Values",
+    "writing",
+    "Write one point",
+    by="gateway.operator.reading_and_writing:write_point",
+    path=f"{_A_UNIT}/points/{{name}}",
+    method="PUT",
+    refuses=_READING,
+)
+WRITE: Final[Operation[ValuesToWrite, "Values"]] = Operation(
+    "write",
+    ValuesToWrite,
+    "gateway.operator.answers.values:Values",
+    "writing",
+    "Write values of a unit by their addresses, with one request",
+    by="gateway.operator.reading_and_writing:write_values",
+    path=f"{_A_UNIT}/{_ADDRESSES}",
+    method="PUT",
+    refuses=_READING,
+)
+IMAGE: Final[Operation[Addresses, "Cells"]] = Operation(
+    "image",
+    Addresses,
+    "gateway.operator.answers.values:Cells",
+    "reading",
+    "What an image or mirror has, without asking a device",
+    by="gateway.operator.images:tell_image",
+    path=f"/images/{{unit}}/{_ADDRESSES}",
+    refuses=(WrongQuestion,),
 )
 REQUEST: Final[Operation[OneRequest, "RequestAnswer"]] = Operation(
     "request",
@@ -232,7 +292,19 @@ OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     WHICH,
     FLEET,
     RELOAD,
+    LINES,
+    LINE,
+    LINE_HISTORY,
+    UNITS,
     UNIT,
+    UNIT_HISTORY,
+    POINTS,
+    POINT,
+    READ,
+    WRITE_POINTS,
+    WRITE_POINT,
+    WRITE,
+    IMAGE,
     REQUEST,
     FORGET,
     DOCTOR,

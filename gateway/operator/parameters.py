@@ -1,15 +1,21 @@
-"""Reads the parameters of an operation: from a JSON object, or from the text of an address and its query."""
+"""Reads the parameters of an operation: from a JSON object, or from the text of an address and its query.
+
+The notes of a parameter (`Within` and the others) know how they stand in a JSON schema: pydantic calls them when the
+OpenAPI document is made, and nothing here loads it.
+"""
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from enum import Enum
 from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from gateway.errors import WrongQuestion
+from gateway.errors import Malformed
 
 P = TypeVar("P")
+N = TypeVar("N")
 
 #: The numbers that a text may be taken for: no unit and no address is longer.
 _NUMBER: Final = re.compile(r"[0-9]{1,9}")
@@ -22,25 +28,76 @@ class Within:
     least: float
     most: float
 
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """Add the bounds to the schema of a number."""
+        return {**handler(schema), "minimum": self.least, "maximum": self.most}
+
+
+@dataclass(frozen=True, slots=True)
+class OneOf:
+    """One of these texts: an annotation of a parameter."""
+
+    choices: Sequence[str]
+
+    def __get_pydantic_json_schema__(self, _schema: Any, _handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """Make a schema of the choices."""
+        return {"enum": list(self.choices)}
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """A list with one item at least: an annotation of a parameter."""
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """Add that to the schema of a list."""
+        return {**handler(schema), "minItems": 1}
+
+
+@dataclass(frozen=True, slots=True)
+class InBody:
+    """An annotation of a parameter that comes in the body of an HTTP request."""
+
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter: the types that it may have, what it must be in words, and its bounds."""
+    """A parameter: the types that it may have, what it must be in words, and the notes of its annotation."""
 
     name: str
     types: tuple[type, ...]
     what: str
-    within: Within | None
-    is_required: bool
+    notes: tuple[Any, ...]
+    default: Any
+    #: The dataclass of which it is a list, if it is one.
+    item: Any = None
+
+    @property
+    def is_required(self) -> bool:
+        """Tell whether it has no default."""
+        return self.default is MISSING
+
+    @property
+    def is_in_body(self) -> bool:
+        """Tell whether it comes in the body of an HTTP request."""
+        return self.note(InBody) is not None
+
+    def note(self, kind: type[N]) -> N | None:
+        """Find the note of this kind."""
+        return next((note for note in self.notes if isinstance(note, kind)), None)
 
     def takes(self, value: object) -> bool:
-        """Tell whether the parameter may be this value of JSON."""
+        """Tell whether the parameter may be this value of JSON, or this member of an enumeration."""
         if isinstance(value, bool):
             return bool in self.types
-        if not isinstance(value, int | float):
-            return isinstance(value, self.types)
-        fits = isinstance(value, self.types) or float in self.types
-        return fits and (self.within is None or self.within.least <= value <= self.within.most)
+        if isinstance(value, int | float):
+            within = self.note(Within)
+            fits = isinstance(value, self.types) or float in self.types
+            return fits and (within is None or within.least <= value <= within.most)
+        one_of = self.note(OneOf)
+        return (
+            isinstance(value, self.types)
+            and (one_of is None or value == self.default or value in one_of.choices)
+            and (self.note(Filled) is None or bool(value))
+        )
 
 
 def parameters_of(kind: Any) -> tuple[Parameter, ...]:
@@ -56,13 +113,15 @@ def _parameters_of(kind: Any) -> tuple[Parameter, ...]:
 
 def _parameter(field: Field[Any], hint: Any) -> Parameter:
     types, notes = _types_and_notes(hint)
-    return Parameter(
-        field.name,
-        types,
-        next((note for note in notes if isinstance(note, str)), " or ".join(map(_called, types))),
-        next((note for note in notes if isinstance(note, Within)), None),
-        field.default is MISSING and field.default_factory is MISSING,
-    )
+    what = next((note for note in notes if isinstance(note, str)), " or ".join(map(_called, types)))
+    return Parameter(field.name, types, what, notes, field.default, _item(hint))
+
+
+def _item(hint: Any) -> Any:
+    """Find the dataclass of which a parameter is a list; None if it is none."""
+    kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    item = get_args(kind)[0] if get_origin(kind) is list else None
+    return item if is_dataclass(item) else None
 
 
 def _types_and_notes(hint: Any) -> tuple[tuple[type, ...], tuple[Any, ...]]:
@@ -78,6 +137,8 @@ def _types_and_notes(hint: Any) -> tuple[tuple[type, ...], tuple[Any, ...]]:
 
 
 def _called(kind: type) -> str:
+    if issubclass(kind, Enum):
+        return f"one of {', '.join(str(each.value) for each in kind)}"
     names = {int: "a number", float: "a number", str: "text", bool: "true or false", NoneType: "null"}
     return names.get(kind, kind.__name__)
 
@@ -88,7 +149,7 @@ def read_parameters(kind: Callable[..., P], given: Mapping[str, object], *, is_t
     With `is_text` each value is text, as in the address of an HTTP request.
 
     Raises:
-        WrongQuestion: one is missing, or is no such value; the message names it, and says what it must be.
+        Malformed: one is missing, or is no such value; the message names it, and says what it must be.
     """
     values = {}
     for each in parameters_of(kind):
@@ -101,22 +162,41 @@ def read_parameters(kind: Callable[..., P], given: Mapping[str, object], *, is_t
 
 
 def _checked(parameter: Parameter, value: object) -> object:
+    value = _member(parameter, value)
     if not parameter.takes(value):
         raise _wrong(parameter)
-    return value
+    return [_made(parameter, each) for each in value] if parameter.item and isinstance(value, list) else value
+
+
+def _made(parameter: Parameter, each: object) -> object:
+    """Make an item of a list out of an object that has exactly its fields."""
+    if not isinstance(each, dict) or set(each) != {field.name for field in fields(parameter.item)}:
+        raise _wrong(parameter)
+    return parameter.item(**each)
+
+
+def _member(parameter: Parameter, value: object) -> object:
+    """Take a value for the member of an enumeration that it stands for, where the parameter is one."""
+    members = next((kind for kind in parameter.types if issubclass(kind, Enum)), None)
+    try:
+        return value if members is None else members(value)
+    except ValueError:
+        return value
 
 
 def _from_text(parameter: Parameter, text: object) -> object:
-    """Take a text for a number where it is one and the parameter may be one."""
+    """Take a text for a number where it is one and the parameter may be one; out of bounds it may still be a name."""
     if isinstance(text, str) and int in parameter.types and _NUMBER.fullmatch(text):
-        return int(text)
+        within, number = parameter.note(Within), int(text)
+        is_name = str in parameter.types and within is not None and not within.least <= number <= within.most
+        return text if is_name else number
     if isinstance(text, str) and bool in parameter.types and text in ("true", "false"):
         return text == "true"
     return text
 
 
-def _wrong(parameter: Parameter) -> WrongQuestion:
-    return WrongQuestion(f'"{parameter.name}" must be {parameter.what}')
+def _wrong(parameter: Parameter) -> Malformed:
+    return Malformed(f'"{parameter.name}" must be {parameter.what}')
 
 
 def fields_of(value: Any) -> dict[str, Any]:

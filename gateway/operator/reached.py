@@ -1,15 +1,15 @@
-"""What answers for a unit, and who may ask it over HTTP."""
+"""What answers for a unit, and who may ask it."""
 
 from gateway.devices.device import Device
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
+from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.running import Running
 
 
-def may(running: Running, unit: int, function: int, host: str) -> bool:
-    """Tell whether [[access]] gives a client at this address the right to a function of a unit over HTTP."""
-    right = running.routers.web.rights[host][unit]
+def may(router: Router, host: str, unit: int, function: int) -> bool:
+    """Tell whether [[access]] gives a client at this address the right to a function of a unit, if it asks there."""
+    right = router.rights[host][unit]
     return function in right or bytes((function,)) in right
 
 

@@ -1,19 +1,22 @@
 """Requests of an operator to units: with the rights, the queue and the limits of any client."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Final, NamedTuple
 
 from gateway.config.values.reserved_names import CONTROL
-from gateway.errors import LineDown, RequestError, WrongQuestion
+from gateway.errors import ChangedMeanwhile, LineDown, Malformed, RequestError
 from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.functions import only_reads
+from gateway.modbus.pdu import exception_response
 from gateway.operator.answers.unit import RequestAnswer
+from gateway.operator.asked import OneRequest
 from gateway.operator.frames import frames_of
 from gateway.operator.operation import Asker
-from gateway.operator.operations import OneRequest
 from gateway.operator.operator import Operator
+from gateway.operator.reached import target
 from gateway.operator.units import find_unit
+from gateway.operator.values import Answer
 from gateway.ports.port import SiteSettings
 from gateway.request import Caller, Request
 from gateway.routing.router import Router
@@ -53,17 +56,43 @@ class Done(NamedTuple):
     error: RequestError | None
 
 
+#: Sends a request PDU to a unit, and gives the answer.
+Ask = Callable[[bytes], Awaitable[Answer]]
+
+
+def ask_for(operator: Operator, unit: int, asker: Asker) -> Ask:
+    """Make what sends request PDUs to a unit, with the rights of who asks, until a reload leads its number elsewhere.
+
+    It raises ChangedMeanwhile then. To be called as soon as the unit is known, before anything is waited for.
+    """
+    expected = target(operator.gateway, unit)
+
+    async def ask(pdu: bytes) -> Answer:
+        if asker.door == "control":
+            await operator.running.settled()
+        if target(operator.gateway, unit) is not expected:
+            raise ChangedMeanwhile(f"unit {unit} has changed by a reload: ask again")
+        done = await send(operator.router(asker.door), unit, pdu, AwaitedOrigin(asker.is_there, asker.caller))
+        response = exception_response(pdu[0], 0) if done.pdu is None else done.pdu
+        if done.error is None:
+            return Answer(response, done.elapsed_ms)
+        return Answer(response, done.elapsed_ms, done.error.result, str(done.error))
+
+    return ask
+
+
 async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAnswer:
     """Send a request like one of any client, with rights, queue and limits.
 
     Raises:
-        WrongQuestion: there is no such unit, or `pdu` is not a PDU.
+        WrongQuestion: there is no such unit.
+        Malformed: `pdu` is not a PDU.
     """
     running = operator.running
     await running.settled()
     gateway = running.gateway
     unit, pdu = find_unit(gateway.plan, asked.unit), _pdu(asked.pdu)
-    done = await send(running.routers.control, unit, pdu, AwaitedOrigin(asker.is_there))
+    done = await send(operator.router(asker.door), unit, pdu, AwaitedOrigin(asker.is_there, asker.caller))
     result, reason = "", ""
     if done.error is not None:
         result = done.error.result
@@ -74,7 +103,7 @@ async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAns
         elapsed_ms=done.elapsed_ms,
         result=result,
         reason=reason,
-        **frames_of(running, CONTROL, pdu, done.started),
+        **frames_of(running, asker.caller.client, pdu, done.started),
     )
 
 
@@ -102,5 +131,5 @@ def _pdu(text: str) -> bytes:
     except ValueError:
         pdu = b""
     if not 1 <= len(pdu) <= MAX_PDU:
-        raise WrongQuestion(f'"pdu" must be 1 to {MAX_PDU} bytes in hexadecimal, such as "03 00 00 00 02"')
+        raise Malformed(f'"pdu" must be 1 to {MAX_PDU} bytes in hexadecimal, such as "03 00 00 00 02"')
     return pdu

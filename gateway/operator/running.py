@@ -2,12 +2,16 @@
 
 import asyncio
 from dataclasses import asdict
+from typing import Final
 
-from gateway.errors import FleetError, WrongQuestion
+from gateway.errors import FleetError, Unready, WrongQuestion
 from gateway.operator.answers.fleet import Sites
 from gateway.operator.answers.running import Reloaded, Which
 from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
+
+#: A reload takes no longer than this, in seconds.
+RELOAD_TIME: Final = 85.0
 
 
 async def tell_which(operator: Operator, _asked: Nothing, _asker: Asker) -> Which:
@@ -28,7 +32,15 @@ async def tell_sites(operator: Operator, _asked: Nothing, _asker: Asker) -> Site
 
 
 async def reload(operator: Operator, _asked: Nothing, _asker: Asker) -> Reloaded:
-    """Read the config again, and apply it."""
-    outcome = await asyncio.shield(operator.reloader.order())
+    """Read the config again, and apply it.
+
+    Raises:
+        Unready: the gateway does not get to it: it starts, or ends.
+    """
+    try:
+        async with asyncio.timeout(RELOAD_TIME):
+            outcome = await asyncio.shield(operator.reloader.order())
+    except TimeoutError:
+        raise Unready("the gateway is not ready") from None
     is_done = not (outcome.problems or outcome.defect)
     return Reloaded(**asdict(outcome), ok=is_done, file=str(operator.reloader.file.absolute()))

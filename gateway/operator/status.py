@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 #: How many users of a line are told.
 MOST_USERS: Final = 20
+#: How old the status may be that is told over HTTP, in seconds: any number of readers costs no more than one.
+KEPT: Final = 1.0
 
 
 def status(running: "Running", now: float, recent: Recent | None = None) -> Status:
@@ -58,9 +60,27 @@ def status(running: "Running", now: float, recent: Recent | None = None) -> Stat
     return _status(running, now, [_line(each, recent, now) for each in gateway.lines], units)
 
 
-async def tell_status(operator: Operator, _asked: Nothing, _asker: Asker) -> Status:
-    """Tell how the gateway is doing now."""
-    return await status_in_slices(operator.running)
+async def tell_status(operator: Operator, _asked: Nothing, asker: Asker) -> Status:
+    """Tell how the gateway is doing: at the control socket now, over HTTP less than a second ago."""
+    return await (status_in_slices(operator.running) if asker.door == "control" else recent_status(operator))
+
+
+class _Last:
+    """The status that was made last."""
+
+    def __init__(self) -> None:
+        self.status: Status | None = None
+        self.one_at_a_time = asyncio.Lock()
+
+
+async def recent_status(operator: Operator) -> Status:
+    """Give the status of now, or of less than a second ago: then it is the same object."""
+    last = operator.kept(_Last)
+    async with last.one_at_a_time:
+        now = asyncio.get_running_loop().time()
+        if last.status is None or now - last.status.at >= KEPT:
+            last.status = await status_in_slices(operator.running)
+        return last.status
 
 
 async def status_in_slices(running: "Running") -> Status:
@@ -72,6 +92,16 @@ async def status_in_slices(running: "Running") -> Status:
     whole = _status(running, now(), lines, units)
     troubles = () if running.troubles is None else running.troubles.status()
     return replace(whole, page=running.page, state_files=troubles)
+
+
+def part_of_unit(gateway: Gateway, unit: int, name: str, now: float) -> UnitStatus | ImageStatus | MirrorStatus | None:
+    """Make the part of the status that is about one unit; None if there is none."""
+    for owner, device in _devices(gateway):
+        if (device.settings.known_as, device.settings.name) == (unit, name):
+            return _unit(owner, device, now)
+    parts: tuple[ImageStatus | MirrorStatus, ...]
+    parts = (*map(_image, gateway.images), *(_mirror(each.mirror, now) for each in gateway.mirrors))
+    return next((each for each in parts if (each.unit, each.name) == (unit, name)), None)
 
 
 def _status(running: "Running", now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:

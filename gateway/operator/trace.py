@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from gateway.errors import RequestError, WrongQuestion
 from gateway.operator.answers.trace import Fact, Stories, TracedLine, TracePage
+from gateway.operator.asked import ToExplain, Traced
 from gateway.operator.operation import Asker
-from gateway.operator.operations import ToExplain, Traced
 from gateway.operator.operator import Operator
 from gateway.operator.unit_names import UnitNames
 from gateway.operator.units import find_unit

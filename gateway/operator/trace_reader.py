@@ -13,8 +13,8 @@ from gateway.errors import WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READING_FUNCTIONS
 from gateway.operator.answers.trace import Fact, TracePage
+from gateway.operator.asked import Traced
 from gateway.operator.capture import description, packets
-from gateway.operator.operations import Traced
 from gateway.operator.sampling import Sample
 from gateway.operator.trace import Clock, clocks, fact, lines, page, wanted
 from gateway.operator.unit_names import UnitNames

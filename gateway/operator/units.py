@@ -1,30 +1,59 @@
 """Units as clients have to know them, and which one is meant by a number or a name."""
 
+import asyncio
 from collections.abc import Iterable, Iterator, Mapping
-from typing import NamedTuple
+from dataclasses import fields
+from typing import Final, NamedTuple
 
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import did_you_mean
 from gateway.errors import WrongQuestion
 from gateway.images.image import ImageSettings
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, FunctionCode
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.operation import Asker
-from gateway.operator.operations import OneUnit
+from gateway.operator.answers.unit import UnitHead, UnitPicture, Units, UnitWithStatus
+from gateway.operator.asked import OneUnit
+from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
+from gateway.operator.parameters import fields_of
+from gateway.operator.status import part_of_unit
 from gateway.profiles.profile import Profile
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.running import Running
 
+_HEAD: Final = tuple(field.name for field in fields(UnitHead))
 
-async def tell_unit(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitPicture:
+
+async def tell_units(operator: Operator, _asked: Nothing, _asker: Asker) -> Units:
+    """Describe every unit, without its points."""
+    return Units(tuple(UnitHead(*(getattr(each, name) for name in _HEAD)) for each in units_of(operator)))
+
+
+async def tell_unit(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitWithStatus:
     """Describe the unit with this number or name.
 
     Raises:
         WrongQuestion: there is none.
     """
-    return picture(operator.running.gateway, asked.unit)
+    found, now = picture(operator.gateway, asked.unit), asyncio.get_running_loop().time()
+    return UnitWithStatus(**fields_of(found), status=part_of_unit(operator.gateway, found.unit, found.name, now))
+
+
+class _Pictured:
+    """The gateway whose units were described last: a reload makes another one."""
+
+    def __init__(self) -> None:
+        self.gateway: Gateway | None = None
+        self.units: tuple[UnitPicture, ...] = ()
+
+
+def units_of(operator: Operator) -> tuple[UnitPicture, ...]:
+    """Describe every unit, by its number: once until a reload."""
+    pictured = operator.kept(_Pictured)
+    if pictured.gateway is not operator.gateway:
+        pictured.gateway = operator.gateway
+        pictured.units = pictures(pictured.gateway)
+    return pictured.units
 
 
 def picture(gateway: Gateway, wanted: object) -> UnitPicture:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.errors import DoesNotFit, ExceptionCode
+from gateway.errors import DoesNotFit, ExceptionCode, UnitFailed
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.modbus.pdu import Span
 from gateway.operator.answers import values as answers
@@ -85,7 +85,7 @@ def reading(points: Sequence[Point], limits: Mapping[int, int]) -> Steps:
     Named points that the unit refuses together are read one by one.
 
     Raises:
-        ValueError: a response is too short.
+        UnitFailed: a response is too short.
     """
     outcome = Outcome()
     for batch in batches(points, limits):
@@ -99,7 +99,10 @@ def _read(batch: Batch, outcome: Outcome) -> Generator[bytes, Answer, None]:
     answer = yield batch.request
     outcome.answers.append(answer)
     if answer.exception is None:
-        outcome.readings.extend(Reading(point, items) for point, items in batch.items_read(answer.pdu))
+        try:
+            outcome.readings.extend([Reading(point, items) for point, items in batch.items_read(answer.pdu)])
+        except ValueError as wrong:
+            raise UnitFailed(str(wrong)) from wrong
     elif answer.exception in _MAY_BE_ANSWERED_IN_PARTS and len(batch.points) > 1 and batch.points[0].name:
         for point in batch.points:
             yield from _read(Batch(point.span, (point,)), outcome)

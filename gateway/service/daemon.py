@@ -115,9 +115,10 @@ async def _run(
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop, hang_up)
-    pages = _web_pages(plan.web, running, reloader, fan_out, folder)
+    operator = Operator(running, reloader)
+    pages = _web_pages(plan.web, operator, fan_out, folder)
     with usual_path_leads(control_path(source.file), control):
-        async with control_open(control, Operator(running, reloader), emit):
+        async with control_open(control, operator, emit):
             garbage.settle()
             await serve(running, stop, systemd, reloader, pages, control=str(control))
 

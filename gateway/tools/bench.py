@@ -19,8 +19,8 @@ from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
 from gateway.operator.answers.bench import BenchProgress, BenchRead, BenchResult, BenchStep
+from gateway.operator.asked import ToMeasure
 from gateway.operator.operation import Asker, IsThere
-from gateway.operator.operations import ToMeasure
 from gateway.operator.operator import Operator
 from gateway.operator.requests import AwaitedOrigin
 from gateway.operator.units import find_line, find_unit

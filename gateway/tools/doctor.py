@@ -20,8 +20,8 @@ from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.operator.answers.doctor import Examination
+from gateway.operator.asked import ToExamine
 from gateway.operator.operation import Asker, IsThere
-from gateway.operator.operations import ToExamine
 from gateway.operator.operator import Operator
 from gateway.operator.units import may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings

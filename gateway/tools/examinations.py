@@ -74,8 +74,8 @@ class Examinations:
         self._task = asyncio.create_task(self._ask(user), name="web doctor")
         return ""
 
-    async def close(self) -> None:
-        """Cancel the examination in progress."""
+    async def aclose(self) -> None:
+        """End what is in progress."""
         if self._task is not None:
             self._task.cancel()
             with suppress(asyncio.CancelledError):

@@ -8,8 +8,8 @@ from gateway.config.values.unitset import parse_units, show_units
 from gateway.errors import PortError, WrongQuestion
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 from gateway.operator.answers.scan import Progress, ScanStep
+from gateway.operator.asked import ToScan
 from gateway.operator.operation import Asker
-from gateway.operator.operations import ToScan
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_line, may_read_all
 from gateway.ports.port import SerialSettings

@@ -13,7 +13,7 @@ from gateway.fleet import link
 from gateway.fleet.headers import MOST_HOPS
 from gateway.fleet.messages import Message
 from gateway.fleet.slots import MOST_OF_SENDER
-from gateway.operator.operations import ToExplain
+from gateway.operator.asked import ToExplain
 from gateway.operator.stories import sentences
 from gateway.operator.trace import stories
 from gateway.runtime.gateway import Gateway

@@ -13,12 +13,12 @@ from unittest.mock import patch
 from urllib.parse import urlencode
 
 from gateway.observe.fan_out import FanOut
+from gateway.operator.operator import Operator
 from gateway.readconfig.reader import read_here
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
 from gateway.service.systemd import Notifier
 from gateway.timing.history import History
-from gateway.web.front.opening import _Answers
 from gateway.web.front.server import serving
 from gateway.web.front.settings import WebSettings
 from gateway.web.pages.assets import Assets
@@ -203,10 +203,11 @@ async def web_bench(config: str, folder: Path, **settings: Any):
         reloader = Reloader(file, running, Notifier({}), text=config, read=read_here)
         asked = WebSettings("127.0.0.1", 8502, users=users, write=True)
         history = History()
-        answers = _Answers(running, reloader, fan_out, history, lambda: CLOCK + loop.time())
+        operator = Operator(running, reloader, lambda: CLOCK + loop.time())
+        operator.history = history
         settles = patch("gateway.runtime.garbage.settle")  # after a reload: that looks at the objects of all tests
         with settles, patch("gateway.web.front.server.Assets", _assets):
-            async with serving(replace(asked, **settings), answers) as connect:
+            async with serving(replace(asked, **settings), operator, fan_out) as connect:
                 yield WebBench(home, running, fan_out, connect, users, history)
 
 

@@ -9,10 +9,10 @@ from gateway.errors import WrongQuestion
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.operator.answers.trace import TracePage
+from gateway.operator.asked import ToExplain, Traced
 from gateway.operator.calibration import measured
 from gateway.operator.capture import heard_frame, packets
 from gateway.operator.frames import frames_of
-from gateway.operator.operations import ToExplain, Traced
 from gateway.operator.parameters import read_parameters
 from gateway.operator.stories import sentences
 from gateway.operator.trace import TAIL, causes, lines, page, stories

@@ -8,7 +8,7 @@ import pytest
 from gateway.cli.show.bench import show_bench
 from gateway.config.plan.line_load import load_of, read_rates, total_share
 from gateway.errors import WrongQuestion
-from gateway.operator.operations import ToMeasure
+from gateway.operator.asked import ToMeasure
 from gateway.operator.status import status
 from gateway.simulator.generic import Generic
 from gateway.simulator.mint import Mint

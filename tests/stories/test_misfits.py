@@ -9,7 +9,7 @@ from gateway.diagnosis.finding import Finding
 from gateway.events import BadFrame, UpstreamClosed
 from gateway.modbus import mbap, rtu
 from gateway.modbus.mbap import encode
-from gateway.operator.operations import ToExplain
+from gateway.operator.asked import ToExplain
 from gateway.operator.stories import sentences
 from gateway.operator.trace import stories
 from kit.asking import ask

@@ -9,7 +9,7 @@ import pytest
 from gateway.cli.show.trace_rows import rows
 from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import encode
-from gateway.operator.operations import ToExplain, Traced
+from gateway.operator.asked import ToExplain, Traced
 from gateway.operator.stories import sentences, told
 from gateway.operator.trace import page, stories
 from kit.device import Answer, SimulatedDevice, SimulatedLine

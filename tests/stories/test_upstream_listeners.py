@@ -7,8 +7,8 @@ import pytest
 from gateway.events import WriteAudit
 from gateway.modbus import rtu
 from gateway.modbus.mbap import MbapFramer, encode
+from gateway.operator.asked import Traced
 from gateway.operator.metrics import read
-from gateway.operator.operations import Traced
 from gateway.operator.status import status
 from gateway.operator.trace import page
 from kit.gateway_bench import GatewayBench, gateway_bench

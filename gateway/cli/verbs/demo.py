@@ -233,8 +233,9 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
     try:
         async with _starting("the gateway"):
             await ready.wait()
-        async with web_pages(plan.web, running, reloader, fan_out):
-            yield running, Operator(running, reloader)
+        operator = Operator(running, reloader)
+        async with web_pages(plan.web, operator, fan_out):
+            yield running, operator
     finally:
         stop.order("the demo is stopping")
         await serving

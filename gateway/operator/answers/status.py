@@ -153,6 +153,10 @@ class UpstreamStatus:
     counts: Counts
 
 
+#: A line, a line where the gateway is the server, or another server.
+AnyLine = LineStatus | ServerStatus | UpstreamStatus
+
+
 @dataclass(frozen=True, slots=True)
 class TimesStatus:
     """How long requests took: median and 99th percentile, estimated from fixed buckets.

@@ -3,15 +3,18 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from gateway.operator.answers.status import ImageStatus, MirrorStatus, UnitStatus
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range
 
 
 @dataclass(frozen=True, slots=True)
-class UnitPicture:
-    """A unit for clients: what answers for it, what it accepts, and its points.
+class UnitHead:
+    """A unit for clients: what answers for it, and what it accepts.
 
-    A response takes `longest_wait_ms` at most; 0 for a unit that the gateway answers itself.
+    `kind` is device, upstream, image, mirror or gateway. It knows all `functions` where they are None. `limits` are the
+    most items of a function. `areas` are the first and last address of each range that exists, by area; all if an area
+    is not there. A response takes `longest_wait_ms` at most; 0 for a unit that the gateway answers itself.
     """
 
     unit: int
@@ -22,7 +25,27 @@ class UnitPicture:
     limits: Mapping[int, int]
     areas: Mapping[str, tuple[Range, ...]]
     longest_wait_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class UnitPicture(UnitHead):
+    """A unit for clients, and its points."""
+
     points: tuple[Point, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class UnitWithStatus(UnitPicture):
+    """A unit for clients, its points, and its part of the status, if it has one."""
+
+    status: UnitStatus | ImageStatus | MirrorStatus | None
+
+
+@dataclass(frozen=True, slots=True)
+class Units:
+    """Every unit, by its number."""
+
+    units: tuple[UnitHead, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ IF_KNOWN: Final[Mapping[str, Any]] = {"if_known": True}
 Address = Annotated[int, Within(0, 65535)]
 Register = Annotated[int, Within(0, 65535)]
 #: A number, or text. None stands for a number that JSON cannot have, such as an infinite one.
-Told = int | float | str | None
+Told = float | str | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,36 +1,80 @@
-"""Requests to units for a visitor who has sent an HTTP request, as long as the visitor waits."""
+"""Who asks by an HTTP request, and for what: an operation's asker and its parameters."""
 
+import json
+from collections.abc import Callable
 from functools import partial
+from typing import Any, NoReturn, TypeVar
 
 from aiohttp import web
 
-from gateway.web.access.guard import VISITOR
-from gateway.web.api.answers import Answer, Answers, Unit, WebClient
-from gateway.web.api.values import Ask
+from gateway.errors import Malformed
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.asked import OneUnit
+from gateway.operator.operation import Asker, IsThere
+from gateway.operator.operator import Operator
+from gateway.operator.parameters import parameters_of, read_parameters
+from gateway.operator.units import picture
+from gateway.web.access.guard import VISITOR, Visitor
 from gateway.web.front.problems import ProblemError
 
-
-def ask_for(request: web.Request, answers: Answers, unit: Unit) -> Ask:
-    """What sends request PDUs to a unit, with the rights of the visitor; see `ask_as`."""
-    visitor = request[VISITOR]
-    return ask_as(WebClient(visitor.caller, partial(is_there, request)), answers, unit)
+P = TypeVar("P")
 
 
-def ask_as(client: WebClient, answers: Answers, unit: Unit) -> Ask:
-    """What sends request PDUs to a unit until a reload leads its number elsewhere; then it raises ProblemError.
+def asker_of(request: web.Request) -> Asker:
+    """Make the asker of what a request asks for: its visitor, who is there while the connection is."""
+    return asker_for(request[VISITOR], partial(is_there, request))
 
-    To be called as soon as the unit is known, before anything is waited for.
-    """
-    target = answers.target(unit.unit)
 
-    async def ask(pdu: bytes) -> Answer:
-        if answers.target(unit.unit) is not target:
-            raise ProblemError(409, f"unit {unit.unit} has changed by a reload: ask again")
-        return await answers.ask(unit.unit, pdu, client)
-
-    return ask
+def asker_for(visitor: Visitor, waits: IsThere) -> Asker:
+    """Make the asker for a visitor."""
+    return Asker(visitor.caller, waits, visitor.host, "web")
 
 
 def is_there(request: web.Request) -> bool:
-    """Whether who has asked still waits."""
+    """Tell whether who has asked still waits."""
     return request.transport is not None and not request.transport.is_closing()
+
+
+async def parameters_in(request: web.Request, kind: Callable[..., P]) -> P:
+    """Read the parameters of an operation out of the path, the query and the body of a request.
+
+    Raises:
+        Malformed: one is missing or makes no sense, or there is one in the query that the operation does not have.
+        ProblemError: 415, the body is not JSON.
+    """
+    known = parameters_of(kind)
+    in_query = [each.name for each in known if not each.is_in_body and each.name not in request.match_info]
+    if in_query and (unknown := sorted(set(request.query) - set(in_query))):
+        only = f"is only {in_query[0]}" if len(in_query) == 1 else f"are only {', '.join(in_query)}"
+        raise Malformed(f"{unknown[0]}: there {only}")
+    given: dict[str, Any] = {name: request.query[name] for name in in_query if name in request.query}
+    in_body = [each.name for each in known if each.is_in_body]
+    if in_body:
+        given |= await _body(request, in_body)
+    return read_parameters(kind, given | request.match_info, is_text=True)
+
+
+async def _body(request: web.Request, names: list[str]) -> dict[str, Any]:
+    if request.content_type != "application/json":
+        raise ProblemError(415, "the body must be application/json")
+    try:
+        body = json.loads(await request.read(), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError):
+        raise Malformed("the body is not JSON") from None
+    if not isinstance(body, dict) or not set(body) <= set(names):
+        members = ", ".join(f'"{name}": ...' for name in names)
+        raise Malformed(f"the body must be {{{members}}}")
+    return body
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(name)
+
+
+def unit_in(request: web.Request, operator: Operator) -> UnitPicture:
+    """Describe the unit that the path of a request names, by its number or its name.
+
+    Raises:
+        WrongQuestion: there is none.
+    """
+    return picture(operator.gateway, read_parameters(OneUnit, request.match_info, is_text=True).unit)

@@ -1,71 +1,74 @@
-"""JSON schemas of dataclasses, from the types of their fields, so that they describe what is really told."""
+"""JSON schemas of types, as pydantic makes them, for what is told: only `document.py` needs them."""
 
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
-from enum import Enum
+from dataclasses import fields
 from inspect import cleandoc
-from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final
+
+from pydantic import TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema
 
 Schema = dict[str, Any]
-_PLAIN: Mapping[Any, Schema] = {
-    int: {"type": "integer"},
-    float: {"type": "number"},
-    str: {"type": "string"},
-    bool: {"type": "boolean"},
-    NoneType: {"type": "null"},
-    Any: {},
-}
+
+#: Where the schemas of types stand in the document.
+PLACE: Final = "#/components/schemas/"
+_NULL: Final = {"type": "null"}
 
 
-def schemas_of(types: Mapping[str, type]) -> dict[str, Schema]:
-    """The schemas of dataclasses, and of all in them, by name."""
-    names = {cls: name for name, cls in types.items()}
-    found: dict[str, Schema] = {}
-    waiting = list(types.values())
-    while waiting:
-        cls = waiting.pop()
-        name = _name(cls, names)
-        if name not in found:
-            found[name] = _of_dataclass(cls, names, waiting)
-    return found
+def schema_of(kind: Any) -> Schema:
+    """Make the schema of a type; those of dataclasses are referred to."""
+    return schemas_of(kind)[0]
 
 
-def _name(cls: type, names: dict[type, str]) -> str:
-    """What a class is called in the document; where another is called so, its module is part of the name."""
-    if cls not in names:
-        module = cls.__module__.rpartition(".")[2].title().replace("_", "")
-        names[cls] = module + cls.__name__ if cls.__name__ in names.values() else cls.__name__
-    return names[cls]
+def schemas_of(kind: Any) -> tuple[Schema, dict[str, Schema]]:
+    """Make the schema of a type, and those that it refers to by name."""
+    schemas, shared = TypeAdapter.json_schemas(
+        [("it", "serialization", TypeAdapter(kind))],
+        ref_template=PLACE + "{model}",
+        schema_generator=_Schemas,
+    )
+    schema = schemas["it", "serialization"]
+    return schema, shared.get("$defs", {})
 
 
-def _of_dataclass(cls: type, names: dict[type, str], waiting: list[type]) -> Schema:
-    hints = get_type_hints(cls)
-    return {
-        "type": "object",
-        "description": cleandoc(cls.__doc__ or ""),
-        "properties": {each.name: _of_type(hints[each.name], names, waiting) for each in fields(cls)},
-        "required": [each.name for each in fields(cls)],
-        "additionalProperties": False,
-    }
+class _Schemas(GenerateJsonSchema):
+    """Schemas as they are told: all fields are there but those that are told only if known, and no others."""
+
+    def dataclass_schema(self, schema: Any) -> Schema:
+        """Describe a dataclass."""
+        made, kind = super().dataclass_schema(schema), schema["cls"]
+        may_be_missing = {each.name for each in fields(kind) if "if_known" in each.metadata}
+        return {
+            "type": "object",
+            "description": cleandoc(kind.__doc__ or ""),
+            "properties": {
+                name: without_null(each) if name in may_be_missing else each
+                for name, each in made["properties"].items()
+            },
+            "required": [each.name for each in fields(kind) if each.name not in may_be_missing],
+            "additionalProperties": False,
+        }
+
+    def default_schema(self, schema: Any) -> Schema:
+        """Leave out defaults: what is told is told."""
+        return self.generate_inner(schema["schema"])
+
+    def field_title_should_be_set(self, _schema: Any) -> bool:
+        """Leave out titles: they only repeat names."""
+        return False
+
+    def get_title_from_name(self, _name: str) -> str:
+        """Leave them out here too."""
+        return ""
 
 
-def _of_type(hint: Any, names: dict[type, str], waiting: list[type]) -> Schema:
-    if hint in _PLAIN:
-        return _PLAIN[hint]
-    if is_dataclass(hint) and isinstance(hint, type):
-        waiting.append(hint)
-        return {"$ref": f"#/components/schemas/{_name(hint, names)}"}
-    if isinstance(hint, type) and issubclass(hint, Enum):
-        return {"enum": [each.value for each in hint]}
-    return _of_compound(get_origin(hint), get_args(hint), names, waiting)
+def without_null(schema: Schema) -> Schema:
+    """Take the null out of a schema that may be one: it is left out in its place."""
+    others = [each for each in schema.get("anyOf", ()) if each != _NULL]
+    if len(others) == 1:
+        return {**{name: each for name, each in schema.items() if name != "anyOf"}, **others[0]}
+    return {**schema, "anyOf": others} if others else dict(schema)
 
 
-def _of_compound(origin: Any, parts: tuple[Any, ...], names: dict[type, str], waiting: list[type]) -> Schema:
-    if origin is Literal:
-        return {"enum": list(parts)}
-    if origin in (Union, UnionType):
-        return {"anyOf": [_of_type(part, names, waiting) for part in parts]}
-    if origin in (tuple, list, frozenset):
-        return {"type": "array", "items": _of_type(parts[0], names, waiting)}
-    return {"type": "object", "additionalProperties": _of_type(parts[1], names, waiting)}
+def reference_to(name: str) -> Schema:
+    """Refer to a schema by its name."""
+    return {"$ref": f"{PLACE}{name}"}

@@ -1,37 +1,43 @@
 """Errors as problem details (RFC 9457), those of Modbus with their exception code."""
 
 import json
-from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Any, Final
 
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
-from gateway.errors import ExceptionCode, WrongQuestion
-from gateway.web.api.answers import Answer, Answers
+from gateway.errors import (
+    ChangedMeanwhile,
+    DoesNotFit,
+    ExceptionCode,
+    ExceptionReceived,
+    Malformed,
+    NotPermitted,
+    UnitFailed,
+    Unready,
+    WrongQuestion,
+)
+from gateway.events import Emit, PartFailed
+from gateway.operator.answers.values import IF_KNOWN
+from gateway.operator.parameters import fields_of
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
-#: Why the gateway itself has answered with an exception, by the result of the request.
-_WHYS: Final[Mapping[str, str]] = {
-    "timeout": "no response came within the limit",
-    "bad_frame": "what came was damaged, or not the response to this request",
-    "ambiguous": "the response may have been for another client on the line",
-    "line_lost": "the port was lost while the request was under way",
-    "resting": "not sent: the unit has not answered and rests",
-    "overdue": "not sent: a late response to an earlier request may still come",
-    "echo_suspected": "not sent: the response would look like an echo of the request",
-    "stale": "the values of the mirror are too old",
-    "queue_full": "not sent: too many requests wait for the line",
-    "expired": "not sent: it has waited too long for the line",
-    "line_down": "not sent: the line is down",
-    "denied": "not sent: [[access]] does not allow it",
-    "no_route": "not sent: there is no such unit",
+#: The status for each kind of refusal.
+STATUSES: Final[Mapping[type[Any], int]] = {
+    Malformed: 400,
+    NotPermitted: 403,
+    WrongQuestion: 404,
+    ChangedMeanwhile: 409,
+    DoesNotFit: 422,
+    UnitFailed: 502,
+    Unready: 503,
 }
-#: The status for each exception; 502 for all others.
-STATUSES: Final[Mapping[int, int]] = {
+#: The status for each exception; that of UnitFailed for all others.
+OF_EXCEPTIONS: Final[Mapping[int, int]] = {
     ExceptionCode.ILLEGAL_FUNCTION: 403,
     ExceptionCode.ILLEGAL_DATA_ADDRESS: 422,
     ExceptionCode.ILLEGAL_DATA_VALUE: 422,
@@ -44,33 +50,24 @@ _READ_ONLY: Final = "/api/v1/images/"
 _KEPT_HEADERS: Final = ("Allow", "WWW-Authenticate", "Retry-After")
 
 
-@dataclass(frozen=True, slots=True)
-class Complaint:
-    """A response with an exception, in words. `result` and `reason` are those of the gateway's own ones."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """An error (RFC 9457). `exception` is the code of a Modbus response with an exception.
 
-    code: int
-    result: str = ""
-    reason: str = ""
+    Where the gateway itself has answered with it, `result` is why. `problems` are those of a file that was rejected.
+    """
 
-    @property
-    def name(self) -> str:
-        """What the code means."""
-        return exception_name(self.code)
-
-    @property
-    def why(self) -> str:
-        """Why the gateway itself has answered with it. It has a translation unless it is a rare reason."""
-        return _WHYS.get(self.result, self.reason)
-
-    def __str__(self) -> str:
-        why = self.reason or self.why
-        return f"exception {self.code:02X}, {self.name}" + (f": {why}" if why else "")
+    type: str = "about:blank"
+    title: str
+    status: int
+    detail: str
+    exception: int | None = field(default=None, metadata=IF_KNOWN)
+    result: str | None = field(default=None, metadata=IF_KNOWN)
+    problems: Sequence[str] | None = field(default=None, metadata=IF_KNOWN)
 
 
 class ProblemError(Exception):
     """Ends a request with a problem; `more` are members beside those of the RFC."""
-
-    complaint: Complaint | None = None
 
     def __init__(self, status: int, detail: str, headers: Mapping[str, str] | None = None, **more: Any) -> None:
         super().__init__(detail)
@@ -80,30 +77,20 @@ class ProblemError(Exception):
         self.more = more
 
 
-def exception_problem(answer: Answer) -> ProblemError:
-    """The problem that a response with an exception stands for."""
-    code = answer.pdu[1]
-    said = complaint(answer)
-    problem = ProblemError(STATUSES.get(code, 502), str(said), exception=code)
-    problem.complaint = said
-    if answer.result:
-        problem.more["result"] = answer.result
-    return problem
+def problem_of(wrong: WrongQuestion) -> ProblemError:
+    """Make the problem for an operation that is not carried out."""
+    if isinstance(wrong, ExceptionReceived):
+        more: dict[str, Any] = {"exception": wrong.code} | ({"result": wrong.result} if wrong.result else {})
+        status = OF_EXCEPTIONS.get(wrong.code, STATUSES[UnitFailed])
+        return ProblemError(status, str(wrong), **more)
+    status = next(STATUSES[kind] for kind in type(wrong).mro() if kind in STATUSES)
+    if isinstance(wrong, NotPermitted) and wrong.code is not None:
+        return ProblemError(status, str(wrong), exception=wrong.code)
+    return ProblemError(status, str(wrong))
 
 
-def complaint(answer: Answer) -> Complaint:
-    """What an exception means."""
-    return Complaint(answer.pdu[1], answer.result, answer.reason)
-
-
-def exception_name(code: int) -> str:
-    """What the specification calls an exception code."""
-    known = code in {each.value for each in ExceptionCode}
-    return ExceptionCode(code).name.lower().replace("_", " ") if known else "not a standard one"
-
-
-def problems(answers: Answers) -> Middleware:
-    """Middleware that makes problems of all errors: the error boundary of a request."""
+def problems(emit: Emit) -> Middleware:
+    """Make problems of all errors: the error boundary of a request."""
 
     @web.middleware
     async def as_problems(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -112,7 +99,7 @@ def problems(answers: Answers) -> Middleware:
         except ProblemError as problem:
             return _response(problem)
         except WrongQuestion as wrong:
-            return _response(ProblemError(404, str(wrong)))
+            return _response(problem_of(wrong))
         except web.HTTPRedirection:
             raise
         except web.HTTPError as error:
@@ -123,7 +110,7 @@ def problems(answers: Answers) -> Middleware:
             headers = {name: error.headers[name] for name in _KEPT_HEADERS if name in error.headers}
             return _response(ProblemError(error.status, detail, headers))
         except Exception as error:  # noqa: BLE001 - the error boundary of a request
-            answers.failed(error)
+            emit(PartFailed.of("web", error))
             return _response(ProblemError(500, "a defect in the gateway; its log says more"))
 
     return as_problems
@@ -131,9 +118,9 @@ def problems(answers: Answers) -> Middleware:
 
 def _response(problem: ProblemError) -> web.Response:
     title = HTTPStatus(problem.status).phrase
-    body = {"type": "about:blank", "title": title, "status": problem.status, "detail": problem.detail, **problem.more}
+    body = Problem(title=title, status=problem.status, detail=problem.detail, **problem.more)
     return web.Response(
-        text=json.dumps(body),
+        text=json.dumps(fields_of(body)),
         status=problem.status,
         headers=dict(problem.headers),
         content_type="application/problem+json",

@@ -1,26 +1,27 @@
 """The HTTP server: pages, API, health, readiness and metrics."""
 
-import asyncio
 import logging
 import socket
-from collections.abc import AsyncIterator, Iterable, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterable
+from contextlib import aclosing, asynccontextmanager
 from functools import partial
 from typing import Final, cast
 
 from aiohttp import web
 
+from gateway.events import WebUsersRejected
+from gateway.observe.fan_out import FanOut
+from gateway.operator.operator import Operator
+from gateway.tools.examinations import Examinations
 from gateway.web.access.guard import Guard, Need
 from gateway.web.access.sessions import Sessions
 from gateway.web.access.user_table import UserTable
-from gateway.web.api.answers import Answers
 from gateway.web.api.api import Api
-from gateway.web.api.shared_reads import SharedReads
 from gateway.web.front.connections import Connect, Connections, listen
+from gateway.web.front.machines import machine_routes
 from gateway.web.front.problems import Handler, problems
 from gateway.web.front.settings import HEADERS, WebSettings
 from gateway.web.front.streams import Streams
-from gateway.web.front.turns import Turns
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.clients import ClientsPage
 from gateway.web.pages.config import ConfigPage
@@ -55,14 +56,16 @@ _SILENT.disabled = True
 
 
 @asynccontextmanager
-async def web_open(settings: WebSettings, answers: Answers, taken: Iterable[socket.socket] = ()) -> AsyncIterator[str]:
+async def web_open(
+    settings: WebSettings, operator: Operator, fan_out: FanOut, taken: Iterable[socket.socket] = ()
+) -> AsyncIterator[str]:
     """Run the server inside the context; yields its address. What has `taken` an address keeps it.
 
     Raises:
         OSError: the address or the file with the users cannot be used.
         UsersError: a line of that file is none of a user.
     """
-    async with serving(settings, answers) as connect:
+    async with serving(settings, operator, fan_out) as connect:
         acceptor = await listen(settings.host, settings.port, partial(connect, settings.tls), taken)
         host, port = acceptor.sockets[0].getsockname()[:2]
         try:
@@ -72,10 +75,11 @@ async def web_open(settings: WebSettings, answers: Answers, taken: Iterable[sock
 
 
 @asynccontextmanager
-async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Connect]:
+async def serving(settings: WebSettings, operator: Operator, fan_out: FanOut) -> AsyncIterator[Connect]:
     """In its context connections are served; what makes the protocol of each, with or without TLS."""
-    table = UserTable(settings.users, answers.users_rejected)
-    async with table.kept_up_to_date():
+    emit = operator.running.emit
+    table = UserTable(settings.users, lambda reason: emit(WebUsersRejected(reason)))
+    async with table.kept_up_to_date(), aclosing(Examinations(operator.running, operator.clock)) as doctor:
         streams = Streams()
 
         def serve() -> web.RequestHandler:
@@ -83,7 +87,7 @@ async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Conn
 
         connections = Connections(serve)
         runner = web.AppRunner(
-            _application(settings, answers, table, streams, connections),
+            _application(settings, operator, fan_out, doctor, table, streams, connections),
             access_log=None,
             logger=_SILENT,
             keepalive_timeout=IDLE,
@@ -103,31 +107,36 @@ async def serving(settings: WebSettings, answers: Answers) -> AsyncIterator[Conn
 
 
 def _application(
-    settings: WebSettings, answers: Answers, table: UserTable, streams: Streams, connections: Connections
+    settings: WebSettings,
+    operator: Operator,
+    fan_out: FanOut,
+    doctor: Examinations,
+    table: UserTable,
+    streams: Streams,
+    connections: Connections,
 ) -> web.Application:
     sessions = Sessions()
     guard = Guard(settings, table, sessions)
-    reads = SharedReads(answers, asyncio.get_running_loop().time)
-    api = Api(answers, guard, streams, reads, may_write=settings.write)
+    api = Api(operator, fan_out, guard, streams, may_write=settings.write)
     assets = Assets()
-    renderer = Renderer(assets, lambda: answers.site, is_encrypted=settings.is_encrypted)
+    renderer = Renderer(assets, lambda: operator.gateway.plan.site, is_encrypted=settings.is_encrypted)
     heat_map = HeatMap()
-    rights = WriteRights(answers, may_write=settings.write)
-    units = UnitPage(answers, renderer, reads, rights)
+    rights = WriteRights(operator, may_write=settings.write)
+    units = UnitPage(operator, renderer, rights)
     pages: tuple[Page, ...] = (
-        OverviewPage(answers, renderer, heat_map),
-        LinePage(answers, renderer, heat_map),
-        TrafficPage(answers, renderer),
+        OverviewPage(operator, doctor, renderer, heat_map),
+        LinePage(operator, renderer, heat_map),
+        TrafficPage(operator, renderer),
         units,
-        ImagePage(answers, renderer, units, rights),
-        WritePages(answers, renderer, reads, rights),
-        ClientsPage(answers, renderer),
-        HealthPage(answers, renderer),
-        ConfigPage(answers, renderer),
-        LoginPage(settings, answers, guard, table, sessions, renderer),
+        ImagePage(operator, renderer, units, rights),
+        WritePages(operator, renderer, rights),
+        ClientsPage(operator, renderer),
+        HealthPage(doctor, renderer),
+        ConfigPage(operator, renderer),
+        LoginPage(settings, operator.running.emit, guard, table, sessions, renderer),
     )
     routes = [
-        *_of_machines(answers),
+        *machine_routes(operator.running),
         *api.routes(),
         *(route for page in pages for route in page.routes()),
         ("GET", "/static/{name:.+}", assets.serve, "nothing"),
@@ -138,7 +147,7 @@ def _application(
             connections.middleware,
             _bound_query,
             problem_pages(renderer, guard.visitor),
-            problems(answers),
+            problems(operator.running.emit),
             guard.middleware(needs),
         ],
         client_max_size=_LARGEST_BODY,
@@ -158,31 +167,6 @@ async def _bound_query(request: web.Request, handler: Handler) -> web.StreamResp
     if request.rel_url.raw_query_string.count("&") >= _MOST_PARAMETERS:
         return web.Response(status=414, text=f"at most {_MOST_PARAMETERS} parameters\n")
     return await handler(request)
-
-
-def _of_machines(answers: Answers) -> Sequence[tuple[str, str, Handler, Need]]:
-    """What programs ask without an API."""
-    turns = Turns()
-
-    async def healthz(_request: web.Request) -> web.Response:
-        return web.Response(text="ok\n")
-
-    async def readyz(_request: web.Request) -> web.Response:
-        trouble = answers.trouble()
-        if trouble:
-            raise web.HTTPServiceUnavailable(text=trouble)
-        return web.Response(text="ready\n")
-
-    async def metrics(request: web.Request) -> web.Response:
-        async with turns.turn(request):
-            body = await answers.metrics()
-        return web.Response(body=body, headers={"Content-Type": answers.content_type, "Cache-Control": "no-store"})
-
-    return [
-        ("GET", "/healthz", healthz, "nothing"),
-        ("GET", "/readyz", readyz, "nothing"),
-        ("GET", "/metrics", metrics, "metrics"),
-    ]
 
 
 async def _add_headers(_request: web.Request, response: web.StreamResponse) -> None:

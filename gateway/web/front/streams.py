@@ -8,15 +8,14 @@ import asyncio
 import socket
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Final
+from typing import Final, Protocol
 
 from aiohttp import web
 
 from gateway.listeners.share_keys import ShareKeys
 from gateway.web.access.guard import Visitor
-from gateway.web.api.answers import EventSource
 from gateway.web.front.problems import ProblemError
 
 #: Readers at a time; fewer than connections, so that all else finds room. For a new one, a user at an address with more
@@ -33,6 +32,17 @@ _OWN_BUFFER: Final = 64 * 1024
 _HEADERS: Final = {"Content-Type": "text/event-stream", "Cache-Control": "no-store", "X-Accel-Buffering": "no"}
 
 _Reader = tuple[str, str]
+
+
+class EventSource(Protocol):
+    """The events for one reader, or what the trace tells him."""
+
+    @property
+    def is_lost(self) -> bool:
+        """Tell whether the reader is to be dropped: more events than can wait, or what he reads is there no longer."""
+
+    async def next(self, patience: float) -> Sequence[str]:
+        """Give the events that wait, as JSON; none if none has come within `patience` seconds."""
 
 
 class Streams:

@@ -7,10 +7,14 @@ from typing import Final
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
-from gateway.operator.operations import Traced
+from gateway.operator.asked import Traced
+from gateway.operator.operator import Operator
+from gateway.operator.rights import Verdict, rights_in_words, routers, verdict
+from gateway.operator.status import recent_status
+from gateway.operator.trace_reader import latest
+from gateway.operator.units import units_of
 from gateway.trace.pdus import FUNCTIONS
 from gateway.web.access.guard import VISITOR, Need
-from gateway.web.api.answers import Answers, Verdict
 from gateway.web.front.problems import Handler
 from gateway.web.pages.renderer import Renderer
 
@@ -23,8 +27,8 @@ _NUMBER: Final = re.compile(r"[0-9]{1,3}")
 class ClientsPage:
     """The handler of `/clients`."""
 
-    def __init__(self, answers: Answers, renderer: Renderer) -> None:
-        self._answers = answers
+    def __init__(self, operator: Operator, renderer: Renderer) -> None:
+        self._operator = operator
         self._renderer = renderer
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
@@ -34,8 +38,8 @@ class ClientsPage:
     async def show(self, request: web.Request) -> web.Response:
         """Clients and rights; what the form asks is in the address."""
         asked = {name: request.query.get(name, "").strip() for name in ("from", "listener", "role", "unit", "function")}
-        verdict, why = self._verdict(asked)
-        status = await self._answers.status()
+        found, why = self._verdict(asked)
+        status = await recent_status(self._operator)
         never = float("inf")
         clients = sorted(status.clients, key=lambda each: never if each.asked_ms is None else each.asked_ms)
         return await self._renderer.page(
@@ -45,12 +49,12 @@ class ClientsPage:
             clients=clients[:MOST_CLIENTS],
             more=max(0, len(clients) - MOST_CLIENTS),
             denied=await self._denied(request[VISITOR].host),
-            rights=self._answers.rights(),
-            entrances=self._answers.entrances(),
-            units=[(each.unit, each.name) for each in self._answers.units()],
+            rights=rights_in_words(self._operator.gateway),
+            entrances=tuple(routers(self._operator.running)),
+            units=[(each.unit, each.name) for each in units_of(self._operator)],
             functions=FUNCTIONS,
             asked=asked,
-            verdict=verdict,
+            verdict=found,
             why=why,
         )
 
@@ -64,13 +68,13 @@ class ClientsPage:
         if not (_NUMBER.fullmatch(function) and 1 <= int(function) <= 127):
             return None, f'"{function}" is no function: 1 to 127'
         try:
-            return self._answers.verdict(asked["from"], asked["listener"], int(unit), int(function), role), ""
+            return verdict(self._operator.running, asked["from"], asked["listener"], int(unit), int(function), role), ""
         except WrongQuestion as wrong:
             return None, str(wrong)
 
     async def _denied(self, host: str) -> Sequence[object]:
         """The last requests that a client had no right to."""
         try:
-            return await self._answers.latest(Traced(result="denied"), host, MOST_DENIED)
+            return await latest(self._operator.running, Traced(result="denied"), host, MOST_DENIED)
         except WrongQuestion:  # nothing is kept
             return ()

@@ -5,9 +5,12 @@ from shlex import quote
 
 from aiohttp import web
 
+from gateway.operator.config_view import ConfigView, ConfigViewer
+from gateway.operator.operation import Nothing
+from gateway.operator.operator import Operator
+from gateway.operator.running import reload
 from gateway.web.access.guard import Need
-from gateway.web.api.answers import Answers, ConfigView
-from gateway.web.api.reloading import reload
+from gateway.web.api.asking import asker_of
 from gateway.web.front.problems import Handler
 from gateway.web.front.turns import Turns
 from gateway.web.pages.renderer import Renderer
@@ -17,8 +20,9 @@ from gateway.web.pages.times import day_and_time
 class ConfigPage:
     """The handlers of `/config`."""
 
-    def __init__(self, answers: Answers, renderer: Renderer) -> None:
-        self._answers = answers
+    def __init__(self, operator: Operator, renderer: Renderer) -> None:
+        self._operator = operator
+        self._viewer = ConfigViewer(operator.running, operator.reloader, operator.clock)
         self._renderer = renderer
         self._turns = Turns()
 
@@ -29,19 +33,19 @@ class ConfigPage:
     async def show(self, request: web.Request) -> web.Response:
         """What is in use, what the file says now, and what became of the last reload."""
         async with self._turns.turn(request):
-            config = await self._answers.config()
+            config = await self._viewer.view()
         at = day_and_time(config.at) if config.at else ""
         return await self._renderer.page(
             "config.html", request, config=config, commands=_commands(config), reloaded_at=at
         )
 
-    async def reload(self, _request: web.Request) -> web.Response:
+    async def reload(self, request: web.Request) -> web.Response:
         """Read the file again; the page tells the outcome.
 
         Raises:
-            ProblemError: 503, the gateway is not ready.
+            Unready: the gateway does not get to it.
         """
-        await reload(self._answers)
+        await reload(self._operator, Nothing(), asker_of(request))
         raise web.HTTPSeeOther("/config")
 
 

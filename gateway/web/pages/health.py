@@ -6,8 +6,9 @@ from typing import Final
 
 from aiohttp import web
 
+from gateway.diagnosis.finding import Finding
+from gateway.tools.examinations import Examinations, Report
 from gateway.web.access.guard import VISITOR, Need
-from gateway.web.api.answers import Answers, Finding, Report
 from gateway.web.front.problems import Handler
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
@@ -22,8 +23,8 @@ _TYPED: Final = re.compile(
 class HealthPage:
     """The handlers of `/health`."""
 
-    def __init__(self, answers: Answers, renderer: Renderer) -> None:
-        self._answers = answers
+    def __init__(self, doctor: Examinations, renderer: Renderer) -> None:
+        self._doctor = doctor
         self._renderer = renderer
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
@@ -36,7 +37,7 @@ class HealthPage:
 
     async def examine(self, request: web.Request) -> web.Response:
         """Ask devices too."""
-        why_not = self._answers.doctor.start(request[VISITOR].user)
+        why_not = self._doctor.start(request[VISITOR].user)
         if not why_not:
             raise web.HTTPSeeOther("/health")
         response = await self._page(request, why_not)
@@ -44,7 +45,7 @@ class HealthPage:
         return response
 
     async def _page(self, request: web.Request, why_not: str = "") -> web.Response:
-        doctor = self._answers.doctor
+        doctor = self._doctor
         return await self._renderer.page(
             "health.html",
             request,

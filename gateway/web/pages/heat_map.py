@@ -10,8 +10,8 @@ from datetime import datetime
 from time import sleep
 from typing import Any, Final
 
+from gateway.operator.past import mean_share, together
 from gateway.timing.history import STEP, Past, Slot, UnitUse
-from gateway.web.api.past import mean_share, together
 from gateway.web.pages.unit_states import ShownState, is_failing
 
 #: The height of the picture, and of each kind of column; the kinds in the order of the legend.

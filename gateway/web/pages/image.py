@@ -1,5 +1,6 @@
 """The page of an image or mirror: its registers as they are, how old they are, and who has written them."""
 
+import asyncio
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 from urllib.parse import urlencode
@@ -9,14 +10,18 @@ from aiohttp import web
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.grid import COLUMNS, MOST, grid_of
+from gateway.operator.kept import ImageWindow, window
+from gateway.operator.operator import Operator
+from gateway.operator.reached import may
+from gateway.operator.status import part_of_unit
+from gateway.operator.unit_values import values_at
 from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import has_bits
-from gateway.web.access.guard import VISITOR, Need
-from gateway.web.api.answers import Answers
-from gateway.web.api.api import unit_in
-from gateway.web.api.grid import COLUMNS, MOST, grid_of
-from gateway.web.api.values import values_at
+from gateway.web.access.guard import Need
+from gateway.web.api.asking import asker_of, unit_in
 from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
@@ -32,8 +37,8 @@ _MOST_WRITES: Final = 20
 class ImagePage:
     """The handler of `/images/NAME`. NAME is a name or a number."""
 
-    def __init__(self, answers: Answers, renderer: Renderer, units: UnitPage, rights: WriteRights) -> None:
-        self._answers = answers
+    def __init__(self, operator: Operator, renderer: Renderer, units: UnitPage, rights: WriteRights) -> None:
+        self._operator = operator
         self._renderer = renderer
         self._units = units
         self._rights = rights
@@ -49,28 +54,27 @@ class ImagePage:
             ProblemError: there is no such area, address or type.
             WrongQuestion: there is no unit of this name.
         """
-        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
-        whole_image = self._answers.image(unit.unit, Span(Area.HOLDING, 0, 0))
+        unit, asker = unit_in(request, self._operator), asker_of(request)
+        whole_image = self._window(unit, Span(Area.HOLDING, 0, 0))
         if whole_image is None:
             return see_other(path_of("units", unit))
         asked = _asked(request.query, whole_image.areas)
         area, ranges = asked["area"], whole_image.areas.get(asked["area"], ())
         start = asked["from"]
-        may_read = self._answers.may(unit.unit, READERS[area][0], visitor.host)
-        window = self._answers.image(unit.unit, Span(area, start, MOST)) if may_read else None
-        status = await self._answers.status()
-        grid = grid_of(window, area, asked["type"], asked["swap"]) if window is not None else None
+        may_read = may(self._operator.router(asker.door), asker.host, unit.unit, READERS[area][0])
+        shown = self._window(unit, Span(area, start, MOST)) if may_read else None
+        grid = grid_of(shown, area, asked["type"], asked["swap"]) if shown is not None else None
         size, is_panel = 1 if grid is None else grid.size, "kiosk" in request.query
         return await self._renderer.page(
             "image.html",
             request,
             unit=unit,
-            status=next((each for each in (*status.images, *status.mirrors) if each.unit == unit.unit), None),
+            status=part_of_unit(self._operator.gateway, unit.unit, unit.name, asyncio.get_running_loop().time()),
             image=whole_image,
-            window=window,
+            window=shown,
             grid=grid,
             last=min(start + MOST - 1, 65535),
-            writes=window.writes[:_MOST_WRITES] if window is not None else (),
+            writes=shown.writes[:_MOST_WRITES] if shown is not None else (),
             ranges=ranges,
             before=_address(asked, _before(ranges, start), is_panel=is_panel),
             after=_address(asked, _after(ranges, start, size), is_panel=is_panel),
@@ -79,8 +83,11 @@ class ImagePage:
             areas=[each for each in _FIRST_SHOWN if whole_image.areas.get(each)],
             types=tuple(DATA_TYPES),
             swaps=tuple(SWAPS),
-            **self._units.values_shown(unit, visitor),
+            **self._units.values_shown(unit, request),
         )
+
+    def _window(self, unit: UnitPicture, span: Span) -> ImageWindow | None:
+        return window(self._operator.gateway, unit.unit, span, asyncio.get_running_loop().time())
 
 
 def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> dict[str, Any]:

@@ -7,10 +7,14 @@ from typing import Any, Final
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
-from gateway.operator.operations import Traced
+from gateway.operator.asked import Traced
+from gateway.operator.operator import Operator
+from gateway.operator.past import past_of
+from gateway.operator.status import recent_status
+from gateway.operator.trace_reader import latest
+from gateway.operator.units import units_of
 from gateway.timing.history import UNIT_SLOTS
 from gateway.web.access.guard import VISITOR, Need
-from gateway.web.api.answers import Answers
 from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.busy import busy_outline, hours
 from gateway.web.pages.function_names import function_name
@@ -28,8 +32,8 @@ _LOOKED_AT: Final = 5 * MOST_FACTS
 class LinePage:
     """The handler of `/lines/NAME`."""
 
-    def __init__(self, answers: Answers, renderer: Renderer, heat_map: HeatMap) -> None:
-        self._answers = answers
+    def __init__(self, operator: Operator, renderer: Renderer, heat_map: HeatMap) -> None:
+        self._operator = operator
         self._renderer = renderer
         self._heat_map = heat_map
 
@@ -44,7 +48,7 @@ class LinePage:
             ProblemError: 404, there is none of this name.
         """
         name = request.match_info["name"]
-        status = await self._answers.status()
+        status = await recent_status(self._operator)
         line = next((each for each in shown_lines(status) if each.name == name), None)
         if line is None:
             raise ProblemError(404, f"there is no line {name}")
@@ -52,8 +56,8 @@ class LinePage:
             rows, why = await self._last_rows(name, request[VISITOR].host), ""
         except WrongQuestion as wrong:
             rows, why = (), str(wrong)
-        past, now = self._answers.past(UNIT_SLOTS), asyncio.get_running_loop().time()
-        with_page = frozenset(unit.name for unit in self._answers.units())
+        past, now = past_of(self._operator, UNIT_SLOTS), asyncio.get_running_loop().time()
+        with_page = frozenset(unit.name for unit in units_of(self._operator))
         units = tuple(unit for unit in status.units if unit.line == name)
         return await self._renderer.page(
             "line.html",
@@ -77,6 +81,6 @@ class LinePage:
 
     async def _last_rows(self, line: str, host: str) -> Sequence[dict[str, Any]]:
         """The last transactions on a line that a reader at this address may see, the newest first."""
-        facts = await self._answers.latest(Traced(line=line), host, _LOOKED_AT)
+        facts = await latest(self._operator.running, Traced(line=line), host, _LOOKED_AT)
         shown = [fact for fact in facts if fact["kind"] in ("exchange", "answered", "refused")]
         return [row(fact) for fact in shown[:MOST_FACTS]]

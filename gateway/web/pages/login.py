@@ -8,13 +8,14 @@ from typing import Final
 from aiohttp import web
 
 from gateway.clock.threads import ThreadPerCall
+from gateway.events import Emit, WebLogin, WebLoginFailed
 from gateway.listeners.share_keys import ShareKeys
 from gateway.readconfig.page_users import LONGEST_PASSWORD, is_password
 from gateway.web.access.guard import VISITOR, Guard, Need, Visitor
 from gateway.web.access.sessions import LONGEST_SESSION, Attempts, Sessions
 from gateway.web.access.user_table import UserTable
-from gateway.web.api.answers import Answers
-from gateway.web.api.api import session_as_json
+from gateway.web.api.operations import json_of
+from gateway.web.api.session import session_of
 from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.front.settings import WebSettings
 from gateway.web.pages.addresses import see_other
@@ -30,14 +31,14 @@ class LoginPage:
     def __init__(
         self,
         settings: WebSettings,
-        answers: Answers,
+        emit: Emit,
         guard: Guard,
         table: UserTable,
         sessions: Sessions,
         renderer: Renderer,
     ) -> None:
         self._settings = settings
-        self._answers = answers
+        self._emit = emit
         self._guard = guard
         self._table = table
         self._sessions = sessions
@@ -79,15 +80,15 @@ class LoginPage:
         user = self._table.users.get(name)
         if user is None or not is_right:
             self._attempts.failed(address, user, now())
-            self._answers.login_failed(visitor.client, user.name if user else "")
+            self._emit(WebLoginFailed(visitor.client, user.name if user else ""))
             return await self._refused(request, 401, "User or password is wrong.")
         self._attempts.succeeded(address, user, now())
         self._sessions.close(visitor.token)
         token, session = self._sessions.open(user, now())
-        self._answers.logged_in(visitor.client, name)
+        self._emit(WebLogin(visitor.client, name))
         known = Visitor(visitor.host, True, name, user.role, session.csrf, token)
         response = (
-            web.json_response(session_as_json(known, may_write=self._settings.write))
+            web.json_response(text=json_of(session_of(known, may_write=self._settings.write)))
             if _wants_json(request)
             else see_other(_local(str(form.get("next", ""))))
         )

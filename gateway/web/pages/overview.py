@@ -8,9 +8,15 @@ from typing import Any, Final, Literal
 
 from aiohttp import web
 
+from gateway.diagnosis.finding import Finding
+from gateway.operator.answers.status import AnyLine, Status, UnitStatus
+from gateway.operator.operator import Operator
+from gateway.operator.past import past_of
+from gateway.operator.status import recent_status
+from gateway.operator.units import units_of
 from gateway.timing.history import UNIT_SLOTS, Past
+from gateway.tools.examinations import Examinations, Report
 from gateway.web.access.guard import Need
-from gateway.web.api.answers import Answers, Finding, Report, Status
 from gateway.web.front.problems import Handler
 from gateway.web.pages.busy import busy_outline
 from gateway.web.pages.health import counted
@@ -60,8 +66,9 @@ class Trouble:
 class OverviewPage:
     """The handler of `/`."""
 
-    def __init__(self, answers: Answers, renderer: Renderer, heat_map: HeatMap) -> None:
-        self._answers = answers
+    def __init__(self, operator: Operator, doctor: Examinations, renderer: Renderer, heat_map: HeatMap) -> None:
+        self._operator = operator
+        self._doctor = doctor
         self._renderer = renderer
         self._heat_map = heat_map
 
@@ -71,9 +78,9 @@ class OverviewPage:
 
     async def show(self, request: web.Request) -> web.Response:
         """How everything is."""
-        status, past = await self._answers.status(), self._answers.past(UNIT_SLOTS)
-        with_page = frozenset(unit.name for unit in self._answers.units())
-        now, report = asyncio.get_running_loop().time(), await self._answers.doctor.measured()
+        status, past = await recent_status(self._operator), past_of(self._operator, UNIT_SLOTS)
+        with_page = frozenset(unit.name for unit in units_of(self._operator))
+        now, report = asyncio.get_running_loop().time(), await self._doctor.measured()
         is_panel = "kiosk" in request.query
 
         def content() -> Mapping[str, Any]:
@@ -106,16 +113,18 @@ class OverviewPage:
 
 def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Trouble]:
     """What is wrong now, lines and the broker first."""
-    for line in (*status.lines, *status.servers, *status.upstreams):
-        if line.state == "down":
-            yield Trouble("down", "lines", line.name, reason=line.reason)
+    known: tuple[AnyLine, ...] = (*status.lines, *status.servers, *status.upstreams)
+    for each in known:
+        if each.state == "down":
+            yield Trouble("down", "lines", each.name, reason=each.reason)
     for broker in status.brokers:
         if broker.state == "down":
             yield Trouble("down", "", f"broker {broker.broker}", reason=broker.reason)
     for line in status.lines:
-        if (line.busy_share or 0.0) >= FULL:
-            yield Trouble("full", "lines", line.name, share=line.busy_share)
-    down = {line.name for line in (*status.lines, *status.upstreams) if line.state in ("down", "standby")}
+        share = line.busy_share or 0.0
+        if share >= FULL:
+            yield Trouble("full", "lines", line.name, share=share)
+    down = {each.name for each in known if each.state in ("down", "standby")}
     for kind in ("resting", "failing"):
         for unit in status.units:
             state = states[unit.name]
@@ -183,7 +192,7 @@ def shown_units(
     most: int | None = None,
 ) -> ShownUnits:
     """The units of the heat map, at most this many."""
-    units = status.units
+    units: Sequence[UnitStatus] = status.units
     if len(units) > ALL_SHOWN:
         units = [unit for unit in units if rows[unit.name].use.requests or states[unit.name].word != "not asked"]
     ordered = sorted(units, key=lambda unit: _rank(states[unit.name], rows[unit.name]))[:most]

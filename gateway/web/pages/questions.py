@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.complaint import Complaint
 from gateway.profiles.point import Reading
-from gateway.web.api.answers import Unit
-from gateway.web.front.problems import Complaint
 
 #: How long a question may be answered, and what became of it be seen, in seconds; and how many there are at a time.
 PATIENCE: Final = 120.0
@@ -40,7 +40,7 @@ class Question:
     `waiting` has for each browser that waits for the `result` what tells whether it still does.
     """
 
-    unit: Unit
+    unit: UnitPicture
     target: object
     owner: str
     wanted: tuple[Reading, ...]

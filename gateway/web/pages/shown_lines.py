@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from gateway.web.api.answers import Status
+from gateway.operator.answers.status import LineStatus, ServerStatus, Status
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,16 +29,19 @@ class ShownLine:
 def shown_lines(status: Status) -> Iterator[ShownLine]:
     """All of them, in the order of the config."""
     names = {each.unit: each.name for each in status.units}
-    for each in (*status.lines, *status.servers):
+    lines: tuple[LineStatus | ServerStatus, ...] = (*status.lines, *status.servers)
+    for each in lines:
         settings = f"{each.mode.upper()} {each.baud} {each.format}"
         busy = getattr(each, "busy_share", None)
         serves = getattr(each, "serves", None)
         units = _units_on(status, each.name) if serves is None else tuple((it, names.get(it, "")) for it in serves)
         is_asked = serves is not None
         yield ShownLine(each.name, each.mode, each.baud, each.format, each.port, settings, busy, units, each, is_asked)
-    for each in status.upstreams:
-        spoken = "NATS" if each.to.startswith("fleet://") else "Modbus TCP"
-        yield ShownLine(each.name, "tcp", 0, "", each.to, spoken, None, _units_on(status, each.name), each)
+    for upstream in status.upstreams:
+        spoken = "NATS" if upstream.to.startswith("fleet://") else "Modbus TCP"
+        yield ShownLine(
+            upstream.name, "tcp", 0, "", upstream.to, spoken, None, _units_on(status, upstream.name), upstream
+        )
 
 
 def _units_on(status: Status, name: str) -> tuple[tuple[int, str], ...]:

@@ -8,12 +8,16 @@ from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.listeners.sockets import split_host
+from gateway.operator.operator import Operator
+from gateway.operator.parameters import read_parameters
+from gateway.operator.status import recent_status
+from gateway.operator.trace_reader import latest
+from gateway.operator.units import units_of
 from gateway.trace.pdus import FUNCTIONS
 from gateway.trace.records import RESULTS
 from gateway.web.access.guard import VISITOR, Need
-from gateway.web.api.answers import Answers
-from gateway.web.api.api import which
-from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.api.trace import RecordsToFollow
+from gateway.web.front.problems import Handler
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.pages.transactions import asked, outcome, row
@@ -28,8 +32,8 @@ _CAPTURED: Final = "300"
 class TrafficPage:
     """The handler of `/traffic`."""
 
-    def __init__(self, answers: Answers, renderer: Renderer) -> None:
-        self._answers = answers
+    def __init__(self, operator: Operator, renderer: Renderer) -> None:
+        self._operator = operator
         self._renderer = renderer
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
@@ -40,10 +44,11 @@ class TrafficPage:
         """The last transactions that the address chooses."""
         chosen = {name: text for name in CHOICES if (text := request.query.get(name, "").strip())}
         try:
-            facts, why = await self._answers.latest(which(chosen, usual=0), request[VISITOR].host, MOST_ROWS), ""
-        except (ProblemError, WrongQuestion) as wrong:
+            wanted = read_parameters(RecordsToFollow, chosen, is_text=True).traced
+            facts, why = await latest(self._operator.running, wanted, request[VISITOR].host, MOST_ROWS), ""
+        except WrongQuestion as wrong:
             facts, why = (), str(wrong)
-        status = await self._answers.status()
+        status = await recent_status(self._operator)
         lines = {each.name: each for each in shown_lines(status)}
         return await self._renderer.page(
             "traffic.html",
@@ -53,7 +58,7 @@ class TrafficPage:
             chosen=dict.fromkeys(CHOICES, "") | chosen,
             lines=lines,
             modes={name: (each.mode, each.baud, each.format) for name, each in lines.items()},
-            units=[(each.unit, each.name) for each in self._answers.units()],
+            units=[(each.unit, each.name) for each in units_of(self._operator)],
             functions=FUNCTIONS,
             clients=sorted({split_host(each.client) for each in status.clients}),
             results=RESULTS,

@@ -1,5 +1,6 @@
 """The page of a unit: how fast it answers against its limit, what failed and why, and its values."""
 
+import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from shlex import quote
@@ -11,17 +12,25 @@ from gateway.errors import WrongQuestion
 from gateway.lines.counts import RESULTS
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
-from gateway.operator.kept import Kept
+from gateway.operator.answer_times import answer_times
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.complaint import Complaint, complaint_of, exception_name
+from gateway.operator.failures import failures
+from gateway.operator.kept import Kept, kept, mirrors_of
+from gateway.operator.last_values import read_all, readable, shown
+from gateway.operator.operator import Operator
+from gateway.operator.past import past_of
+from gateway.operator.reached import may
+from gateway.operator.requests import ask_for
+from gateway.operator.status import recent_status
+from gateway.operator.unit_values import read, values_at
+from gateway.operator.values import Outcome
 from gateway.profiles.point import Point, Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import reference
-from gateway.web.access.guard import VISITOR, Need, Visitor
-from gateway.web.api.answers import Answers, Unit
-from gateway.web.api.api import unit_in
-from gateway.web.api.asking import ask_for
-from gateway.web.api.shared_reads import SharedReads, readable
-from gateway.web.api.values import Outcome, read, values_at
-from gateway.web.front.problems import Complaint, Handler, ProblemError, exception_name
+from gateway.web.access.guard import VISITOR, Need
+from gateway.web.api.asking import asker_of, unit_in
+from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
@@ -54,10 +63,9 @@ class ShownPoint:
 class UnitPage:
     """The handlers of `/units/NAME`. NAME is a name or a number."""
 
-    def __init__(self, answers: Answers, renderer: Renderer, reads: SharedReads, rights: WriteRights) -> None:
-        self._answers = answers
+    def __init__(self, operator: Operator, renderer: Renderer, rights: WriteRights) -> None:
+        self._operator = operator
         self._renderer = renderer
-        self._reads = reads
         self._rights = rights
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
@@ -74,21 +82,21 @@ class UnitPage:
         Raises:
             WrongQuestion: there is none of this name.
         """
-        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
+        unit, visitor = unit_in(request, self._operator), request[VISITOR]
         if unit.kind not in ("device", "upstream"):
             return see_other(path_of("images", unit))
         try:
-            failures, why = self._answers.failures(unit.unit, visitor.host), ""
+            failed, why = failures(self._operator.running, unit.unit, visitor.host), ""
         except WrongQuestion as wrong:
-            failures, why = (), str(wrong)
-        times = self._answers.answer_times(unit.unit)
+            failed, why = (), str(wrong)
+        times = answer_times(self._operator.gateway, unit.unit)
         status = await self._status(unit)
         return await self._renderer.page(
             "unit.html",
             request,
             unit=unit,
             status=status,
-            state=None if status is None else states_of([status], self._answers.past(SLOTS))[status.name],
+            state=None if status is None else states_of([status], past_of(self._operator, SLOTS))[status.name],
             times=[(each, plotted(each)) for each in times],
             function_name=function_name,
             exception_name=exception_name,
@@ -96,20 +104,20 @@ class UnitPage:
             calibrate=f"modbus-gateway calibrate {quote(unit.name)}"
             if unit.kind == "device" and any(each.responses for each in times)
             else "",
-            failures=failures,
+            failures=failed,
             why_no_failures=why,
             kinds=_kinds(status),
             blocked=_blocked(status),
             longest_limit=max((each.limit_ms or 0.0 for each in times), default=0.0),
-            mirrors=self._answers.mirrors_of(unit.unit),
-            **self.values_shown(unit, visitor),
+            mirrors=mirrors_of(self._operator.gateway, unit.unit),
+            **self.values_shown(unit, request),
             **_form(_USUAL),
         )
 
     async def read_points(self, request: web.Request) -> web.Response:
         """Read all points, unless somebody has within a second, and return to the page."""
-        unit = self._answers.unit(unit_in(request.match_info["unit"]))
-        await self._reads.read(unit, ask_for(request, self._answers, unit), request[VISITOR].host, READ_EVERY)
+        unit = unit_in(request, self._operator)
+        await read_all(self._operator, unit, asker_of(request), READ_EVERY)
         return see_other(f"{path_of('units', unit)}#points")
 
     async def read_values(self, request: web.Request) -> web.Response:
@@ -120,52 +128,53 @@ class UnitPage:
         """
         if request.headers.get("Sec-Fetch-Site") == "cross-site":
             raise ProblemError(403, "pages of other sites get no answer")
-        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
+        unit, visitor = unit_in(request, self._operator), request[VISITOR]
         asked = {**_USUAL, **{name: request.query.get(name, usual) for name, usual in _USUAL.items()}}
         area, points = _asked_for(asked)
         outcome, why = Outcome(), None
         try:
-            outcome = await read(unit, points, ask_for(request, self._answers, unit))
-        except ProblemError as problem:
-            why = problem.complaint or problem.detail
-        shown = [_shown(reading, None) for reading in outcome.readings]
+            outcome = await read(unit, points, ask_for(self._operator, unit.unit, asker_of(request)))
+        except WrongQuestion as wrong:
+            why = complaint_of(wrong)
+        values = [_shown(reading, None) for reading in outcome.readings]
         return await self._renderer.page(
             "values.html",
             request,
             unit=unit,
             area=area,
-            values=shown,
+            values=values,
             elapsed_ms=outcome.elapsed_ms,
             why=why,
-            rests_ms=rests_ms(unit, await self._answers.status()) if why else 0.0,
+            rests_ms=rests_ms(unit, await recent_status(self._operator)) if why else 0.0,
             **_form(asked),
             **self._rights.of(unit, visitor).as_content(),
         )
 
-    def values_shown(self, unit: Unit, visitor: Visitor) -> dict[str, Any]:
-        """What the template `points.html` shows."""
-        shown = self._reads.shown(unit, visitor.host)
-        outcome, age = shown or (Outcome(), 0.0)
+    def values_shown(self, unit: UnitPicture, request: web.Request) -> dict[str, Any]:
+        """Collect what the template `points.html` shows."""
+        asker, router = asker_of(request), self._operator.router("web")
+        last = shown(self._operator, unit, asker)
+        outcome, age = last or (Outcome(), 0.0)
         known = {reading.point.name: _shown(reading, age * 1000) for reading in outcome.readings}
         troubles = {point.name: outcome.trouble_of(point) for point in unit.points}
         may_read = {
-            area: self._answers.may(unit.unit, READERS[area][0], visitor.host)
-            for area in {point.area for point in unit.points}
+            area: may(router, asker.host, unit.unit, READERS[area][0]) for area in {point.area for point in unit.points}
         }
-        kept = self._answers.kept(unit.unit, [point.span for point in unit.points])
+        now = asyncio.get_running_loop().time()
+        there = kept(self._operator.gateway, unit.unit, [point.span for point in unit.points], now)
         points = [
             _best(point, known.get(point.name), each if may_read[point.area] else None, troubles[point.name])
-            for point, each in zip(unit.points, kept, strict=True)
+            for point, each in zip(unit.points, there, strict=True)
         ]
         return {
             "points": points,
             "can_be_read": bool(readable(unit)),
-            "was_read_ago": age if shown else None,
-            **self._rights.of(unit, visitor).as_content(),
+            "was_read_ago": age if last else None,
+            **self._rights.of(unit, request[VISITOR]).as_content(),
         }
 
-    async def _status(self, unit: Unit) -> Any:
-        units = (await self._answers.status()).units
+    async def _status(self, unit: UnitPicture) -> Any:
+        units = (await recent_status(self._operator)).units
         return next((each for each in units if each.unit == unit.unit and each.name == unit.name), None)
 
 

@@ -4,9 +4,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
+from gateway.operator.answers.status import Status
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.past import together
 from gateway.timing.history import Past, UnitUse
-from gateway.web.api.answers import Status, Unit
-from gateway.web.api.past import together
 
 #: This many slots of the history count, the present one among them: 10 to 20 minutes.
 SLOTS: Final = 2
@@ -28,7 +29,7 @@ def is_failing(use: UnitUse) -> bool:
     return bool(use.unanswered) and use.unanswered >= min(use.requests, max(_ENOUGH, MANY * use.requests))
 
 
-def rests_ms(unit: Unit, status: Status) -> float:
+def rests_ms(unit: UnitPicture, status: Status) -> float:
     """How long a unit is left alone from now on, because it has not answered."""
     return next((each.rests_ms for each in status.units if (each.unit, each.name) == (unit.unit, unit.name)), 0.0)
 

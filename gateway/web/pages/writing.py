@@ -13,17 +13,23 @@ from typing import Any, Final
 from aiohttp import web
 
 from gateway.errors import ExceptionCode, WrongQuestion
-from gateway.modbus.codes import EXCEPTION_BIT, Area
+from gateway.modbus.codes import Area
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.complaint import Complaint, complaint_of
+from gateway.operator.last_values import forget_values
+from gateway.operator.operator import Operator
+from gateway.operator.reached import may, target
+from gateway.operator.requests import Ask, ask_for
+from gateway.operator.status import recent_status
+from gateway.operator.unit_values import point_named, prepared, read, values_at
+from gateway.operator.units import picture
+from gateway.operator.values import Answer
 from gateway.profiles.point import Point
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import WRITERS, reference
 from gateway.web.access.guard import VISITOR, Need, Visitor
-from gateway.web.api.answers import Answer, Answers, Unit, WebClient
-from gateway.web.api.api import unit_in
-from gateway.web.api.asking import ask_as, ask_for, is_there
-from gateway.web.api.shared_reads import SharedReads
-from gateway.web.api.values import Ask, point_named, prepared, read, values_at
-from gateway.web.front.problems import Complaint, Handler, ProblemError, complaint
+from gateway.web.api.asking import asker_for, asker_of, is_there, unit_in
+from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.addresses import page_of, path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
@@ -58,11 +64,11 @@ class Writable:
 class WriteRights:
     """Who may write: operators, if `[web]` lets them, what [[access]] and the unit's profile allow."""
 
-    def __init__(self, answers: Answers, *, may_write: bool) -> None:
-        self._answers = answers
+    def __init__(self, operator: Operator, *, may_write: bool) -> None:
+        self._operator = operator
         self.may_write = may_write
 
-    def of(self, unit: Unit, visitor: Visitor) -> Writable:
+    def of(self, unit: UnitPicture, visitor: Visitor) -> Writable:
         """What this visitor may write."""
         areas = tuple(
             area
@@ -72,18 +78,17 @@ class WriteRights:
         is_operator = visitor.role == "operator"
         return Writable(areas if self.may_write and is_operator else (), self.may_write and bool(areas))
 
-    def _is_allowed(self, unit: Unit, function: int, visitor: Visitor) -> bool:
+    def _is_allowed(self, unit: UnitPicture, function: int, visitor: Visitor) -> bool:
         is_known = unit.functions is None or function in unit.functions
-        return is_known and self._answers.may(unit.unit, function, visitor.host)
+        return is_known and may(self._operator.router("web"), visitor.host, unit.unit, function)
 
 
 class WritePages:
     """The handlers of `/units/NAME/writes`."""
 
-    def __init__(self, answers: Answers, renderer: Renderer, reads: SharedReads, rights: WriteRights) -> None:
-        self._answers = answers
+    def __init__(self, operator: Operator, renderer: Renderer, rights: WriteRights) -> None:
+        self._operator = operator
         self._renderer = renderer
-        self._reads = reads
         self._rights = rights
         self._questions = Questions()
 
@@ -104,23 +109,26 @@ class WritePages:
         if not self._rights.may_write:
             raise ProblemError(403, "nothing is written over HTTP without write = true in [web]")
         form = {name: str(text) for name, text in (await request.post()).items()}
-        unit, visitor = self._answers.unit(unit_in(request.match_info["unit"])), request[VISITOR]
+        unit, visitor = unit_in(request, self._operator), request[VISITOR]
         points, values = _wanted(unit, form)
         readings, pdu = prepared(unit, points, values)
-        if not self._answers.may(unit.unit, pdu[0], visitor.host):
+        if not may(self._operator.router("web"), visitor.host, unit.unit, pdu[0]):
             raise ProblemError(403, f"[[access]] does not let {visitor.client} write {points[0].area}", exception=1)
-        target = self._answers.target(unit.unit)
-        before, why = await self._read(unit, [each.point for each in readings], ask_for(request, self._answers, unit))
+        expected = target(self._operator.gateway, unit.unit)
+        ask = ask_for(self._operator, unit.unit, asker_of(request))
+        before, why = await _read(unit, [each.point for each in readings], ask)
         wanted = [replace(each, before=items) for each, items in zip(readings, before, strict=True)]
         now = asyncio.get_running_loop().time()
-        identifier = self._questions.put(Question(unit, target, visitor.csrf, tuple(wanted), pdu, why, now), now)
+        identifier = self._questions.put(Question(unit, expected, visitor.csrf, tuple(wanted), pdu, why, now), now)
         return see_other(f"{path_of('units', unit)}/writes/{identifier}")
 
     async def show(self, request: web.Request) -> web.Response:
         """Old and new with the question, or what has become of it."""
         question = self._question(request)
         if question is None:
-            page = await self._renderer.page("write.html", request, question=None, unit=self._unit(request), back="/")
+            page = await self._renderer.page(
+                "write.html", request, question=None, unit=unit_in(request, self._operator), back="/"
+            )
             page.set_status(404)
             return page
         unit = question.unit
@@ -134,7 +142,7 @@ class WritePages:
             function=question.pdu[0],
             function_name=function_name,
             patience=int(PATIENCE),
-            rests_ms=rests_ms(unit, await self._answers.status()),
+            rests_ms=rests_ms(unit, await recent_status(self._operator)),
         )
 
     async def confirm(self, request: web.Request) -> web.Response:
@@ -162,33 +170,23 @@ class WritePages:
         unit = question.unit
         if not self._is_as_asked(question):
             return Result(_CHANGED, 0.0)
-        client = WebClient(visitor.caller, is_awaited)
-        ask = ask_as(client, self._answers, unit)
+        ask = ask_for(self._operator, unit.unit, asker_for(visitor, is_awaited))
         answer = await ask(question.pdu)
-        self._reads.forget(unit)
-        if answer.pdu[0] & EXCEPTION_BIT:
-            return Result(complaint(answer), answer.elapsed_ms, may_have_acted=_may_have_acted(answer))
+        forget_values(self._operator, unit)
+        if answer.exception is not None:
+            return Result(answer.complaint, answer.elapsed_ms, may_have_acted=_may_have_acted(answer))
         points = [each.point for each in question.wanted]
-        after, why = await self._read(unit, points, ask)
+        after, why = await _read(unit, points, ask)
         return Result(None, answer.elapsed_ms, tuple(after), why)
 
     def _is_as_asked(self, question: Question) -> bool:
         """Whether the same unit still answers, and its points still mean the same."""
         number = question.unit.unit
         try:
-            return self._answers.unit(number) == question.unit and self._answers.target(number) is question.target
+            gateway = self._operator.gateway
+            return picture(gateway, number) == question.unit and target(gateway, number) is question.target
         except WrongQuestion:
             return False
-
-    async def _read(self, unit: Unit, points: Sequence[Point], ask: Ask) -> tuple[list[bytes | None], _Why]:
-        """The items of the points, and why there are none."""
-        if any(point.write == "only" for point in points):
-            return [None] * len(points), None
-        try:
-            outcome = await read(unit, points, ask)
-        except ProblemError as problem:
-            return [None] * len(points), problem.complaint or problem.detail
-        return [each.items for each in outcome.readings], None
 
     def _question(self, request: web.Request) -> Question | None:
         """The question that the address names, if this visitor has asked it."""
@@ -196,8 +194,16 @@ class WritePages:
         found = self._questions.find(request.match_info["id"], now)
         return found if found is not None and owner and found.owner == owner else None
 
-    def _unit(self, request: web.Request) -> Unit:
-        return self._answers.unit(unit_in(request.match_info["unit"]))
+
+async def _read(unit: UnitPicture, points: Sequence[Point], ask: Ask) -> tuple[list[bytes | None], _Why]:
+    """Read the items of the points, or tell why there are none."""
+    if any(point.write == "only" for point in points):
+        return [None] * len(points), None
+    try:
+        outcome = await read(unit, points, ask)
+    except WrongQuestion as wrong:
+        return [None] * len(points), complaint_of(wrong)
+    return [each.items for each in outcome.readings], None
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +238,7 @@ def _text(point: Point, items: bytes | None) -> str | None:
     return None if items is None else point.show(point.value(items))
 
 
-def _wanted(unit: Unit, form: dict[str, str]) -> tuple[list[Point], list[str]]:
+def _wanted(unit: UnitPicture, form: dict[str, str]) -> tuple[list[Point], list[str]]:
     """The points and values that a form names, as `modbus-gateway write` understands them.
 
     Raises:

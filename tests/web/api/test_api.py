@@ -5,8 +5,7 @@ import json
 
 import pytest
 
-from gateway.web.api.openapi import document
-from gateway.web.api.values import MOST_ITEMS
+from gateway.operator.unit_values import MOST_ITEMS
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 
@@ -308,10 +307,3 @@ async def test_many_readers_of_the_status_cost_one(bench):
     assert len({page.json["at"] for page in pages}) == 1
     await asyncio.sleep(1.0)
     assert (await bench.browser().get("/api/v1/status")).json["at"] >= pages[0].json["at"] + 1.0
-
-
-def test_the_document_names_nothing_that_it_does_not_have():
-    text = json.dumps(document({}, "mbgw"))
-    named = {part.partition('"')[0] for part in text.split("#/components/schemas/")[1:]}
-    missing = named - set(document({}, "mbgw")["components"]["schemas"])
-    assert missing == {"Status", "Line", "Server", "Upstream", "UnitStatus", "Image", "Mirror", "Point", "Reload"}

@@ -7,7 +7,7 @@ from struct import unpack_from
 
 import pytest
 
-from gateway.operator.operations import Traced
+from gateway.operator.asked import Traced
 from gateway.operator.requests import AwaitedOrigin
 from gateway.operator.trace_reader import capture
 from gateway.request import Request

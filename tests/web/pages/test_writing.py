@@ -6,9 +6,8 @@ import re
 import pytest
 
 from gateway.modbus.rtu import with_crc
+from gateway.operator.values import Answer
 from gateway.routing.access import READING, AccessRow, Rights
-from gateway.web.api.answers import Answer
-from gateway.web.front.problems import complaint
 from gateway.web.pages.questions import KEPT, MOST, PATIENCE
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
@@ -396,10 +395,10 @@ async def test_a_write_to_a_unit_that_rests_says_when_it_is_tried_again(anna, de
 
 
 def test_a_request_that_was_not_sent_says_so_and_why():
-    assert str(complaint(Answer(b"\x86\x0b", 0.1, "resting"))) == (
+    assert str(Answer(b"\x86\x0b", 0.1, "resting").complaint) == (
         "exception 0B, gateway target failed to respond: not sent: the unit has not answered and rests"
     )
-    assert str(complaint(Answer(b"\x86\x02", 0.1))) == "exception 02, illegal data address"
+    assert str(Answer(b"\x86\x02", 0.1).complaint) == "exception 02, illegal data address"
 
 
 async def test_who_writes_to_an_image_is_told_where_values_are_written(bench):

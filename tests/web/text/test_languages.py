@@ -13,10 +13,9 @@ from jinja2 import Environment
 import gateway.errors
 from gateway.errors import RequestError
 from gateway.operator.answers.status import LineStatus, UnitStatus
+from gateway.operator.complaint import WHYS, exception_name
 from gateway.trace.records import RESULTS
 from gateway.web.access.guard import Role
-from gateway.web.front import problems
-from gateway.web.front.problems import exception_name
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.renderer import FOLDER as TEMPLATES
 from gateway.web.pages.renderer import _templates
@@ -193,7 +192,7 @@ def words_of_the_gateway() -> set[str]:
     errors = (each for each in vars(gateway.errors).values() if isinstance(each, type))
     results = {each.result for each in errors if issubclass(each, RequestError)}
     exceptions = {exception_name(code) for code in range(256)}
-    return {*states, *results, *get_args(Role), *exceptions, *problems._WHYS.values(), "ok", "exception"}
+    return {*states, *results, *get_args(Role), *exceptions, *WHYS.values(), "ok", "exception"}
 
 
 @pytest.mark.parametrize("code", OTHERS)

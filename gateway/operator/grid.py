@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Final
+from typing import Final
 
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
+from gateway.operator.answers import values as answers
 from gateway.operator.kept import ImageWindow, PolledAge, Written
 from gateway.profiles.point import Point, Reading
 from gateway.registers.datatypes import registers_of
@@ -30,21 +31,22 @@ class Cell:
 
     @property
     def text(self) -> str:
-        """The value as text; empty while it is unknown."""
+        """Show the value as text; empty while it is unknown."""
         return self.reading.point.show(self.reading.value) if self.is_known else ""
 
-    def as_json(self) -> dict[str, Any]:
-        """For programs."""
+    def told(self) -> answers.Cell:
+        """Tell it to programs."""
         told = self.reading.as_json(with_area=False)
-        told["text"] = self.text
-        told["state"] = "unknown" if not self.is_known else "stale" if self.is_stale else "fine"
         if not self.is_known:
             told |= {"value": None, "registers": []}
-        if self.age_ms is not None:
-            told["age_ms"] = self.age_ms
-        if self.written is not None:
-            told |= {"writer": self.written.client, "written_ms": self.written.ago_ms}
-        return told
+        return answers.Cell(
+            **told,
+            text=self.text,
+            state="unknown" if not self.is_known else "stale" if self.is_stale else "fine",
+            age_ms=self.age_ms,
+            writer=None if self.written is None else self.written.client,
+            written_ms=None if self.written is None else self.written.ago_ms,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +61,7 @@ class Grid:
     columns: int
 
     def rows(self) -> Iterator[tuple[int, Sequence[Cell]]]:
-        """Each row with its first address. What is left of a range for no whole value is left out."""
+        """Yield each row with its first address. What is left of a range for no whole value is left out."""
         width = self.size * self.columns
         for span, items in self.window.parts:
             cells, first = self._cells(span, items), span.start
@@ -82,7 +84,7 @@ class Grid:
 
 
 def grid_of(window: ImageWindow, area: Area, data_type: str, swap: str) -> Grid:
-    """The grid of a window whose type and swap have been checked."""
+    """Make the grid of a window whose type and swap have been checked."""
     data_type = data_type or ("bit" if has_bits(area) else "uint16")
     if data_type == "string":
         return Grid(window, area, data_type, swap, COLUMNS, _TEXT_COLUMNS)
@@ -91,7 +93,7 @@ def grid_of(window: ImageWindow, area: Area, data_type: str, swap: str) -> Grid:
 
 
 def _writers(writes: Sequence[Written], area: Area) -> dict[int, Written]:
-    """The last write to each address, among at most MOST of them."""
+    """Find the last write to each address, among at most MOST of them."""
     found: dict[int, Written] = {}
     for each in writes:  # the newest first
         if each.span.area == area and each.span.count <= MOST:

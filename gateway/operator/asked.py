@@ -1,0 +1,201 @@
+"""What is asked: the parameters of operations, each with what it must be in words."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
+
+from gateway.modbus.codes import Area
+from gateway.operator.parameters import Filled, InBody, OneOf, Within
+from gateway.registers.datatypes import DATA_TYPES, SWAPS
+from gateway.timing.history import LINE_SLOTS, STEP, UNIT_SLOTS
+from gateway.trace.records import MOST_STORIES
+
+#: How many hours of a history are kept.
+MOST_HOURS_OF_A_LINE: Final = LINE_SLOTS * STEP // 3600
+MOST_HOURS_OF_A_UNIT: Final = UNIT_SLOTS * STEP // 3600
+#: Points that somebody else has read may be this many seconds old.
+LONGEST_AGE: Final = 60
+
+#: A unit: the number that clients use, or its name.
+UnitNamed = Annotated[int | str, Within(0, 255), "a number from 0 to 255, or a name"]
+LineNamed = Annotated[str, "the name of a line"]
+PointNamed = Annotated[str, "the name of a point"]
+
+
+@dataclass(frozen=True, slots=True)
+class OneUnit:
+    """The `unit` that is meant."""
+
+    unit: UnitNamed
+
+
+@dataclass(frozen=True, slots=True)
+class OneDevice:
+    """The `device` that is meant."""
+
+    device: UnitNamed
+
+
+@dataclass(frozen=True, slots=True)
+class OneRequest:
+    """A request to `unit`: its `pdu` in hexadecimal."""
+
+    unit: UnitNamed
+    pdu: Annotated[str, 'bytes in hexadecimal, such as "03 00 00 00 02"']
+
+
+@dataclass(frozen=True, slots=True)
+class ToExamine:
+    """The `line`, server line or upstream to examine, or all. Unless it may `ask`, nothing is sent."""
+
+    line: LineNamed | None = None
+    ask: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Traced:
+    """Records from number `after` on; or those of the last `since` seconds, or the last few.
+
+    `line`, `unit`, `function`, `client` and `result` choose among them. With `lines` the answer has the lines too.
+    """
+
+    after: int | None = None
+    since: float | None = None
+    line: str | None = None
+    unit: int | str | None = None
+    function: int | None = None
+    client: str | None = None
+    result: str | None = None
+    lines: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ToExplain:
+    """The last `count` failed requests of `who`: a unit by number or name, a line, or a client by name or address.
+
+    With a `line`, only those on it.
+    """
+
+    who: Annotated[str, 'a unit, or a client such as "10.2.0.7"']
+    count: Annotated[int, Within(1, MOST_STORIES), f"1 to {MOST_STORIES}"] = 5
+    line: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ToMeasure:
+    """The `line` to read as fast as it goes for some `seconds`, all its units or one, some `items` from `address` on.
+
+    With `progress` it is told each second how far the measurement is.
+    """
+
+    line: LineNamed
+    unit: UnitNamed | None = None
+    seconds: Annotated[float, Within(0.001, 3600), "a number above 0, 3600 at most"] = 60.0
+    items: Annotated[int, Within(1, 2000), "a number above 0, 2000 at most"] = 10
+    address: Annotated[int | None, Within(0, 65535), "a number from 0 to 65535"] = None
+    progress: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ToScan:
+    """The `line` to scan, for the `units` or all numbers; an answer has `limit_s` seconds.
+
+    With `all_speeds` it is scanned at all usual rates.
+    """
+
+    line: LineNamed
+    units: Annotated[int | str | list[Any] | None, 'units such as "1-32"'] = None
+    limit_s: Annotated[float, Within(0.001, 10), "more than 0 and at most 10 s"] = 0.3
+    all_speeds: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class OneLine:
+    """The line, line where the gateway is the server, or other server of this `name`."""
+
+    name: LineNamed
+
+
+@dataclass(frozen=True, slots=True)
+class PastOfLine:
+    """What the line, or other server, of this `name` did in so many `hours` up to now."""
+
+    name: LineNamed
+    hours: Annotated[
+        int, Within(1, MOST_HOURS_OF_A_LINE), f"a whole number from 1 to {MOST_HOURS_OF_A_LINE}: hours up to now"
+    ] = 24
+
+
+@dataclass(frozen=True, slots=True)
+class PastOfUnit:
+    """What a `unit` did in so many `hours` up to now."""
+
+    unit: UnitNamed
+    hours: Annotated[
+        int, Within(1, MOST_HOURS_OF_A_UNIT), f"a whole number from 1 to {MOST_HOURS_OF_A_UNIT}: hours up to now"
+    ] = 24
+
+
+@dataclass(frozen=True, slots=True)
+class PointsToRead:
+    """All points of a `unit`, or what somebody else has read of them not longer ago than `max_age`, in seconds."""
+
+    unit: UnitNamed
+    max_age: Annotated[
+        int, Within(0, LONGEST_AGE), f"a whole number from 0 to {LONGEST_AGE}: how old values may be, in seconds"
+    ] = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PointToRead:
+    """The point of a `unit` that is called `name`."""
+
+    unit: UnitNamed
+    name: PointNamed
+
+
+@dataclass(frozen=True, slots=True)
+class Addresses:
+    """The addresses of a `unit` from `start` to `end`, or one value from `start` on, of a `type` and with a `swap`."""
+
+    unit: UnitNamed
+    area: Area
+    start: Annotated[int, Within(0, 65535), "an address from 0 to 65535"]
+    end: Annotated[int | None, Within(0, 65535), "an address from 0 to 65535"] = None
+    type: Annotated[str, OneOf(DATA_TYPES), "how values are encoded; without it uint16, for bits bit"] = ""
+    swap: Annotated[str, OneOf(SWAPS), "the order of words and bytes in values; without it none"] = "none"
+
+
+#: A value to write: a number, a truth value, a label or text.
+NewValue = float | str | bool
+
+
+@dataclass(frozen=True, slots=True)
+class NamedValue:
+    """The new value of a point."""
+
+    point: str
+    value: NewValue
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ValuesToWrite(Addresses):
+    """New `values` from an address on, which one request writes."""
+
+    values: Annotated[list[NewValue], InBody(), Filled(), "a list with one value at least"]
+
+
+@dataclass(frozen=True, slots=True)
+class PointToWrite(PointToRead):
+    """The new value of the point that is called `name`: one, in a list."""
+
+    values: Annotated[list[NewValue], InBody(), Filled(), "a list with one value"]
+
+
+@dataclass(frozen=True, slots=True)
+class PointsToWrite:
+    """New `values` of points that lie side by side, which one request writes."""
+
+    unit: UnitNamed
+    values: Annotated[
+        list[NamedValue], InBody(), Filled(), 'a list in which each value is {"point": NAME, "value": VALUE}'
+    ]

@@ -1,0 +1,39 @@
+"""What images and mirrors have, without a request of a client."""
+
+import asyncio
+
+from gateway.errors import ExceptionCode, Malformed, NotPermitted, WrongQuestion
+from gateway.modbus.functions import READERS
+from gateway.modbus.pdu import Span
+from gateway.operator.answers.values import Cell, Cells
+from gateway.operator.asked import Addresses
+from gateway.operator.grid import MOST, grid_of
+from gateway.operator.kept import window
+from gateway.operator.operation import Asker
+from gateway.operator.operator import Operator
+from gateway.operator.reached import may
+from gateway.operator.reading_and_writing import points_at
+from gateway.operator.units import picture
+
+
+async def tell_image(operator: Operator, asked: Addresses, asker: Asker) -> Cells:
+    """Tell what an image or mirror has at some addresses, with ages and last writers.
+
+    Raises:
+        WrongQuestion: there is no such image, the addresses make no sense, or who asks may not read them.
+    """
+    unit, points, area = picture(operator.gateway, asked.unit), points_at(asked), asked.area
+    span = Span(area, points[0].address, sum(point.count for point in points))
+    if span.count > MOST:
+        raise Malformed(f"{span.addresses}: at most {MOST} addresses at a time")
+    if not may(operator.router(asker.door), asker.host, unit.unit, READERS[area][0]):
+        why = f"[[access]] does not let {asker.caller.client} read {area}"
+        raise NotPermitted(why, ExceptionCode.ILLEGAL_FUNCTION)
+    found = window(operator.gateway, unit.unit, span, asyncio.get_running_loop().time())
+    if found is None:
+        raise WrongQuestion(f"unit {unit.unit} is no image")
+    values: list[Cell] = []
+    for _, cells in grid_of(found, area, points[0].type, points[0].swap).rows():
+        values += [cell.told() for cell in cells]
+        await asyncio.sleep(0)  # a row takes a tenth of a millisecond; the lines come first
+    return Cells(unit=unit.unit, name=unit.name, area=area, stale_ms=found.stale_ms, values=values)

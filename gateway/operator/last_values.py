@@ -1,0 +1,98 @@
+"""The points of a unit, read once for all who want them at about the same time: an open page costs a line little."""
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from gateway.modbus.functions import READERS
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.operation import Asker
+from gateway.operator.operator import Door, Operator
+from gateway.operator.reached import may, target
+from gateway.operator.requests import ask_for
+from gateway.operator.unit_values import read
+from gateway.operator.values import Outcome
+from gateway.profiles.point import Point
+
+#: Units whose last values are kept, and how long they may be shown, in seconds.
+MOST_UNITS: Final = 256
+SHOWN_FOR: Final = 3600.0
+
+#: The number of a unit, the door, and the functions that may read it there: those with other rights have others.
+_Key = tuple[int, Door, frozenset[int]]
+
+
+@dataclass(slots=True)
+class _Last:
+    """The last values of a unit, which has not changed since, and who reads it now."""
+
+    unit: UnitPicture
+    target: object
+    outcome: Outcome | None = None
+    at: float = 0.0
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+
+class _LastOfAll(OrderedDict[_Key, _Last]):
+    """The last values of units; those that were asked for last stand at the end."""
+
+
+async def read_all(operator: Operator, unit: UnitPicture, asker: Asker, max_age: float) -> tuple[Outcome, float]:
+    """Read all points that can be read, if that was not done less than `max_age` seconds ago; and tell how long ago.
+
+    Raises:
+        UnitFailed: nothing could be read.
+        ChangedMeanwhile: a reload has led the unit's number elsewhere.
+    """
+    ask, last = ask_for(operator, unit.unit, asker), _of(operator, unit, asker)
+    clock = asyncio.get_running_loop().time
+    asked_at = clock()
+    async with last.turn:
+        now = clock()
+        if last.outcome is None or last.at < asked_at - max_age:
+            points = readable(unit)
+            last.outcome, last.at = await read(unit, points, ask) if points else Outcome(), now
+        return last.outcome, clock() - last.at
+
+
+def shown(operator: Operator, unit: UnitPicture, asker: Asker) -> tuple[Outcome, float] | None:
+    """Find the last values and their age in seconds, if there are any."""
+    now, last = asyncio.get_running_loop().time(), operator.kept(_LastOfAll).get(_key(operator, unit, asker))
+    if last is None or _has_changed(operator, last, unit) or last.outcome is None or now - last.at > SHOWN_FOR:
+        return None
+    return last.outcome, now - last.at
+
+
+def forget_values(operator: Operator, unit: UnitPicture) -> None:
+    """Let the values of a unit be read again: something was written."""
+    kept = operator.kept(_LastOfAll)
+    for key in [key for key in kept if key[0] == unit.unit]:
+        del kept[key]
+
+
+def readable(unit: UnitPicture) -> Sequence[Point]:
+    """List the points that can be read."""
+    return [point for point in unit.points if point.write != "only"]
+
+
+def _of(operator: Operator, unit: UnitPicture, asker: Asker) -> _Last:
+    kept, key = operator.kept(_LastOfAll), _key(operator, unit, asker)
+    last = kept.get(key)
+    if last is None or _has_changed(operator, last, unit):
+        last = kept[key] = _Last(unit, target(operator.gateway, unit.unit))
+    kept.move_to_end(key)
+    if len(kept) > MOST_UNITS:
+        kept.popitem(last=False)
+    return last
+
+
+def _has_changed(operator: Operator, last: _Last, unit: UnitPicture) -> bool:
+    """Tell whether a reload has led the number elsewhere, or given the points another meaning."""
+    return last.unit != unit or last.target is not target(operator.gateway, unit.unit)
+
+
+def _key(operator: Operator, unit: UnitPicture, asker: Asker) -> _Key:
+    router, functions = operator.router(asker.door), {READERS[point.area][0] for point in unit.points}
+    return unit.unit, asker.door, frozenset(each for each in functions if may(router, asker.host, unit.unit, each))

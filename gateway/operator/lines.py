@@ -1,0 +1,29 @@
+"""Lines, lines where the gateway is the server, and other servers."""
+
+from gateway.errors import WrongQuestion
+from gateway.operator.answers.lines import Lines
+from gateway.operator.answers.status import AnyLine
+from gateway.operator.asked import OneLine
+from gateway.operator.operation import Asker, Nothing
+from gateway.operator.operator import Operator
+from gateway.operator.status import tell_status
+
+
+async def tell_lines(operator: Operator, asked: Nothing, asker: Asker) -> Lines:
+    """Tell of all of them."""
+    status = await tell_status(operator, asked, asker)
+    return Lines(status.lines, status.servers, status.upstreams)
+
+
+async def tell_line(operator: Operator, asked: OneLine, asker: Asker) -> AnyLine:
+    """Tell of one of them.
+
+    Raises:
+        WrongQuestion: there is none of this name.
+    """
+    status = await tell_status(operator, Nothing(), asker)
+    known: tuple[AnyLine, ...] = (*status.lines, *status.servers, *status.upstreams)
+    found = next((each for each in known if each.name == asked.name), None)
+    if found is not None:
+        return found
+    raise WrongQuestion(f"there is no line {asked.name}")

@@ -1,0 +1,136 @@
+"""Operations that read and write the values of a unit, by their addresses or by the names of its points."""
+
+from collections.abc import Sequence
+
+from gateway.errors import DoesNotFit, Malformed, WrongQuestion
+from gateway.modbus.codes import Area
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.answers.values import Points, Values
+from gateway.operator.asked import (
+    Addresses,
+    PointsToRead,
+    PointsToWrite,
+    PointToRead,
+    PointToWrite,
+    ValuesToWrite,
+)
+from gateway.operator.last_values import forget_values, read_all
+from gateway.operator.operation import Asker
+from gateway.operator.operator import Operator
+from gateway.operator.parameters import fields_of
+from gateway.operator.requests import ask_for
+from gateway.operator.unit_values import point_named, prepared, read, refused, values_at
+from gateway.operator.units import picture
+from gateway.operator.values import Outcome, values_told
+from gateway.profiles.point import Point
+
+
+async def read_values(operator: Operator, asked: Addresses, asker: Asker) -> Values:
+    """Read values by their addresses.
+
+    Raises:
+        WrongQuestion: there is no such unit, the addresses make no sense, or the unit did not answer with all values.
+    """
+    unit, points = _any_unit(operator, asked.unit), points_at(asked)
+    outcome = await read(unit, points, ask_for(operator, unit.unit, asker))
+    return values_told(unit.unit, unit.name, asked.area, outcome)
+
+
+async def read_points(operator: Operator, asked: PointsToRead, asker: Asker) -> Points:
+    """Read all points of a unit that can be read.
+
+    Raises:
+        WrongQuestion: there is no such unit, or nothing could be read.
+    """
+    unit = picture(operator.gateway, asked.unit)
+    outcome, age = await read_all(operator, unit, asker, asked.max_age)
+    return Points(**fields_of(values_told(unit.unit, unit.name, None, outcome)), age_ms=round(age * 1000, 1))
+
+
+async def read_point(operator: Operator, asked: PointToRead, asker: Asker) -> Values:
+    """Read one point.
+
+    Raises:
+        WrongQuestion: there is no such point, or it could not be read.
+    """
+    unit = picture(operator.gateway, asked.unit)
+    point = point_named(unit, asked.name)
+    if point.write == "only":
+        raise DoesNotFit(f"{point.name} can be written, but not read")
+    outcome = await read(unit, [point], ask_for(operator, unit.unit, asker))
+    return values_told(unit.unit, unit.name, None, outcome)
+
+
+async def write_values(operator: Operator, asked: ValuesToWrite, asker: Asker) -> Values:
+    """Write values from an address on, with one request.
+
+    Raises:
+        WrongQuestion: there is no such unit, the values do not fit, or the unit did not carry it out.
+    """
+    unit, points = _any_unit(operator, asked.unit), points_at(asked)
+    if len(points) != len(asked.values):
+        raise Malformed(f"{len(asked.values)} values do not fill {len(points)} places")
+    return await _write(operator, unit, points, asked.values, asker, asked.area)
+
+
+async def write_point(operator: Operator, asked: PointToWrite, asker: Asker) -> Values:
+    """Write one point.
+
+    Raises:
+        WrongQuestion: there is no such point, the value does not fit, or the unit did not carry it out.
+    """
+    unit = picture(operator.gateway, asked.unit)
+    point = point_named(unit, asked.name)
+    if len(asked.values) != 1:
+        raise Malformed(f"{point.name} takes one value, not {len(asked.values)}")
+    return await _write(operator, unit, [point], asked.values, asker)
+
+
+async def write_points(operator: Operator, asked: PointsToWrite, asker: Asker) -> Values:
+    """Write points that lie side by side, with one request.
+
+    Raises:
+        WrongQuestion: there is no such point, a value does not fit, or the unit did not carry it out.
+    """
+    unit = picture(operator.gateway, asked.unit)
+    points = [point_named(unit, str(each.point)) for each in asked.values]
+    return await _write(operator, unit, points, [each.value for each in asked.values], asker)
+
+
+def points_at(asked: Addresses) -> list[Point]:
+    """List the values that are asked for, as nameless points.
+
+    Raises:
+        Malformed: there is no such type, or it does not fit.
+    """
+    return values_at(asked.area, asked.start, asked.end, asked.type, asked.swap)
+
+
+def _any_unit(operator: Operator, wanted: int | str) -> UnitPicture:
+    """Describe a unit; one that is not configured is asked all the same, and the answer is 0A."""
+    try:
+        return picture(operator.gateway, wanted)
+    except WrongQuestion:
+        if not isinstance(wanted, int):
+            raise
+        return UnitPicture(wanted, "", "", "", None, {}, {}, 0.0, ())
+
+
+async def _write(
+    operator: Operator,
+    unit: UnitPicture,
+    points: Sequence[Point],
+    values: Sequence[object],
+    asker: Asker,
+    area: Area | None = None,
+) -> Values:
+    """Write; what was read before is then not given to anybody, even if there was no response."""
+    ask = ask_for(operator, unit.unit, asker)
+    readings, request = prepared(unit, points, values)
+    try:
+        answer = await ask(request)
+    finally:
+        forget_values(operator, unit)
+    if answer.exception is not None:
+        raise refused(answer)
+    return values_told(unit.unit, unit.name, area, Outcome(readings, [], [answer]))

@@ -1,0 +1,107 @@
+"""The values of a unit: which points are meant, and the requests that read and write them, for any door."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from gateway.errors import DoesNotFit, ExceptionReceived, Malformed, WrongQuestion
+from gateway.modbus.codes import Area
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.requests import Ask
+from gateway.operator.values import Answer, Outcome, Steps, reading, request_to_write
+from gateway.profiles.point import Point, Reading
+from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
+from gateway.registers.items import has_bits
+
+#: Items that are read at most: at most 16 requests on a line.
+MOST_ITEMS: Final = 2000
+_LAST_ADDRESS: Final = 65535
+
+
+def values_at(area: Area, first: int, last: int | None, data_type: str, swap: str) -> list[Point]:
+    """List the values at the addresses from `first` to `last`, as nameless points; one if there is no last address.
+
+    Raises:
+        Malformed: there is no such type, or it does not fit.
+    """
+    usual = "bit" if has_bits(area) else "uint16"
+    data_type = data_type or usual
+    last = first + registers_of(data_type) - 1 if last is None else last
+    count = last - first + 1
+    if count < 1 or last > _LAST_ADDRESS or count > MOST_ITEMS:
+        raise Malformed(f"{first}-{last}: addresses are 0 to {_LAST_ADDRESS}, at most {MOST_ITEMS} at a time")
+    if data_type not in DATA_TYPES or (data_type == "bit") != has_bits(area):
+        raise Malformed(f"type: {area} cannot be {data_type}")
+    if swap not in SWAPS or (swap != "none" and has_bits(area)):
+        raise Malformed(f"swap: {area} cannot be read with {swap}")
+    size = count if data_type == "string" else registers_of(data_type)
+    if count % size:
+        raise Malformed(f"{first}-{last} are {count} registers, and each {data_type} takes {size}")
+    return [Point("", area, at, data_type, swap, size, write="yes") for at in range(first, last + 1, size)]
+
+
+def point_named(unit: UnitPicture, name: str) -> Point:
+    """Find a point of a unit.
+
+    Raises:
+        WrongQuestion: it has none of this name.
+    """
+    for point in unit.points:
+        if point.name == name:
+            return point
+    raise WrongQuestion(f"unit {unit.unit} has no point {name}")
+
+
+async def read(unit: UnitPicture, points: Sequence[Point], ask: Ask) -> Outcome:
+    """Read points in as few requests as the unit allows; named ones that it refuses together are read one by one.
+
+    Raises:
+        UnitFailed: nothing could be read, or of values without names not all.
+        ChangedMeanwhile: a reload has led the unit's number elsewhere.
+    """
+    outcome = await _carried_out(reading(points, unit.limits), ask)
+    if outcome.failures and not (outcome.readings and points[0].name):
+        raise refused(outcome.failures[0].answer)
+    return outcome
+
+
+def prepared(unit: UnitPicture, points: Sequence[Point], values: Sequence[object]) -> tuple[list[Reading], bytes]:
+    """Prepare what is to be there afterwards, by address, and the request that writes it.
+
+    Raises:
+        DoesNotFit: a point cannot hold its value or be written, or they do not fit into one request.
+    """
+    readings = sorted(
+        (Reading(point, _items(point, value)) for point, value in zip(points, values, strict=True)),
+        key=lambda each: each.point.address,
+    )
+    request, _ = request_to_write(readings, unit.limits, unit.functions)
+    return readings, request
+
+
+def refused(answer: Answer) -> ExceptionReceived:
+    """Make the error that a response with an exception stands for."""
+    said = answer.complaint
+    return ExceptionReceived(str(said), said.code, said.result, said.reason)
+
+
+async def _carried_out(steps: Steps, ask: Ask) -> Outcome:
+    """Send each request, and give the answer to the next step."""
+    try:
+        request = next(steps)
+        while True:
+            request = steps.send(await ask(request))
+    except StopIteration as end:
+        outcome: Outcome = end.value
+        return outcome
+
+
+def _items(point: Point, value: object) -> bytes:
+    """Encode a value out of JSON: a number, a truth value, a label, text."""
+    if point.write == "no":
+        raise DoesNotFit(f"{point.name} is read-only", "set write = true for this point")
+    if not isinstance(value, str | int | float):
+        raise DoesNotFit(f"expected a number, boolean or string, got {'null' if value is None else value!r}")
+    try:
+        return point.items(str(int(value)) if isinstance(value, bool) else str(value))
+    except (ValueError, ArithmeticError) as wrong:
+        raise DoesNotFit(str(wrong)) from wrong

@@ -1,0 +1,119 @@
+"""The HTTP routes below /api/v1 that the table of operations makes."""
+
+import asyncio
+import json
+import re
+from collections.abc import Iterator
+from typing import Any, Final
+
+from aiohttp import web
+
+from gateway.clock.threads import ThreadPerCall
+from gateway.errors import NotPermitted
+from gateway.modbus.codes import Area
+from gateway.operator.answers.running import Reloaded
+from gateway.operator.answers.status import Status
+from gateway.operator.operation import Operation
+from gateway.operator.operations import OPERATIONS
+from gateway.operator.operator import Operator
+from gateway.operator.parameters import Parameter, fields_of, parameters_of
+from gateway.web.access.guard import Need
+from gateway.web.api.asking import asker_of, parameters_in
+from gateway.web.front.problems import Handler, ProblemError
+
+#: Below this path are all operations.
+ROOT: Final = "/api/v1"
+#: The operations that have a path.
+WITH_PATH: Final = tuple(each for each in OPERATIONS if each.path is not None)
+
+_NAMED: Final = re.compile(r"\{(\w+)\}")
+#: The last parameter of a path, which may be left out with what joins it to the one before.
+_LAST: Final = re.compile(r"-\{(\w+)\}$")
+
+
+class OperationRoutes:
+    """The handlers of operations. Values are written only if `may_write`."""
+
+    def __init__(
+        self, operator: Operator, *, may_write: bool, operations: tuple[Operation[Any, Any], ...] = WITH_PATH
+    ) -> None:
+        self._handlers = [_Handler(each, operator, may_write=may_write) for each in operations]
+
+    def routes(self) -> Iterator[tuple[str, str, Handler, Need]]:
+        """List method, path, handler, and what it needs."""
+        for each in self._handlers:
+            need: Need = "reading" if each.operation.right == "reading" else "operator"
+            for path in _paths(each.operation):
+                yield each.operation.method, path, each.handle, need
+
+
+class _Handler:
+    """The handler of one operation."""
+
+    def __init__(self, operation: Operation[Any, Any], operator: Operator, *, may_write: bool) -> None:
+        self.operation = operation
+        self._operator = operator
+        self._may_write = may_write
+        #: The status that was written last, and its text: it is the same for all who ask within a second.
+        self._status: Status | None = None
+        self._text = ""
+        self._one_status_at_a_time = asyncio.Lock()
+
+    async def handle(self, request: web.Request) -> web.Response:
+        """Carry out the operation that a request asks for.
+
+        Raises:
+            WrongQuestion, ProblemError: it cannot be carried out.
+        """
+        if self.operation.right == "writing" and not self._may_write:
+            raise NotPermitted("nothing is written over HTTP without write = true in [web]")
+        asked = await parameters_in(request, self.operation.parameters)
+        answer = await self.operation.answer(self._operator, asked, asker_of(request))
+        if isinstance(answer, Reloaded) and not answer.ok:
+            raise _not_reloaded(answer)
+        return json_response(await (self._written_once(answer) if isinstance(answer, Status) else _written(answer)))
+
+    async def _written_once(self, status: Status) -> str:
+        async with self._one_status_at_a_time:
+            if status is not self._status:
+                self._text = await _written(status)
+                self._status = status
+            return self._text
+
+
+def json_of(body: object) -> str:
+    """Write dataclasses, and what JSON has, as JSON."""
+    return json.dumps(body, default=fields_of, ensure_ascii=False)
+
+
+def json_response(text: str) -> web.Response:
+    """Respond with a text that is JSON."""
+    return web.Response(text=text, content_type="application/json", headers={"Cache-Control": "no-store"})
+
+
+async def _written(answer: object) -> str:
+    """Write an answer as JSON, in a thread: it may be long."""
+    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web API"), json_of, answer)
+
+
+def _not_reloaded(outcome: Reloaded) -> ProblemError:
+    if outcome.problems:
+        return ProblemError(422, outcome.problems[0], problems=outcome.problems)
+    return ProblemError(500, outcome.defect)
+
+
+def _paths(operation: Operation[Any, Any]) -> Iterator[str]:
+    """List the paths of an operation for the router: two if the last parameter in it may be left out."""
+    kind: Any = operation.parameters
+    known = {each.name: each for each in parameters_of(kind)}
+    path = f"{ROOT}{operation.path}"
+    last = _LAST.search(path)
+    for each in (path, path[: last.start()]) if last and not known[last[1]].is_required else (path,):
+        yield _NAMED.sub(lambda named: f"{{{named[1]}{_pattern(known[named[1]])}}}", each)
+
+
+def _pattern(parameter: Parameter) -> str:
+    """Say what a part of a path must look like to be this parameter; empty for any text."""
+    if Area in parameter.types:
+        return f":{'|'.join(Area)}"
+    return ":[0-9]{1,5}" if int in parameter.types and str not in parameter.types else ""
