@@ -10,8 +10,9 @@ from gateway.operator.operations import BY_NAME, OPERATIONS
 
 @pytest.mark.parametrize("operation", OPERATIONS, ids=lambda each: each.name)
 def test_the_type_of_a_result_is_the_one_that_is_loaded(operation):
-    constant = operation.name.upper()
+    constant = operation.name.upper().replace("-", "_")
     assert getattr(operations, constant) is BY_NAME[operation.name] is operation
     parameters, result = get_args(get_args(operations.__annotations__[constant])[0])
     assert parameters is operation.parameters
-    assert result.__forward_arg__ == operation.result.__name__
+    assert operation.result
+    assert result.__forward_arg__ == operation.result_at.partition(":")[2]

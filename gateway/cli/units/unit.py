@@ -10,7 +10,8 @@ from gateway.cli.kit.usage import add_port_arguments, parsed_by
 from gateway.config.values.duration import parse_duration
 from gateway.errors import GatewayError
 from gateway.modbus.codes import Area
-from gateway.operator.operations import REQUEST, UNIT, OneRequest, OneUnit
+from gateway.operator.asked import OneRequest, OneUnit
+from gateway.operator.operations import REQUEST, UNIT
 from gateway.operator.values import Answer
 from gateway.profiles.point import Point
 

@@ -12,7 +12,8 @@ from gateway.cli.show.bench import show_bench
 from gateway.config.values.duration import parse_duration, show_duration
 from gateway.errors import DaemonError
 from gateway.operator.answers.bench import BenchResult
-from gateway.operator.operations import BENCH, ToMeasure
+from gateway.operator.asked import ToMeasure
+from gateway.operator.operations import BENCH
 
 #: A client's reads may wait this long behind the end of the measurement, in seconds.
 _SLACK = 40.0

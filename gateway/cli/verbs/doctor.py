@@ -17,7 +17,8 @@ from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import with_ports
 from gateway.errors import DaemonError
-from gateway.operator.operations import DOCTOR, ToExamine
+from gateway.operator.asked import ToExamine
+from gateway.operator.operations import DOCTOR
 from gateway.tools.outside import findings_about
 
 #: How long the gateway may take, in seconds: it asks units, and may try other rates and formats on several lines.

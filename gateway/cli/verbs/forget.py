@@ -9,7 +9,8 @@ from gateway.cli.main import FINE
 from gateway.control.messages import result_in
 from gateway.devices.moved import show_addresses
 from gateway.operator.answers.forgotten import Forgotten
-from gateway.operator.operations import FORGET, OneDevice
+from gateway.operator.asked import OneDevice
+from gateway.operator.operations import FORGET
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -23,7 +23,8 @@ from gateway.config.values.duration import parse_duration, show_duration
 from gateway.config.values.unitset import parse_units
 from gateway.errors import DaemonError
 from gateway.operator.answers.scan import Found, Progress, ScanStep
-from gateway.operator.operations import SCAN, ToScan
+from gateway.operator.asked import ToScan
+from gateway.operator.operations import SCAN
 
 #: The time limit of a question, in seconds, when nobody says otherwise.
 _USUAL_LIMIT: Final = 0.3

@@ -20,7 +20,8 @@ from gateway.config.values.duration import parse_duration
 from gateway.errors import DaemonError
 from gateway.operator.answers.trace import Fact
 from gateway.operator.capture import description, packets
-from gateway.operator.operations import TRACE, WHY, ToExplain, Traced
+from gateway.operator.asked import ToExplain, Traced
+from gateway.operator.operations import TRACE, WHY
 from gateway.operator.stories import told
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import MOST_STORIES

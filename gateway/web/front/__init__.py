@@ -1,1 +1,7 @@
-"""HTTP connections, from their place among others to the answer."""
+"""HTTP connections, from their place among others to the answer.
+
+- opening, settings    `[web]`: opens the server, and says where it listens
+- server, machines    the routes of pages, API and metrics, with what is common to all
+- problems     errors as problems, by their kinds
+- streams, downloads, turns    answers that last, and requests that wait for each other
+"""
