@@ -8,7 +8,7 @@
 - status, running, lines, units, forgetting    how the gateway is doing, its reload, its lines and units
 - requests, frames, complaint    a request to a unit, the frames that it led to, and an exception in words
 - values       the requests that read and write values, for all doors and for the command line without a gateway
-- unit_values, last_values, reading_and_writing    the same through the gateway: of a unit, for many at a time, as operations
+- unit_values, last_values, reading_and_writing    the same through the gateway, for many at a time, as operations
 - images, grid, kept    what images and mirrors have
 - trace, stories, unit_names, capture, trace_reader, sampling    what has passed, and why requests failed
 - answer_times, calibration, failures, reached    what pages show of a unit

@@ -13,6 +13,7 @@ from unittest.mock import patch
 from urllib.parse import urlencode
 
 from gateway.observe.fan_out import FanOut
+from gateway.operator.operations import OPERATIONS
 from gateway.operator.operator import Operator
 from gateway.readconfig.reader import read_here
 from gateway.runtime.reload import Reloader
@@ -188,7 +189,7 @@ class WebBench(NamedTuple):
 
 
 @asynccontextmanager
-async def web_bench(config: str, folder: Path, **settings: Any):
+async def web_bench(config: str, folder: Path, operations: Any = OPERATIONS, **settings: Any):
     """A gateway with this config, and its web page; in `folder` are the users, anna the operator and vera."""
     users = folder / "users"
     users.write_text(USERS)
@@ -207,7 +208,7 @@ async def web_bench(config: str, folder: Path, **settings: Any):
         operator.history = history
         settles = patch("gateway.runtime.garbage.settle")  # after a reload: that looks at the objects of all tests
         with settles, patch("gateway.web.front.server.Assets", _assets):
-            async with serving(replace(asked, **settings), operator, fan_out) as connect:
+            async with serving(replace(asked, **settings), operator, fan_out, operations) as connect:
                 yield WebBench(home, running, fan_out, connect, users, history)
 
 

@@ -14,7 +14,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.trace_reader import Texts, TraceReader, capture, may_see_all
 from gateway.web.access.guard import VISITOR, Guard, Need
 from gateway.web.api.asking import parameters_in
-from gateway.web.api.operations import ROOT, OperationRoutes, json_of, json_response
+from gateway.web.api.operations import ROOT, OperationRoutes, Operations, json_of, json_response
 from gateway.web.api.session import session_of
 from gateway.web.api.trace import RecordsToCapture, RecordsToFollow
 from gateway.web.front.downloads import Downloads
@@ -28,8 +28,18 @@ DOCUMENT: Final = Path(__file__).parent / "openapi.json"
 class Api:
     """The handlers. Values are written only if `may_write`."""
 
-    def __init__(self, operator: Operator, fan_out: FanOut, guard: Guard, streams: Streams, *, may_write: bool) -> None:
+    def __init__(
+        self,
+        operator: Operator,
+        operations: Operations,
+        fan_out: FanOut,
+        guard: Guard,
+        streams: Streams,
+        *,
+        may_write: bool,
+    ) -> None:
         self._operator = operator
+        self._operations = operations
         self._fan_out = fan_out
         self._guard = guard
         self._streams = streams
@@ -41,7 +51,7 @@ class Api:
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
         """List method, path, handler, and what it needs."""
         return [
-            *OperationRoutes(self._operator, may_write=self._may_write).routes(),
+            *OperationRoutes(self._operator, self._operations, may_write=self._may_write).routes(),
             ("GET", f"{ROOT}/openapi.json", self.openapi, "reading"),
             ("GET", f"{ROOT}/session", self.session, "reading"),
             ("GET", f"{ROOT}/events", self.events, "reading"),

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from aiohttp import web
@@ -14,7 +14,6 @@ from gateway.modbus.codes import Area
 from gateway.operator.answers.running import Reloaded
 from gateway.operator.answers.status import Status
 from gateway.operator.operation import Operation
-from gateway.operator.operations import OPERATIONS
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import Parameter, fields_of, parameters_of
 from gateway.web.access.guard import Need
@@ -23,8 +22,8 @@ from gateway.web.front.problems import Handler, ProblemError
 
 #: Below this path are all operations.
 ROOT: Final = "/api/v1"
-#: The operations that have a path.
-WITH_PATH: Final = tuple(each for each in OPERATIONS if each.path is not None)
+#: What may be asked; what has a path is asked here.
+Operations = Sequence[Operation[Any, Any]]
 
 _NAMED: Final = re.compile(r"\{(\w+)\}")
 #: The last parameter of a path, which may be left out with what joins it to the one before.
@@ -34,10 +33,9 @@ _LAST: Final = re.compile(r"-\{(\w+)\}$")
 class OperationRoutes:
     """The handlers of operations. Values are written only if `may_write`."""
 
-    def __init__(
-        self, operator: Operator, *, may_write: bool, operations: tuple[Operation[Any, Any], ...] = WITH_PATH
-    ) -> None:
-        self._handlers = [_Handler(each, operator, may_write=may_write) for each in operations]
+    def __init__(self, operator: Operator, operations: Operations, *, may_write: bool) -> None:
+        with_path = [each for each in operations if each.path is not None]
+        self._handlers = [_Handler(each, operator, may_write=may_write) for each in with_path]
 
     def routes(self) -> Iterator[tuple[str, str, Handler, Need]]:
         """List method, path, handler, and what it needs."""

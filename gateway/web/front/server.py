@@ -11,12 +11,14 @@ from aiohttp import web
 
 from gateway.events import WebUsersRejected
 from gateway.observe.fan_out import FanOut
+from gateway.operator.operations import OPERATIONS
 from gateway.operator.operator import Operator
 from gateway.tools.examinations import Examinations
 from gateway.web.access.guard import Guard, Need
 from gateway.web.access.sessions import Sessions
 from gateway.web.access.user_table import UserTable
 from gateway.web.api.api import Api
+from gateway.web.api.operations import Operations
 from gateway.web.front.connections import Connect, Connections, listen
 from gateway.web.front.machines import machine_routes
 from gateway.web.front.problems import Handler, problems
@@ -75,7 +77,9 @@ async def web_open(
 
 
 @asynccontextmanager
-async def serving(settings: WebSettings, operator: Operator, fan_out: FanOut) -> AsyncIterator[Connect]:
+async def serving(
+    settings: WebSettings, operator: Operator, fan_out: FanOut, operations: Operations = OPERATIONS
+) -> AsyncIterator[Connect]:
     """In its context connections are served; what makes the protocol of each, with or without TLS."""
     emit = operator.running.emit
     table = UserTable(settings.users, lambda reason: emit(WebUsersRejected(reason)))
@@ -87,7 +91,7 @@ async def serving(settings: WebSettings, operator: Operator, fan_out: FanOut) ->
 
         connections = Connections(serve)
         runner = web.AppRunner(
-            _application(settings, operator, fan_out, doctor, table, streams, connections),
+            _application(settings, operator, operations, fan_out, doctor, table, streams, connections),
             access_log=None,
             logger=_SILENT,
             keepalive_timeout=IDLE,
@@ -109,6 +113,7 @@ async def serving(settings: WebSettings, operator: Operator, fan_out: FanOut) ->
 def _application(
     settings: WebSettings,
     operator: Operator,
+    operations: Operations,
     fan_out: FanOut,
     doctor: Examinations,
     table: UserTable,
@@ -117,7 +122,7 @@ def _application(
 ) -> web.Application:
     sessions = Sessions()
     guard = Guard(settings, table, sessions)
-    api = Api(operator, fan_out, guard, streams, may_write=settings.write)
+    api = Api(operator, operations, fan_out, guard, streams, may_write=settings.write)
     assets = Assets()
     renderer = Renderer(assets, lambda: operator.gateway.plan.site, is_encrypted=settings.is_encrypted)
     heat_map = HeatMap()
