@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from gateway.operator.answers.scan import ScanStep
     from gateway.operator.answers.status import AnyLine, Status
     from gateway.operator.answers.trace import Stories, TracePage
-    from gateway.operator.answers.unit import RequestAnswer, Units, UnitWithStatus
+    from gateway.operator.answers.unit import RequestAnswer, UnitPicture, Units
+    from gateway.operator.answers.unit_status import UnitWithStatus
     from gateway.operator.answers.values import Cells, Points, Values
 
 #: Why what is asked of units by their numbers and names may not be answered.
@@ -124,13 +125,22 @@ UNITS: Final[Operation[Nothing, "Units"]] = Operation(
     by="gateway.operator.units:tell_units",
     path="/units",
 )
-UNIT: Final[Operation[OneUnit, "UnitWithStatus"]] = Operation(
+UNIT: Final[Operation[OneUnit, "UnitPicture"]] = Operation(
     "unit",
     OneUnit,
-    "gateway.operator.answers.unit:UnitWithStatus",
+    "gateway.operator.answers.unit:UnitPicture",
+    "reading",
+    "A unit with its points, as clients have to know it",
+    by="gateway.operator.units:tell_unit",
+    key="unit",
+)
+UNIT_STATUS: Final[Operation[OneUnit, "UnitWithStatus"]] = Operation(
+    "unit-status",
+    OneUnit,
+    "gateway.operator.answers.unit_status:UnitWithStatus",
     "reading",
     "A unit, its points and its status",
-    by="gateway.operator.units:tell_unit",
+    by="gateway.operator.units:tell_unit_with_status",
     key="unit",
     path=_A_UNIT,
     refuses=(WrongQuestion,),
@@ -297,6 +307,7 @@ OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     LINE_HISTORY,
     UNITS,
     UNIT,
+    UNIT_STATUS,
     UNIT_HISTORY,
     POINTS,
     POINT,

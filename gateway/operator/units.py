@@ -10,7 +10,8 @@ from gateway.config.problem import did_you_mean
 from gateway.errors import WrongQuestion
 from gateway.images.image import ImageSettings
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, FunctionCode
-from gateway.operator.answers.unit import UnitHead, UnitPicture, Units, UnitWithStatus
+from gateway.operator.answers.unit import UnitHead, UnitPicture, Units
+from gateway.operator.answers.unit_status import UnitWithStatus
 from gateway.operator.asked import OneUnit
 from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
@@ -29,8 +30,17 @@ async def tell_units(operator: Operator, _asked: Nothing, _asker: Asker) -> Unit
     return Units(tuple(UnitHead(*(getattr(each, name) for name in _HEAD)) for each in units_of(operator)))
 
 
-async def tell_unit(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitWithStatus:
+async def tell_unit(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitPicture:
     """Describe the unit with this number or name.
+
+    Raises:
+        WrongQuestion: there is none.
+    """
+    return picture(operator.gateway, asked.unit)
+
+
+async def tell_unit_with_status(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitWithStatus:
+    """Describe the unit with this number or name, and how it is doing.
 
     Raises:
         WrongQuestion: there is none.

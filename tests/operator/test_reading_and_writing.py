@@ -125,6 +125,6 @@ async def test_lines_and_units_are_told(bench):
     assert [each.name for each in (await ask(bench.running, "lines"))["lines"]] == ["hall"]
     assert (await ask(bench.running, "line", name="hall"))["line"].state == "up"
     assert [each.name for each in (await ask(bench.running, "units"))["units"]] == ["press", "shift"]
-    assert (await ask(bench.running, "unit", unit=46))["unit"].status.line == "hall"
+    assert (await ask(bench.running, "unit-status", unit=46))["unit"].status.line == "hall"
     with pytest.raises(WrongQuestion, match="there is no line yard"):
         await ask(bench.running, "line", name="yard")

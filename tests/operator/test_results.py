@@ -92,10 +92,31 @@ CONFIG = """
 name = "hall"
 port = "/dev/hall"
 devices = [{ unit = 1, as = 41, name = "silo-1", profile = "weigher" }]
+
+[[image]]
+unit = 200
+name = "shift"
+holding = 10
+profile = "shift"
+
+[profile.shift]
+points = [{ name = "speed", holding = 0, write = true }]
 """
+IMAGE = {"unit": 200, "area": "holding", "start": 0}
 QUESTIONS = {
     "status": {},
+    "lines": {},
+    "line": {"name": "hall"},
+    "units": {},
     "unit": {"unit": 41},
+    "unit-status": {"unit": 41},
+    "points": {"unit": 200},
+    "point": {"unit": 200, "name": "speed"},
+    "read": {**IMAGE, "end": 3},
+    "write-points": {"unit": 200, "values": [{"point": "speed", "value": 3}]},
+    "write-point": {"unit": 200, "name": "speed", "values": [3]},
+    "write": {**IMAGE, "values": [3]},
+    "image": IMAGE,
     "request": {"unit": 41, "pdu": "03 00 00 00 01"},
     "doctor": {},
     "trace": {"since": 600, "lines": True},
@@ -115,4 +136,5 @@ async def test_each_result_of_a_gateway_is_read_as_what_it_was(name):
         for answer in await answers(bench.running, {"verb": name, **QUESTIONS[name]}):
             result = result_in(operation, told(answer))
             assert told(answer_of(operation, result)) == told(answer)
-    assert set(QUESTIONS) | {"which", "fleet", "reload", "forget"} == {each.name for each in OPERATIONS}
+    others = {"which", "fleet", "reload", "forget", "line-history", "unit-history"}
+    assert set(QUESTIONS) | others == {each.name for each in OPERATIONS}

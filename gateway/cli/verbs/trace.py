@@ -19,8 +19,8 @@ from gateway.cli.show.trace_rows import rows
 from gateway.config.values.duration import parse_duration
 from gateway.errors import DaemonError
 from gateway.operator.answers.trace import Fact
-from gateway.operator.capture import description, packets
 from gateway.operator.asked import ToExplain, Traced
+from gateway.operator.capture import description, packets
 from gateway.operator.operations import TRACE, WHY
 from gateway.operator.stories import told
 from gateway.trace.pcapng import Writer

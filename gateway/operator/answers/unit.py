@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gateway.operator.answers.status import ImageStatus, MirrorStatus, UnitStatus
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range
 
@@ -32,13 +31,6 @@ class UnitPicture(UnitHead):
     """A unit for clients, and its points."""
 
     points: tuple[Point, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class UnitWithStatus(UnitPicture):
-    """A unit for clients, its points, and its part of the status, if it has one."""
-
-    status: UnitStatus | ImageStatus | MirrorStatus | None
 
 
 @dataclass(frozen=True, slots=True)
