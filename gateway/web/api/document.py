@@ -120,7 +120,7 @@ def _paths(operations: Operations) -> dict[str, Any]:
 
 def _operation(operation: Operation[Any, Any]) -> dict[str, Any]:
     in_path = set(_NAMED.findall(operation.path or ""))
-    known = _parameters(operation.parameters)
+    known = parameters_of(operation.parameters)
     told: dict[str, Any] = {"summary": operation.summary, "operationId": operation.name}
     parameters = [
         _parameter(each, operation.parameters, is_in_path=each.name in in_path) for each in known if not each.is_in_body
@@ -147,10 +147,6 @@ def _statuses(kind: type[WrongQuestion]) -> set[int]:
     return {STATUSES[kind]}
 
 
-def _parameters(kind: Any) -> tuple[Parameter, ...]:
-    return parameters_of(kind)
-
-
 def _parameter(parameter: Parameter, kind: type[Any], *, is_in_path: bool) -> dict[str, Any]:
     schema = without_null(schema_of(get_type_hints(kind, include_extras=True)[parameter.name]))
     if not is_in_path and not parameter.is_required and parameter.default not in (None, ""):
@@ -167,14 +163,14 @@ def _body_schema(kind: type[Any]) -> Schema:
     return {
         "type": "object",
         "properties": {name: schema_of(each) for name, each in _types_in_body(kind).items()},
-        "required": [each.name for each in _parameters(kind) if each.is_in_body and each.is_required],
+        "required": [each.name for each in parameters_of(kind) if each.is_in_body and each.is_required],
         "additionalProperties": False,
     }
 
 
 def _types_in_body(kind: type[Any]) -> dict[str, Any]:
     hints = get_type_hints(kind, include_extras=True)
-    return {each.name: hints[each.name] for each in _parameters(kind) if each.is_in_body}
+    return {each.name: hints[each.name] for each in parameters_of(kind) if each.is_in_body}
 
 
 def _other_paths() -> dict[str, Any]:
@@ -212,7 +208,7 @@ def _get(summary: str, ok: dict[str, Any], problems: Collection[int] = ()) -> di
 
 
 def _in_query(kind: type[Any]) -> list[dict[str, Any]]:
-    return [_parameter(each, kind, is_in_path=False) for each in _parameters(kind) if each.types != (type(None),)]
+    return [_parameter(each, kind, is_in_path=False) for each in parameters_of(kind) if each.types != (type(None),)]
 
 
 def _stream(what: str) -> dict[str, Any]:

@@ -102,8 +102,7 @@ def _not_reloaded(outcome: Reloaded) -> ProblemError:
 
 def _paths(operation: Operation[Any, Any]) -> Iterator[str]:
     """List the paths of an operation for the router: two if the last parameter in it may be left out."""
-    kind: Any = operation.parameters
-    known = {each.name: each for each in parameters_of(kind)}
+    known = {each.name: each for each in parameters_of(operation.parameters)}
     path = f"{ROOT}{operation.path}"
     last = _LAST.search(path)
     for each in (path, path[: last.start()]) if last and not known[last[1]].is_required else (path,):
