@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     except WrongUsageError as wrong:
         return tell_wrong_usage(wrong)
     with Conversation(which_gateway(args)) as daemon:
-        if operation.right == "operator":
+        if operation.right != "reading":
             tell_which(daemon.gateway)
         daemon.wait_for(_PATIENCE)
         if operation.is_repeated:
