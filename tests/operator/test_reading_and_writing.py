@@ -78,6 +78,7 @@ async def test_points_are_not_read_twice_within_the_age_that_will_do_and_anew_af
     assert await asked("points") == (0, pytest.approx(0, abs=100))
     await asyncio.sleep(10)
     assert await asked("points", max_age=60) == (0, pytest.approx(10_000, abs=100))
+    assert await asked("points", max_age=5) == (0, pytest.approx(0, abs=100))
     await asked("write-points", values=[{"point": "speed", "value": 7}])
     assert await asked("points", max_age=60) == (7, pytest.approx(0, abs=100))
 

@@ -8,7 +8,11 @@ import pytest
 
 from gateway.lines.counts import Counts
 from gateway.operator.answers.status import LineStatus, MovedStatus, RangeStatus, Status, UnitStatus
-from gateway.operator.status import status, status_in_slices
+from gateway.operator.operation import Asker, Nothing
+from gateway.operator.operator import Operator
+from gateway.operator.requests import AT_CONTROL
+from gateway.operator.status import status, status_in_slices, tell_status
+from gateway.request import Caller
 from gateway.state.memory import Memory
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import Client, GatewayBench, gateway_bench
@@ -332,3 +336,16 @@ async def test_a_unit_that_is_elsewhere_than_the_config_says() -> None:
         assert snapshot(bench).moved[0].failures == 3
     async with gateway_bench(config) as bench:
         assert snapshot(bench).moved == ()
+
+
+async def test_over_http_it_may_be_a_second_old_and_at_the_control_socket_it_is_that_of_now():
+    async with gateway_bench(CONFIG) as bench:
+        operator = Operator(bench.running, None)
+        at_control = Asker(AT_CONTROL, lambda: True)
+        over_http = Asker(Caller("web@10.0.0.9", "10.0.0.9", "10.0.0.9"), lambda: True, "10.0.0.9", "web")
+        first = await tell_status(operator, Nothing(), over_http)
+        await asyncio.sleep(0.5)
+        assert await tell_status(operator, Nothing(), over_http) is first
+        assert (await tell_status(operator, Nothing(), at_control)).at == pytest.approx(first.at + 0.5)
+        await asyncio.sleep(0.5)
+        assert (await tell_status(operator, Nothing(), over_http)).at == pytest.approx(first.at + 1.0)
