@@ -19,7 +19,7 @@ _NOTHING: Final = "-"
 
 
 def table(readings: Sequence[Reading], time: str = "") -> str:
-    """A row for each value; names of points come first."""
+    """Show a row for each value; names of points come first."""
     named, written = any(each.point.name for each in readings), any(each.before is not None for each in readings)
     headings = [
         *(["TIME"] if time else []),
@@ -36,13 +36,13 @@ def table(readings: Sequence[Reading], time: str = "") -> str:
 
 
 def picture(unit: Unit, area: Area | None, outcome: Outcome) -> dict[str, Any]:
-    """The same as JSON: of one area, or of points, which each have their own."""
+    """Make the same for programs: of one area, or of points, which each have their own."""
     told = fields_of(values_told(unit.number, unit.name, area, outcome))
     return told if unit.name else {name: each for name, each in told.items() if name != "name"}
 
 
 def failure_in_words(unit: Unit, failure: Failure) -> str:
-    """The failure in one sentence, and the advice on a second line."""
+    """Tell a failure in one sentence, and what else to try on a second line."""
     span, answer = failure.span, failure.answer
     last = "" if span.count == 1 else f"-{span.end - 1}"
     what = f"{_called(unit)}, {span.area} {span.start}{last}: {answer.complaint}"
@@ -51,7 +51,7 @@ def failure_in_words(unit: Unit, failure: Failure) -> str:
 
 
 def advice_after(answer: Answer, span: Span) -> str:
-    """What may be meant by addresses that do not exist: the numbers of a manual, which count from 40001 or 30001."""
+    """Guess what is meant by addresses that do not exist: the numbers of a manual, which count from 40001 or 30001."""
     base = MANUAL_BASES.get(span.area)
     if answer.exception != ExceptionCode.ILLEGAL_DATA_ADDRESS or base is None or not 0 <= span.start - base < 10_000:
         return ""
@@ -59,17 +59,17 @@ def advice_after(answer: Answer, span: Span) -> str:
 
 
 def frames_as_text(answers: Sequence[Answer]) -> str:
-    """Requests and responses in hexadecimal."""
+    """Show requests and responses in hexadecimal."""
     return "\n".join(f"> {_hex(answer.sent)}\n< {_hex(answer.received)}" for answer in answers)
 
 
 def frames_as_json(answers: Sequence[Answer]) -> list[dict[str, str]]:
-    """The same for programs."""
+    """Show them to programs."""
     return [{"sent": _hex(answer.sent), "received": _hex(answer.received)} for answer in answers]
 
 
 def as_json(what: object, *, one_line: bool) -> str:
-    """JSON text; on one line if more will follow."""
+    """Write JSON; on one line if more will follow."""
     return json.dumps(what, indent=None if one_line else 2, ensure_ascii=False, default=fields_of)
 
 
@@ -92,7 +92,7 @@ def _called(unit: Unit) -> str:
 
 
 def _hex(data: bytes) -> str:
-    """A frame in hexadecimal; an ASCII frame as it is."""
+    """Show a frame in hexadecimal; an ASCII frame as it is."""
     if data.startswith(b":") and data.endswith(b"\r\n") and data.strip().isascii():
         return data.decode("ascii").strip()
     return data.hex(" ").upper() or _NOTHING

@@ -24,7 +24,7 @@ from gateway.tls.store import TlsStore, load_all
 async def web_pages(
     plan: WebPlan | None, operator: Operator, fan_out: FanOut, folder: Path | None = None
 ) -> AsyncIterator[None]:
-    """In its context the gateway answers over HTTP if the config says so. Where that cannot be, it is told, no more.
+    """Answer over HTTP inside the context, if the config says so. Where that cannot be, it is told, no more.
 
     The history is kept in the `folder`.
     """
@@ -70,7 +70,7 @@ async def _open(plan: WebPlan, operator: Operator, fan_out: FanOut, folder: Path
 
 
 def _context_now(plan: WebPlan, contexts: TlsStore) -> Callable[[], ssl.SSLContext] | None:
-    """Gives each connection what was loaded last, by a reload or to forget sessions; None for http://.
+    """Give each connection what was loaded last, by a reload or to forget sessions; None for http://.
 
     Raises:
         TlsError: a file cannot be used.

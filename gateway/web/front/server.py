@@ -80,7 +80,7 @@ async def web_open(
 async def serving(
     settings: WebSettings, operator: Operator, fan_out: FanOut, operations: Operations = OPERATIONS
 ) -> AsyncIterator[Connect]:
-    """In its context connections are served; what makes the protocol of each, with or without TLS."""
+    """Serve connections inside the context; yields what makes the protocol of each, with or without TLS."""
     emit = operator.running.emit
     table = UserTable(settings.users, lambda reason: emit(WebUsersRejected(reason)))
     async with table.kept_up_to_date(), aclosing(Examinations(operator.running, operator.clock)) as doctor:
@@ -168,7 +168,7 @@ def _application(
 
 @web.middleware
 async def _bound_query(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Refuses more parameters than a page of ours has, before anything looks at them."""
+    """Refuse more parameters than a page of ours has, before anything looks at them."""
     if request.rel_url.raw_query_string.count("&") >= _MOST_PARAMETERS:
         return web.Response(status=414, text=f"at most {_MOST_PARAMETERS} parameters\n")
     return await handler(request)

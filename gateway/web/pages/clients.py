@@ -32,7 +32,7 @@ class ClientsPage:
         self._renderer = renderer
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
         return [("GET", "/clients", self.show, "page")]
 
     async def show(self, request: web.Request) -> web.Response:

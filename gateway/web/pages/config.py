@@ -27,7 +27,7 @@ class ConfigPage:
         self._turns = Turns()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
         return [("GET", "/config", self.show, "page"), ("POST", "/config/reload", self.reload, "operator")]
 
     async def show(self, request: web.Request) -> web.Response:

@@ -28,7 +28,7 @@ class HealthPage:
         self._renderer = renderer
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
         return [("GET", "/health", self.show, "page"), ("POST", "/health", self.examine, "operator")]
 
     async def show(self, request: web.Request) -> web.Response:

@@ -44,11 +44,11 @@ class ImagePage:
         self._rights = rights
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
         return [("GET", "/images/{unit}", self.show, "page")]
 
     async def show(self, request: web.Request) -> web.Response:
-        """Some addresses of one area. The address names `area`, `from`, `type` and `swap`.
+        """Show some addresses of one area. The address names `area`, `from`, `type` and `swap`.
 
         Raises:
             ProblemError: there is no such area, address or type.
@@ -91,7 +91,7 @@ class ImagePage:
 
 
 def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> dict[str, Any]:
-    """What the address asks for, or the first addresses that exist.
+    """Read what the address asks for, or the first addresses that exist.
 
     Raises:
         ProblemError: it makes no sense.
@@ -113,18 +113,18 @@ def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> d
 
 
 def _address(asked: Mapping[str, Any], start: int | None, *, is_panel: bool) -> str | None:
-    """The address of the window that begins at `start`."""
+    """Make the address of the window that begins at `start`."""
     return None if start is None else f"?{urlencode({**asked, 'from': start})}{'&kiosk' if is_panel else ''}"
 
 
 def _before(ranges: Sequence[Range], start: int) -> int | None:
-    """Where the window before begins, if there is anything."""
+    """Find where the window before begins, if there is anything."""
     first = ranges[0][0] if ranges else 0
     return max(start - MOST, first) if start > first else None
 
 
 def _after(ranges: Sequence[Range], start: int, size: int) -> int | None:
-    """Where the next window begins: at the first value of this size that this one has no room for."""
+    """Find where the next window begins: at the first value of this size that this one has no room for."""
     end = start + MOST
     for first, last in ranges:
         if last >= end:

@@ -49,7 +49,7 @@ class LoginPage:
         self._one_login_at_a_time = asyncio.Lock()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
         return [
             ("GET", "/login", self.login_page, "nothing"),
             ("POST", "/login", self.login, "nothing"),

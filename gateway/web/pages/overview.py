@@ -73,7 +73,7 @@ class OverviewPage:
         self._heat_map = heat_map
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
         return [("GET", "/", self.show, "page")]
 
     async def show(self, request: web.Request) -> web.Response:

@@ -53,7 +53,7 @@ class Page(Protocol):
     """A page, or some that belong together."""
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
 
 
 class Renderer:

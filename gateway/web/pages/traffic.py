@@ -37,7 +37,7 @@ class TrafficPage:
         self._renderer = renderer
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
         return [("GET", "/traffic", self.show, "page")]
 
     async def show(self, request: web.Request) -> web.Response:

@@ -69,7 +69,7 @@ class UnitPage:
         self._rights = rights
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
         return [
             ("GET", "/units/{unit}", self.show, "page"),
             ("POST", "/units/{unit}/points", self.read_points, "page"),
@@ -77,7 +77,7 @@ class UnitPage:
         ]
 
     async def show(self, request: web.Request) -> web.Response:
-        """One unit on a line or behind another server; one that the gateway answers itself is shown as an image.
+        """Show one unit on a line or behind another server; one that the gateway answers itself is shown as an image.
 
         Raises:
             WrongQuestion: there is none of this name.
@@ -179,7 +179,7 @@ class UnitPage:
 
 
 def _kinds(status: Any) -> list[tuple[str, int]]:
-    """What failed and how often, the most frequent first."""
+    """List what failed and how often, the most frequent first."""
     if status is None:
         return []
     counts = {name: getattr(status.counts, name) for name in _FAILED}
@@ -192,7 +192,7 @@ def _shown(reading: Reading, age_ms: float | None) -> ShownPoint:
 
 
 def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble: Complaint | None) -> ShownPoint:
-    """What is known of a point: what was read or what a mirror has, whichever is newer."""
+    """Choose what is known of a point: what was read or what a mirror has, the newer of both."""
     if kept is None or kept.age_ms is None:
         return was_read or ShownPoint(point, reference(point.area, point.address), "", None, trouble=trouble)
     if was_read is not None and was_read.age_ms is not None and was_read.age_ms < kept.age_ms:
@@ -202,7 +202,7 @@ def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble:
 
 
 def _blocked(status: Any) -> int:
-    """How many requests were not sent for each one without a valid response, rounded."""
+    """Count the requests that were not sent for each one without a valid response, rounded."""
     if status is None:
         return 0
     causes = status.counts.timeout + status.counts.bad_frame + status.counts.ambiguous
@@ -214,7 +214,7 @@ def _form(asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _asked_for(asked: Mapping[str, str]) -> tuple[Area, list[Point]]:
-    """The values that a form asks for.
+    """List the values that a form asks for.
 
     Raises:
         ProblemError: there is no such area, address, type, or count.

@@ -57,7 +57,7 @@ class Writable:
     could: bool
 
     def as_content(self) -> dict[str, Any]:
-        """For templates."""
+        """Give it to templates."""
         return {"writable_areas": self.areas, "operators_may_write": self.could}
 
 
@@ -69,7 +69,7 @@ class WriteRights:
         self.may_write = may_write
 
     def of(self, unit: UnitPicture, visitor: Visitor) -> Writable:
-        """What this visitor may write."""
+        """Tell what this visitor may write."""
         areas = tuple(
             area
             for area, (single, several, _) in WRITERS.items()
@@ -93,7 +93,7 @@ class WritePages:
         self._questions = Questions()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """Method, path, handler, and what it needs."""
+        """List method, path, handler, and what it needs."""
         return [
             ("POST", "/units/{unit}/writes", self.ask, "operator"),
             ("GET", "/units/{unit}/writes/{id}", self.show, "page"),
@@ -123,7 +123,7 @@ class WritePages:
         return see_other(f"{path_of('units', unit)}/writes/{identifier}")
 
     async def show(self, request: web.Request) -> web.Response:
-        """Old and new with the question, or what has become of it."""
+        """Show old and new with the question, or what has become of it."""
         question = self._question(request)
         if question is None:
             page = await self._renderer.page(
@@ -180,7 +180,7 @@ class WritePages:
         return Result(None, answer.elapsed_ms, tuple(after), why)
 
     def _is_as_asked(self, question: Question) -> bool:
-        """Whether the same unit still answers, and its points still mean the same."""
+        """Tell whether the same unit still answers, and its points still mean the same."""
         number = question.unit.unit
         try:
             gateway = self._operator.gateway
@@ -189,7 +189,7 @@ class WritePages:
             return False
 
     def _question(self, request: web.Request) -> Question | None:
-        """The question that the address names, if this visitor has asked it."""
+        """Find the question that the address names, if this visitor has asked it."""
         owner, now = request[VISITOR].csrf, asyncio.get_running_loop().time()
         found = self._questions.find(request.match_info["id"], now)
         return found if found is not None and owner and found.owner == owner else None
@@ -239,7 +239,7 @@ def _text(point: Point, items: bytes | None) -> str | None:
 
 
 def _wanted(unit: UnitPicture, form: dict[str, str]) -> tuple[list[Point], list[str]]:
-    """The points and values that a form names, as `modbus-gateway write` understands them.
+    """Find the points and values that a form names, as `modbus-gateway write` understands them.
 
     Raises:
         ProblemError: a field makes no sense.
