@@ -121,7 +121,7 @@ class PastOfLine:
 
     name: LineNamed
     hours: Annotated[
-        int, Within(1, MOST_HOURS_OF_A_LINE), f"a whole number from 1 to {MOST_HOURS_OF_A_LINE}: hours up to now"
+        int, Within(1, MOST_HOURS_OF_A_LINE), f"a whole number of hours from 1 to {MOST_HOURS_OF_A_LINE}"
     ] = 24
 
 
@@ -131,7 +131,7 @@ class PastOfUnit:
 
     unit: UnitNamed
     hours: Annotated[
-        int, Within(1, MOST_HOURS_OF_A_UNIT), f"a whole number from 1 to {MOST_HOURS_OF_A_UNIT}: hours up to now"
+        int, Within(1, MOST_HOURS_OF_A_UNIT), f"a whole number of hours from 1 to {MOST_HOURS_OF_A_UNIT}"
     ] = 24
 
 
@@ -140,9 +140,7 @@ class PointsToRead:
     """All points of a `unit`, or what somebody else has read of them not longer ago than `max_age`, in seconds."""
 
     unit: UnitNamed
-    max_age: Annotated[
-        int, Within(0, LONGEST_AGE), f"a whole number from 0 to {LONGEST_AGE}: how old values may be, in seconds"
-    ] = 0
+    max_age: Annotated[int, Within(0, LONGEST_AGE), f"a whole number of seconds from 0 to {LONGEST_AGE}"] = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,8 +159,8 @@ class Addresses:
     area: Area
     start: Annotated[int, Within(0, 65535), "an address from 0 to 65535"]
     end: Annotated[int | None, Within(0, 65535), "an address from 0 to 65535"] = None
-    type: Annotated[str, OneOf(DATA_TYPES), "how values are encoded; without it uint16, for bits bit"] = ""
-    swap: Annotated[str, OneOf(SWAPS), "the order of words and bytes in values; without it none"] = "none"
+    type: Annotated[str, OneOf(DATA_TYPES), f"one of {', '.join(DATA_TYPES)}; without it uint16, for bits bit"] = ""
+    swap: Annotated[str, OneOf(SWAPS), f"one of {', '.join(SWAPS)}; without it none"] = "none"
 
 
 #: A value to write: a number, a truth value, a label or text.

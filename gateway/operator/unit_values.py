@@ -100,7 +100,7 @@ def _items(point: Point, value: object) -> bytes:
     if point.write == "no":
         raise DoesNotFit(f"{point.name} is read-only", "set write = true for this point")
     if not isinstance(value, str | int | float):
-        raise DoesNotFit(f"expected a number, boolean or string, got {'null' if value is None else value!r}")
+        raise DoesNotFit(f"expected a number, boolean or string, got {'null' if value is None else repr(value)}")
     try:
         return point.items(str(int(value)) if isinstance(value, bool) else str(value))
     except (ValueError, ArithmeticError) as wrong:

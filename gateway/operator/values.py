@@ -67,7 +67,7 @@ class Outcome:
     @property
     def elapsed_ms(self) -> float:
         """Add up how long the requests took."""
-        return round(sum(answer.elapsed_ms for answer in self.answers), 1)
+        return round(sum((answer.elapsed_ms for answer in self.answers), 0.0), 1)
 
     def trouble_of(self, point: Point) -> Complaint | None:
         """Say why a point could not be read; None if no request for it has failed."""

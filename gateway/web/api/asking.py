@@ -1,7 +1,7 @@
 """Who asks by an HTTP request, and for what: an operation's asker and its parameters."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any, NoReturn, TypeVar
 
@@ -35,17 +35,20 @@ def is_there(request: web.Request) -> bool:
     return request.transport is not None and not request.transport.is_closing()
 
 
-async def parameters_in(request: web.Request, kind: Callable[..., P]) -> P:
+async def parameters_in(request: web.Request, kind: Callable[..., P], in_path: Collection[str] = ()) -> P:
     """Read the parameters of an operation out of the path, the query and the body of a request.
+
+    Those that stand `in_path`, also if they are left out there, are not taken out of the query.
 
     Raises:
         Malformed: one is missing or makes no sense, or there is one in the query that the operation does not have.
         ProblemError: 415, the body is not JSON.
     """
     known = parameters_of(kind)
-    in_query = [each.name for each in known if not each.is_in_body and each.name not in request.match_info]
+    in_query = [each.name for each in known if not each.is_in_body and each.name not in in_path]
     if in_query and (unknown := sorted(set(request.query) - set(in_query))):
-        only = f"is only {in_query[0]}" if len(in_query) == 1 else f"are only {', '.join(in_query)}"
+        *others, last = in_query
+        only = f"are only {', '.join(others)} and {last}" if others else f"is only {last}"
         raise Malformed(f"{unknown[0]}: there {only}")
     given: dict[str, Any] = {name: request.query[name] for name in in_query if name in request.query}
     in_body = [each.name for each in known if each.is_in_body]

@@ -52,6 +52,7 @@ class _Handler:
         self.operation = operation
         self._operator = operator
         self._may_write = may_write
+        self._in_path = frozenset(_NAMED.findall(operation.path or ""))
         #: The status that was written last, and its text: it is the same for all who ask within a second.
         self._status: Status | None = None
         self._text = ""
@@ -65,7 +66,7 @@ class _Handler:
         """
         if self.operation.right == "writing" and not self._may_write:
             raise NotPermitted("nothing is written over HTTP without write = true in [web]")
-        asked = await parameters_in(request, self.operation.parameters)
+        asked = await parameters_in(request, self.operation.parameters, self._in_path)
         answer = await self.operation.answer(self._operator, asked, asker_of(request))
         if isinstance(answer, Reloaded) and not answer.ok:
             raise _not_reloaded(answer)

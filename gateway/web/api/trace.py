@@ -14,7 +14,7 @@ MOST_PER_SECOND: Final = 2000
 _Seconds = Annotated[
     int,
     Within(0, LONGEST_LOOK_BACK),
-    f"a whole number from 0 to {LONGEST_LOOK_BACK}: records of so many seconds before now",
+    f"a whole number of seconds from 0 to {LONGEST_LOOK_BACK}, before now",
 ]
 
 
@@ -24,7 +24,7 @@ class RecordsToFollow:
 
     line: LineNamed | None = None
     unit: UnitNamed | None = None
-    function: Annotated[int | None, Within(1, 127), "a whole number from 1 to 127: a function code"] = None
+    function: Annotated[int | None, Within(1, 127), "a whole number from 1 to 127"] = None
     client: Annotated[str | None, "a client, or its address"] = None
     result: Annotated[
         str | None, "ok, exception, failed (all others), or one of these: timeout, resting, queue_full, denied, ..."
@@ -33,8 +33,7 @@ class RecordsToFollow:
     per_second: Annotated[
         int | None,
         Within(1, MOST_PER_SECOND),
-        f"a whole number from 1 to {MOST_PER_SECOND}: the records in a second, of which `clock` tells in `left_out` "
-        "how many others there were",
+        f"a whole number from 1 to {MOST_PER_SECOND}; `clock` tells in `left_out` how many others there were",
     ] = None
 
     @property

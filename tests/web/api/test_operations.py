@@ -48,6 +48,7 @@ async def test_it_is_there_over_http(bench):
         ("well?times=10", 400, '"times" must be a whole number from 1 to 9'),
         ("well?times=three", 400, '"times" must be a whole number from 1 to 9'),
         ("well?often=3", 400, "often: there is only times"),
+        ("well?word=no", 400, "word: there is only times"),
         ("hush", 422, "hush is not said aloud"),
     ],
 )
