@@ -1,6 +1,8 @@
 """What stands in the JSON objects of the control socket: the question and the answers of an operation."""
 
+import json
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from typing import Any, Final, TypeVar
 
 from gateway.operator.operation import Operation
@@ -12,6 +14,15 @@ R = TypeVar("R")
 
 #: The last of several answers, which has nothing in it.
 END: Final[Mapping[str, Any]] = {"end": True}
+
+
+def line_of(message: Mapping[str, Any]) -> bytes:
+    """Write the line that is sent: one JSON object, in which dataclasses are objects too."""
+    return json.dumps(message, default=_plain).encode() + b"\n"
+
+
+def _plain(value: object) -> dict[str, Any] | str:
+    return fields_of(value) if is_dataclass(value) else str(value)
 
 
 def question_of(operation: Operation[P, R], asked: P) -> dict[str, Any]:

@@ -18,18 +18,17 @@ import socket
 import stat
 from collections.abc import AsyncGenerator, AsyncIterator, Mapping
 from contextlib import aclosing, asynccontextmanager, suppress
-from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from gateway import __version__
-from gateway.control.messages import END, answer_of
+from gateway.control.messages import END, answer_of, line_of
 from gateway.errors import WrongQuestion
 from gateway.events import ControlClosed, Emit, PartFailed
 from gateway.operator.operation import Asker, Operation
 from gateway.operator.operations import BY_NAME
 from gateway.operator.operator import Operator
-from gateway.operator.parameters import fields_of, read_parameters
+from gateway.operator.parameters import read_parameters
 from gateway.operator.requests import AT_CONTROL
 
 #: Longest request, in bytes.
@@ -198,8 +197,4 @@ def _refuse(why: str) -> dict[str, Any]:
 
 
 def _line(answer: Mapping[str, Any]) -> bytes:
-    return json.dumps({"version": __version__, **answer}, default=_plain).encode() + b"\n"
-
-
-def _plain(value: object) -> dict[str, Any] | str:
-    return fields_of(value) if is_dataclass(value) else str(value)
+    return line_of({"version": __version__, **answer})

@@ -7,10 +7,11 @@ from typing import Annotated, Literal
 
 import pytest
 
-from gateway.control.messages import answer_of, result_in
+from gateway.control.messages import answer_of, line_of, question_of, result_in
 from gateway.control.server import _line
 from gateway.modbus.codes import Area
 from gateway.operator.operations import BY_NAME, OPERATIONS
+from gateway.operator.parameters import read_parameters
 from gateway.operator.results import NotUnderstoodError, read_result
 from kit.asking import answers
 from kit.device import SimulatedDevice, SimulatedLine
@@ -125,6 +126,13 @@ QUESTIONS = {
     "times": {"unit": 41},
     "scan": {"line": "hall", "units": "7-8"},
 }
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_each_question_is_read_as_what_it_was(name):
+    operation = BY_NAME[name]
+    asked = read_parameters(operation.parameters, QUESTIONS[name])
+    assert read_parameters(operation.parameters, json.loads(line_of(question_of(operation, asked)))) == asked
 
 
 @pytest.mark.parametrize("name", QUESTIONS)

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple, Self, TypeVar
 from gateway import __version__
 from gateway.cli.main import DEFAULT_CONFIG
 from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
-from gateway.control.messages import question_of, result_in
+from gateway.control.messages import line_of, question_of, result_in
 from gateway.control.path import SYSTEM_SOCKET, control_path
 from gateway.errors import DaemonError
 from gateway.operator.operation import Nothing, Operation
@@ -192,7 +192,7 @@ class Conversation:
 
     def _send(self, question: Mapping[str, Any]) -> None:
         with suppress(ConnectionError, TimeoutError):  # it has closed the connection, perhaps after an error message
-            self._sock.sendall(json.dumps(question).encode() + b"\n")
+            self._sock.sendall(line_of(question))
 
     def _receive(self) -> dict[str, Any]:
         try:
