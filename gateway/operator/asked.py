@@ -48,7 +48,7 @@ class ToExamine:
     """The `line`, server line or upstream to examine, or all. Unless it may `ask`, nothing is sent."""
 
     line: LineNamed | None = None
-    ask: bool = True
+    ask: Annotated[bool, "true or false: whether requests may be sent"] = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +58,14 @@ class Traced:
     `line`, `unit`, `function`, `client` and `result` choose among them. With `lines` the answer has the lines too.
     """
 
-    after: int | None = None
-    since: float | None = None
-    line: str | None = None
-    unit: int | str | None = None
-    function: int | None = None
-    client: str | None = None
-    result: str | None = None
-    lines: bool = False
+    after: Annotated[int | None, "a number: that of the first record, as `next` in the answer before"] = None
+    since: Annotated[float | None, "a number of seconds: records of that time before now"] = None
+    line: Annotated[str | None, "the name of a line"] = None
+    unit: Annotated[int | str | None, "the number or name of a unit"] = None
+    function: Annotated[int | None, "a function code"] = None
+    client: Annotated[str | None, "a client, or its address"] = None
+    result: Annotated[str | None, "ok, exception, failed (all others), or one of these, such as timeout"] = None
+    lines: Annotated[bool, "true or false: whether the answer has the lines too"] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class ToExplain:
 
     who: Annotated[str, 'a unit, or a client such as "10.2.0.7"']
     count: Annotated[int, Within(1, MOST_STORIES), f"1 to {MOST_STORIES}"] = 5
-    line: str | None = None
+    line: Annotated[str | None, "the name of a line"] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class ToMeasure:
     seconds: Annotated[float, Within(0.001, 3600), "a number above 0, 3600 at most"] = 60.0
     items: Annotated[int, Within(1, 2000), "a number above 0, 2000 at most"] = 10
     address: Annotated[int | None, Within(0, 65535), "a number from 0 to 65535"] = None
-    progress: bool = False
+    progress: Annotated[bool, "true or false: whether to tell each second how far it is"] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ class ToScan:
     line: LineNamed
     units: Annotated[int | str | list[Any] | None, 'units such as "1-32"'] = None
     limit_s: Annotated[float, Within(0.001, 10), "more than 0 and at most 10 s"] = 0.3
-    all_speeds: bool = False
+    all_speeds: Annotated[bool, "true or false: whether to scan at all usual rates"] = False
 
 
 @dataclass(frozen=True, slots=True)
