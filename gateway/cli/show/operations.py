@@ -22,7 +22,7 @@ def show_parameters(operation: Operation[Any, Any]) -> str:
 
 
 def _show(operation: Operation[Any, Any]) -> str:
-    where = "" if operation.path is None else f"; HTTP: /api/v1{operation.path}"
+    where = "" if operation.path is None else f"; HTTP: {operation.method} /api/v1{operation.path}"
     several = "; several answers" if operation.is_repeated else ""
     lines = [operation.name, f"  {operation.summary}", f"  right: {operation.right}{where}{several}"]
     parameters = parameters_of(operation.parameters)

@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask and print the answer; 1 if it says that something is wrong.
+    """Ask and print the answer; 1 if it is that of a reload whose file was rejected.
 
     Raises:
         DaemonError: no gateway answers, or it refuses.
@@ -91,6 +91,8 @@ def _read(operation: Operation[Any, Any], words: Sequence[str]) -> Any:
         if not equals or key not in known:
             wrong = f'{operation.name} has no parameter "{key}"' if equals else f'"{word}" is not KEY=VALUE'
             raise WrongUsageError(wrong, remedy)
+        if key in given:
+            raise WrongUsageError(f'"{key}" is there twice', remedy)
         given[key] = _value(known[key], text)
     try:
         return read_parameters(operation.parameters, given)

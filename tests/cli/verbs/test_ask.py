@@ -44,7 +44,7 @@ def test_all_operations_are_listed_with_what_they_must_be_told(capsys):
     assert main(["ask"]) == FINE
     parts = capsys.readouterr().out.split("\n\n")
     assert [part.split("\n")[0] for part in parts] == [each.name for each in OPERATIONS]
-    assert "\n  right: reading; HTTP: /api/v1/status" in parts[0]
+    assert "\n  right: reading; HTTP: GET /api/v1/status" in parts[0]
     (scan,) = (part for part in parts if part.startswith("scan\n"))
     assert scan.split("\n")[2:5] == [
         "  right: operator; several answers",
@@ -94,6 +94,7 @@ LISTED = "the parameters of example: who (a name), count (1 to 9, optional), sha
         (["example", "who=a", "count=few"], '"count" must be 1 to 9', LISTED),
         (["example", "who=a", "new=1"], 'example has no parameter "new"', LISTED),
         (["example", "silo"], '"silo" is not KEY=VALUE', LISTED),
+        (["example", "who=a", "who=b"], '"who" is there twice', LISTED),
         (["reload", "now=1"], 'reload has no parameter "now"', "modbus-gateway ask reload"),
     ],
 )
