@@ -1,5 +1,8 @@
 """All operations: what may be asked of a gateway at work, by name, with the types of question and answer.
 
+A new one is described here, and listed in `OPERATIONS` below. The function that answers is at `by`; what it takes and
+returns are dataclasses in `asked` and `answers`.
+
 Nothing here loads what answers, or the types of answers: the commands of this program use the same table, and start
 quickly.
 """

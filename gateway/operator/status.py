@@ -1,4 +1,4 @@
-"""The status of a gateway: one snapshot for all commands. `dataclasses.asdict` converts it for JSON.
+"""The status of a gateway: one snapshot for all who ask.
 
 Counts are since the start. Durations have their unit in their name.
 """

@@ -5,6 +5,7 @@ from typing import get_args
 import pytest
 
 from gateway.operator import operations
+from gateway.operator.operation import Operation
 from gateway.operator.operations import BY_NAME, OPERATIONS
 
 
@@ -16,3 +17,9 @@ def test_the_type_of_a_result_is_the_one_that_is_loaded(operation):
     assert parameters is operation.parameters
     assert operation.result
     assert result.__forward_arg__ == operation.result_at.partition(":")[2]
+    assert callable(operation.function)
+
+
+def test_each_operation_that_is_described_is_in_the_table():
+    described = {each.name for each in vars(operations).values() if isinstance(each, Operation)}
+    assert described == set(BY_NAME) == {each.name for each in OPERATIONS}
