@@ -1,1 +1,7 @@
-"""The event loop, its timers, and threads for calls that may never return."""
+"""The event loop, its timers, and threads for calls that may never return.
+
+- exact_loop, waiter    the event loop and its waiting (ADR 9)
+- lazy_timer   one timer for each line
+- slices       long readings, with pauses for the lines
+- threads      calls into drivers
+"""

@@ -1,1 +1,6 @@
-"""The targets on a line: its devices, broadcasts, and devices that deviate from the protocol."""
+"""The targets on a line: its devices, broadcasts, and devices that deviate from the protocol.
+
+- device       each device, all of them for broadcasts, and units that a scan looks for
+- addresses, moved    devices that can change their addresses
+- quirks       devices that deviate
+"""

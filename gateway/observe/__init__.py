@@ -1,6 +1,8 @@
 """The log, and metrics as text.
 
-- log          events to text, JSON or the journal of systemd
+- log, printable    events to text or JSON
+- journal      events to the journal of systemd
+- writer, backlog    the thread that writes, and what waits for it
 - limiter      events that come too often
 - fan_out      events for followers over HTTP
 - families, metrics    counters, and their exposition

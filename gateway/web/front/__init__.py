@@ -2,6 +2,7 @@
 
 - opening, settings    `[web]`: opens the server, and says where it listens
 - server, machines    the routes of pages, API and metrics, with what is common to all
+- connections, secured, pieces    how many connections there are, TLS, and aiohttp below both
 - problems     errors as problems, by their kinds
 - streams, downloads, turns    answers that last, and requests that wait for each other
 """
