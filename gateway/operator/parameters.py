@@ -144,7 +144,7 @@ def _called(kind: type) -> str:
 
 
 def read_parameters(kind: Callable[..., P], given: Mapping[str, object], *, is_text: bool = False) -> P:
-    """Read the parameters of a request. Others in it are ignored: it may be of another version.
+    """Read the parameters of a request, which may be of another version: null says nothing, and others are ignored.
 
     With `is_text` each value is text, as in the address of an HTTP request.
 
@@ -153,8 +153,8 @@ def read_parameters(kind: Callable[..., P], given: Mapping[str, object], *, is_t
     """
     values = {}
     for each in parameters_of(kind):
-        if each.name in given:
-            value = given[each.name]
+        value = given.get(each.name)
+        if value is not None:
             values[each.name] = _checked(each, _from_text(each, value) if is_text else value)
         elif each.is_required:
             raise _wrong(each)

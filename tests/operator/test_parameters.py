@@ -51,10 +51,16 @@ def test_a_list_of_objects_is_one_of_dataclasses():
     assert asked.named == [NamedValue("speed", 3)]
 
 
+def test_null_is_as_if_nothing_were_said_which_is_how_commands_of_an_earlier_version_say_it():
+    asked = read_parameters(Asked, {"unit": 1, "area": None, "swap": None, "is_all": None, "values": None})
+    assert asked == Asked(1)
+
+
 @pytest.mark.parametrize(
     ("kind", "given", "said"),
     [
         (Asked, {}, '"unit" must be a number from 0 to 255, or a name'),
+        (Asked, {"unit": None}, '"unit" must be a number from 0 to 255, or a name'),
         (Asked, {"unit": 256}, '"unit" must be a number from 0 to 255, or a name'),
         (Asked, {"unit": True}, '"unit" must be a number from 0 to 255, or a name'),
         (Asked, {"unit": 1, "area": "tables"}, '"area" must be one of coils, discrete, input, holding'),
