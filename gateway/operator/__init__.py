@@ -1,16 +1,16 @@
-"""What an operator asks of a gateway at work, and its answers.
+"""Operations: what can be asked of a running gateway, and the answers.
 
-- operations   ALL that may be asked: name, parameters, result, right; the doors are made of this table
-- operation    what a row is
-- parameters, results    questions are read from JSON or text, and answers from JSON
-- asked, answers    the types of the parameters and of the answers
-- operator     what is asked: the gateway at work, and what is kept for those who ask
-- status, running, lines, units, forgetting    how the gateway is doing, its reload, its lines and units
-- requests, frames, complaint    a request to a unit, the frames that it led to, and an exception in words
-- values       the requests that read and write values, for all doors and for the command line without a gateway
-- unit_values, last_values, reading_and_writing    the same through the gateway, for many at a time, as operations
-- images, grid, kept    what images and mirrors have
-- trace, stories, unit_names, capture, trace_reader, sampling    what has passed, and why requests failed
+- operations   the table of all operations: name, parameters, result, right; every door is built from it
+- operation    one row of that table
+- parameters, results    read parameters from JSON or text, and results from JSON
+- asked, answers    the types of parameters and of results
+- operator     the running gateway, and what operations keep between requests
+- status, running, lines, units, forgetting    the status, the reload, lines, units, `forget`
+- requests, frames, complaint    a request to a unit, its frames on the line, and an exception in words
+- values       requests that read and write values, for all doors and for the command line without a gateway
+- unit_values, last_values, reading_and_writing    the same through the gateway, as operations
+- images, grid, kept    values of images and mirrors
+- trace, stories, unit_names, capture, trace_reader, sampling    recorded traffic, and why requests failed
 - answer_times, calibration, failures, reached    what pages show of a unit
 - history, uses, past    what lines and units did in the last days
 - metrics, rights, config_view    counters, access rights, the config

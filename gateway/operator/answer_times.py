@@ -1,4 +1,4 @@
-"""How long the responses of a device took, beside their limits."""
+"""Response times of a device, beside their limits."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -19,12 +19,13 @@ from gateway.timing.verdict import CLOSE, ENOUGH_TO_SHORTEN, Verdict, verdict
 
 @dataclass(frozen=True, slots=True)
 class FunctionTimes:
-    """How long the valid responses to one function took, and whether their limit suits them.
+    """Response times of one function of a device, and whether the limit suits them.
 
-    `counts` are those of the buckets below `bounds_ms`, and of one more for all longer times. `share_p99` is the part
-    of its limit that 99 of 100 responses needed at most. `late` responses came after theirs, the slowest after
-    `latest_ms`, when it was `latest_limit_ms`. `limit_ms` is the present limit, None before the first request.
-    `proposed_ms` is what `calibrate` would make of it; None without enough responses, or where no timing table applies.
+    `counts` are the responses in the buckets below `bounds_ms`, and in one more for all longer times. `share_p99` is
+    the part of its limit that 99 of 100 responses needed at most. `late` responses came after the limit; the slowest
+    took `latest_ms`, when the limit was `latest_limit_ms`. `limit_ms` is the present limit, None before the first
+    request. `proposed_ms` is the limit that `calibrate` proposes, raised if exceptions or late responses took longer;
+    None without enough responses, or where no timing table applies.
     """
 
     function: int
@@ -44,7 +45,7 @@ class FunctionTimes:
 
 
 def answer_times(gateway: Gateway, unit: int) -> tuple[FunctionTimes, ...]:
-    """List those of a device, by function; none of a unit that the gateway answers itself."""
+    """List the times of a device by function; empty if the unit is not a device."""
     device = device_of(gateway, unit)
     if device is None:
         return ()
@@ -76,7 +77,7 @@ def _times(function: int, times: Times, counts: Counts, proposed_ms: float | Non
 
 
 def _proposed(gateway: Gateway, unit: int) -> Mapping[int, float]:
-    """For each function the limit of its longest requests that `calibrate` would propose, in milliseconds."""
+    """Compute the longest limit that `calibrate` would propose for each function with enough responses, in ms."""
     try:
         about = measured(gateway, unit)
     except WrongQuestion:

@@ -1,4 +1,4 @@
-"""What is asked: the parameters of operations, each with what it must be in words."""
+"""Parameters of operations, each with a description of what it must be."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Final
@@ -12,7 +12,7 @@ from gateway.trace.records import MOST_STORIES
 #: How many hours of a history are kept.
 MOST_HOURS_OF_A_LINE: Final = LINE_SLOTS * STEP // 3600
 MOST_HOURS_OF_A_UNIT: Final = UNIT_SLOTS * STEP // 3600
-#: Points that somebody else has read may be this many seconds old.
+#: The longest age of shared values of points, in seconds.
 LONGEST_AGE: Final = 60
 
 #: A unit: the number that clients use, or its name.
@@ -23,14 +23,14 @@ PointNamed = Annotated[str, "the name of a point"]
 
 @dataclass(frozen=True, slots=True)
 class OneUnit:
-    """The `unit` that is meant."""
+    """One `unit`."""
 
     unit: UnitNamed
 
 
 @dataclass(frozen=True, slots=True)
 class OneDevice:
-    """The `device` that is meant."""
+    """One `device`."""
 
     device: UnitNamed
 
@@ -45,7 +45,7 @@ class OneRequest:
 
 @dataclass(frozen=True, slots=True)
 class ToExamine:
-    """The `line`, server line or upstream to examine, or all. Unless it may `ask`, nothing is sent."""
+    """The `line`, server line or upstream to examine; all without it. Nothing is sent unless `ask` is set."""
 
     line: LineNamed | None = None
     ask: Annotated[bool, "true or false: whether requests may be sent"] = True
@@ -53,9 +53,9 @@ class ToExamine:
 
 @dataclass(frozen=True, slots=True)
 class Traced:
-    """Records from number `after` on; or those of the last `since` seconds, or the last few.
+    """Records from number `after` on; or those of the last `since` seconds; or the last few.
 
-    `line`, `unit`, `function`, `client` and `result` choose among them. With `lines` the answer has the lines too.
+    `line`, `unit`, `function`, `client` and `result` select among them. With `lines`, the answer includes the lines.
     """
 
     after: Annotated[int | None, "a number: that of the first record, as `next` in the answer before"] = None
@@ -82,9 +82,9 @@ class ToExplain:
 
 @dataclass(frozen=True, slots=True)
 class ToMeasure:
-    """The `line` to read as fast as it goes for some `seconds`, all its units or one, some `items` from `address` on.
+    """The `line` to read as fast as possible for `seconds`: all its units or one, `items` from `address` on.
 
-    With `progress` it is told each second how far the measurement is.
+    With `progress`, there is an answer each second.
     """
 
     line: LineNamed
@@ -97,9 +97,9 @@ class ToMeasure:
 
 @dataclass(frozen=True, slots=True)
 class ToScan:
-    """The `line` to scan, for the `units` or all numbers; an answer has `limit_s` seconds.
+    """The `line` to scan, for the `units` or all numbers; a response may take `limit_s` seconds.
 
-    With `all_speeds` it is scanned at all usual rates.
+    With `all_speeds`, it is scanned at all usual rates.
     """
 
     line: LineNamed
@@ -110,14 +110,14 @@ class ToScan:
 
 @dataclass(frozen=True, slots=True)
 class OneLine:
-    """The line, line where the gateway is the server, or other server of this `name`."""
+    """The client line, server line or upstream of this `name`."""
 
     name: LineNamed
 
 
 @dataclass(frozen=True, slots=True)
 class PastOfLine:
-    """What the line, or other server, of this `name` did in so many `hours` up to now."""
+    """The history of the line or upstream of this `name` in the last `hours`."""
 
     name: LineNamed
     hours: Annotated[
@@ -127,7 +127,7 @@ class PastOfLine:
 
 @dataclass(frozen=True, slots=True)
 class PastOfUnit:
-    """What a `unit` did in so many `hours` up to now."""
+    """The history of a `unit` in the last `hours`."""
 
     unit: UnitNamed
     hours: Annotated[
@@ -137,7 +137,7 @@ class PastOfUnit:
 
 @dataclass(frozen=True, slots=True)
 class PointsToRead:
-    """All points of a `unit`, or what somebody else has read of them not longer ago than `max_age`, in seconds."""
+    """All points of a `unit`; values that were read at most `max_age` seconds ago are not read again."""
 
     unit: UnitNamed
     max_age: Annotated[int, Within(0, LONGEST_AGE), f"a whole number of seconds from 0 to {LONGEST_AGE}"] = 0
@@ -145,7 +145,7 @@ class PointsToRead:
 
 @dataclass(frozen=True, slots=True)
 class PointToRead:
-    """The point of a `unit` that is called `name`."""
+    """The point `name` of a `unit`."""
 
     unit: UnitNamed
     name: PointNamed
@@ -153,7 +153,7 @@ class PointToRead:
 
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """The addresses of a `unit` from `start` to `end`, or one value from `start` on, of a `type` and with a `swap`."""
+    """The addresses of a `unit` from `start` to `end`, or one value at `start`, as `type` with `swap`."""
 
     unit: UnitNamed
     area: Area
@@ -177,21 +177,21 @@ class NamedValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValuesToWrite(Addresses):
-    """New `values` from an address on, which one request writes."""
+    """New `values` from an address on, written by one request."""
 
     values: Annotated[list[NewValue], InBody(), Filled(), "a list with one value at least"]
 
 
 @dataclass(frozen=True, slots=True)
 class PointToWrite(PointToRead):
-    """The new value of the point that is called `name`: one, in a list."""
+    """The new value of the point `name`, in a list of one."""
 
     values: Annotated[list[NewValue], InBody(), Filled(), "a list with one value"]
 
 
 @dataclass(frozen=True, slots=True)
 class PointsToWrite:
-    """New `values` of points that lie side by side, which one request writes."""
+    """New `values` of points that lie side by side, written by one request."""
 
     unit: UnitNamed
     values: Annotated[

@@ -1,4 +1,4 @@
-"""What was measured of a device's response times, for an operator who looks for its timing table."""
+"""Measured response times of a device, for an operator who looks for its timing table."""
 
 from collections.abc import Iterator
 
@@ -17,14 +17,14 @@ from gateway.timing.budget import Budget
 
 
 async def tell_times(operator: Operator, asked: OneUnit, _asker: Asker) -> Measured:
-    """Tell how long the responses of a device took, as `measured` does."""
+    """Return the response times of a device; see `measured`."""
     return measured(operator.running.gateway, asked.unit)
 
 
 def measured(gateway: Gateway, wanted: object) -> Measured:
-    """Find the times of the device that has this number, or this name.
+    """Collect the response times of the device with this number or name.
 
-    A number is that of the device which every client can reach; else that on the first line where it is an address.
+    A number means the device that every client can reach; else the one on the first line where it is an address.
 
     Raises:
         WrongQuestion: there is none, or it is on no line.

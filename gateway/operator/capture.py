@@ -1,4 +1,4 @@
-"""Facts of the ring as frames: what stood on a line, and as packets of a capture file."""
+"""Facts of the ring as frames on a line, and as packets of a capture file."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -15,7 +15,7 @@ Fact = Mapping[str, Any]
 
 
 def packets(fact: Fact, modes: Mapping[str, str]) -> Iterator[Packet]:
-    """The frames of one fact, oldest first. `modes` are what is spoken on each line: `rtu`, `ascii` or `tcp`."""
+    """Yield the frames of one fact, oldest first. `modes` has the mode of each line: `rtu`, `ascii` or `tcp`."""
     mode = modes.get(fact["line"])
     if mode is None:
         return
@@ -32,7 +32,7 @@ def packets(fact: Fact, modes: Mapping[str, str]) -> Iterator[Packet]:
 
 
 def description(line: TracedLine) -> str:
-    """A line as the interface of a capture file is described, by what `service.trace.lines` tells of it."""
+    """Describe a line for its interface in a capture file."""
     if line.mode == "tcp":
         return f"Modbus TCP, {line.port}"
     as_rtu = ", shown as RTU" if line.mode == "ascii" else ""
@@ -40,12 +40,12 @@ def description(line: TracedLine) -> str:
 
 
 def wire_frame(unit: int, pdu: bytes, mode: str) -> bytes:
-    """A frame for a capture file. Those of ASCII lines are shown as RTU, which has a dissector."""
+    """Encode a frame for a capture file. Frames of ASCII lines become RTU, which has a dissector."""
     return mbap.encode(0, unit, pdu) if mode == "tcp" else rtu.encode(unit, pdu)
 
 
 def count_frames(heard: bytes, mode: str) -> int:
-    """How many frames came instead of an answer: 0 if that is not all that came, as when one was damaged."""
+    """Count the frames that came instead of a response; 0 if anything else came too, such as a damaged one."""
     if mode == "tcp":
         return 1
     scanner = AsciiScanner() if mode == "ascii" else RtuScanner()
@@ -57,7 +57,7 @@ def count_frames(heard: bytes, mode: str) -> int:
 
 
 def heard_frame(heard: bytes, mode: str) -> tuple[bytes, bool]:
-    """What came instead of an answer, as it is shown in a file, and whether its check sum is wrong."""
+    """Return what came instead of a response, as a capture file shows it, and whether its checksum is wrong."""
     if mode == "tcp":
         return heard, False
     if mode == "ascii":
@@ -86,7 +86,7 @@ def _exchange(fact: Fact, mode: str) -> Iterator[Packet]:
     elif fact.get("heard"):
         heard = bytes.fromhex(fact["heard"])
         if mode != "tcp" and count_frames(heard, mode):
-            return  # each of them was heard, which is a fact of its own
+            return  # each of them has a `heard` fact of its own
         frame, is_bad = heard_frame(heard, mode)
         what = "wrong check sum" if is_bad else "no response to the request"
         comment = f"{what}; {elapsed}"
@@ -96,7 +96,7 @@ def _exchange(fact: Fact, mode: str) -> Iterator[Packet]:
 
 
 def _answered(fact: Fact) -> Iterator[Packet]:
-    """Frames on a line where we are the server."""
+    """Yield the frames of a request on a server line."""
     line, unit = fact["line"], fact["unit"]
     asked = rtu.encode(unit, bytes.fromhex(fact["request"]))
     yield Packet(fact["received"], line, asked, "", is_request=True, is_sent=False)

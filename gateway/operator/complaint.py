@@ -1,4 +1,4 @@
-"""Responses with an exception, in words."""
+"""Exception responses in words."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ WHYS: Final[Mapping[str, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Complaint:
-    """A response with an exception, in words. `result` and `reason` are those of the gateway's own ones."""
+    """An exception response in words. `result` and `reason` are set if the gateway itself answered."""
 
     code: int
     result: str = ""
@@ -34,12 +34,12 @@ class Complaint:
 
     @property
     def name(self) -> str:
-        """Name the code as the specification does."""
+        """The name of the code in the specification."""
         return exception_name(self.code)
 
     @property
     def why(self) -> str:
-        """Say why the gateway itself has answered with it. There is a translation unless the reason is a rare one."""
+        """The reason why the gateway itself answered with it. Rare ones have no translation."""
         return WHYS.get(self.result, self.reason)
 
     def __str__(self) -> str:
@@ -48,13 +48,13 @@ class Complaint:
 
 
 def exception_name(code: int) -> str:
-    """Name an exception code as the specification does."""
+    """Return the name of an exception code in the specification."""
     known = code in {each.value for each in ExceptionCode}
     return ExceptionCode(code).name.lower().replace("_", " ") if known else "not a standard one"
 
 
 def complaint_of(wrong: WrongQuestion) -> Complaint | str:
-    """Say why an operation was not carried out: with a translation where a unit answered with an exception."""
+    """Say why an operation was not carried out; an exception response becomes a Complaint, which can be translated."""
     if isinstance(wrong, ExceptionReceived):
         return Complaint(wrong.code, wrong.result, wrong.reason)
     return str(wrong)

@@ -1,4 +1,4 @@
-"""The config for those who look: what runs, what `check` says of the file as it is now, and how the two differ."""
+"""The config for display: what is in use, what `check` says about the file as it is now, and how the two differ."""
 
 import asyncio
 import time
@@ -22,7 +22,7 @@ from gateway.runtime.running import Running
 #: This many lines of a comparison are shown, and this many characters of a file.
 MOST_LINES: Final = 400
 MOST_TEXT: Final = 128 * 1024
-#: Files that it names may change too: after this many seconds all is looked at again.
+#: The file is read again after this many seconds, even if it has not changed: files that it names may have.
 KEPT: Final = 30.0
 #: The reason why a file cannot be read is kept for this many seconds: finding it may have taken READING_TIME.
 UNREAD_KEPT: Final = 10.0
@@ -30,13 +30,13 @@ UNREAD_KEPT: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class ConfigView:
-    """`text` is that of the config in use, with masks for secrets, and `difference` what was changed in the file since.
+    """`text` is the config in use, with secrets masked, and `difference` what was changed in the file since.
 
-    Comments are in neither, and a file that is no TOML is not compared.
+    Comments are in neither, and a file that is not TOML is not compared.
 
     `changes` are those that a reload would make; `problems` say why it would be rejected, or are warnings. `reloaded`
-    is the outcome of the last reload `at` this time of the day, if there was one. A gateway that `is_service` was
-    started by systemd.
+    is the outcome of the last reload, if any, and `at` its time, in seconds since 1970. `is_service`: systemd has
+    started the gateway.
     """
 
     file: str
@@ -52,7 +52,7 @@ class ConfigView:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """The file as it was looked at: `sign` changes when it does, and it is good `until` this time of the loop."""
+    """The file as last read. `sign` changes when the file does; it is good `until` this time of the loop's clock."""
 
     sign: tuple[int, ...]
     until: float
@@ -60,7 +60,7 @@ class _Seen:
 
 
 class ConfigViewer:
-    """Looks at the file again when it has changed, or after a while: checking a long one takes tenths of a second."""
+    """Reads the file again when it has changed, or after KEPT seconds: checking a long one takes tenths of a second."""
 
     def __init__(self, running: Running, reloader: Reloader, clock: Callable[[], float] = time.time) -> None:
         self._running = running
@@ -69,7 +69,7 @@ class ConfigViewer:
         self._seen: _Seen | None = None
 
     async def view(self) -> ConfigView:
-        """The config as it is now; one view at a time."""
+        """Return the config as it is now. Only one call at a time is allowed."""
         loop = asyncio.get_running_loop()
         self._seen = await self._look(loop)
         return await loop.run_in_executor(ThreadPerCall("web config"), self._view, self._seen, loop.time())
@@ -124,7 +124,7 @@ def _sign(file: Path) -> tuple[int, ...]:
 
 
 def _shown(text: str) -> str:
-    """The text without secrets; nothing of a file that is no TOML."""
+    """Mask the secrets of a text; return nothing of one that is not TOML."""
     try:
         return masked(text)
     except (ValueError, RecursionError):

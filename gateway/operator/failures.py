@@ -1,4 +1,4 @@
-"""The last requests to a unit that failed, each with its story."""
+"""The last failed requests to a unit, each with its story."""
 
 import asyncio
 import time
@@ -18,9 +18,9 @@ MOST_FAILURES: Final = 6
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A request that failed, and its story in sentences. `time` is in seconds since 1970.
+    """A failed request, and its story in sentences. `time` is in seconds since 1970.
 
-    `not_sent` is how many others were not sent because of it, or for the same reason, by result.
+    `not_sent` counts, by result, others that were not sent because of it or for the same reason.
     """
 
     time: float
@@ -31,7 +31,7 @@ class Failure:
 
 
 def failures(running: Running, unit: int, host: str) -> tuple[Failure, ...]:
-    """List the last failures of a unit that a reader at this address may see, the newest first, with what followed.
+    """List the last failures of a unit that a reader at the address `host` may see, newest first.
 
     Raises:
         WrongQuestion: nothing is kept.

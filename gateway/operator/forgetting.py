@@ -1,4 +1,4 @@
-"""The verb `forget`: a device that changed its address or rate is again where the config says."""
+"""The operation `forget`: a device that changed its address or rate is asked as the config says again."""
 
 from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
@@ -15,15 +15,15 @@ _ADVICE = "what was remembered is forgotten, so the config counts again"
 
 
 async def forget_device(operator: Operator, asked: OneDevice, _asker: Asker) -> Forgotten:
-    """Forget the address and the rate of a device, as `forget` does."""
+    """Forget the address and the rate of a device; see `forget`."""
     return forget(operator.running.gateway, asked.device, operator.running.emit)
 
 
 def forget(gateway: Gateway, wanted: object, emit: Emit) -> Forgotten:
-    """Forget the address and the rate of the device with this name or number.
+    """Forget the remembered address and rate of the device with this name or number.
 
     Raises:
-        WrongQuestion: there is no such device on a line, or something is in the way.
+        WrongQuestion: there is no such device on a line, or its line refuses (see GatewayLine.forget).
     """
     line, device = _find(gateway, wanted)
     was_at, was_baud = device.possible_units, line.driver.line.settings.timing.baud
@@ -41,5 +41,5 @@ def _find(gateway: Gateway, wanted: object) -> tuple[GatewayLine, Device]:
     found = [line for line in gateway.lines if unit in line.devices]
     if not found:
         raise WrongQuestion(f"nothing is remembered of {wanted}: it is no device on a line")
-    line = min(found, key=lambda each: unit in each.plan.own_units)  # that of all clients, if there is one
+    line = min(found, key=lambda each: unit in each.plan.own_units)  # the one for all clients, if any
     return line, line.devices[unit]

@@ -1,4 +1,4 @@
-"""The frames on a line that a request has led to, as the ring has them."""
+"""The frames on a line that a request led to, from the ring."""
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
@@ -9,7 +9,7 @@ from gateway.trace.ring import STEP, Ring
 
 
 def frames_of(running: Running, client: str, pdu: bytes, received_at: float) -> dict[str, str]:
-    """What was `sent` for a client's request that has just ended, and `received`; nothing if there is none."""
+    """Find the frames `sent` and `received` for a client's request that has just ended, in hexadecimal; {} if none."""
     found = _exchange(running.ring, client, pdu, received_at)
     if found is None:
         return {}

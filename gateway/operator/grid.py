@@ -21,7 +21,7 @@ _TEXT_COLUMNS: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One value. A mirror's may be unknown, or stale: then no client gets it."""
+    """One value. That of a mirror may be unknown or stale; then clients do not get it."""
 
     reading: Reading
     is_known: bool = True
@@ -31,11 +31,11 @@ class Cell:
 
     @property
     def text(self) -> str:
-        """Show the value as text; empty while it is unknown."""
+        """The value as text; empty while unknown."""
         return self.reading.point.show(self.reading.value) if self.is_known else ""
 
     def told(self) -> answers.Cell:
-        """Tell it to programs."""
+        """Convert it to the result type."""
         told = self.reading.as_json(with_area=False)
         if not self.is_known:
             told |= {"value": None, "registers": []}
@@ -51,7 +51,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A window in a type: how many addresses a cell takes, and how many cells a row has."""
+    """An image window in one type, with `size` addresses per cell and `columns` cells per row."""
 
     window: ImageWindow
     area: Area
@@ -61,7 +61,7 @@ class Grid:
     columns: int
 
     def rows(self) -> Iterator[tuple[int, Sequence[Cell]]]:
-        """Yield each row with its first address. What is left of a range for no whole value is left out."""
+        """Yield each row with its first address. Addresses that do not make a whole value at the end are left out."""
         width = self.size * self.columns
         for span, items in self.window.parts:
             cells, first = self._cells(span, items), span.start
@@ -84,7 +84,7 @@ class Grid:
 
 
 def grid_of(window: ImageWindow, area: Area, data_type: str, swap: str) -> Grid:
-    """Make the grid of a window whose type and swap have been checked."""
+    """Make the grid of a window; an empty type means `bit` or `uint16`. Type and swap must be valid."""
     data_type = data_type or ("bit" if has_bits(area) else "uint16")
     if data_type == "string":
         return Grid(window, area, data_type, swap, COLUMNS, _TEXT_COLUMNS)
@@ -93,7 +93,7 @@ def grid_of(window: ImageWindow, area: Area, data_type: str, swap: str) -> Grid:
 
 
 def _writers(writes: Sequence[Written], area: Area) -> dict[int, Written]:
-    """Find the last write to each address, among at most MOST of them."""
+    """Find the last write to each address; writes to more than MOST addresses are left out."""
     found: dict[int, Written] = {}
     for each in writes:  # the newest first
         if each.span.area == area and each.span.count <= MOST:

@@ -1,7 +1,7 @@
-"""Keeps the history of lines and units: looks at their counters, and writes what has changed to a file.
+"""Keeps the history of lines and units: samples their counters, and writes what has changed to a file.
 
-The file is written once a minute and at a stop, by a thread, so that a disk which hangs costs the lines nothing. What
-could not be written is written with what comes later. A power cut loses what has happened since the last time.
+The file is written once a minute and at a stop, in a thread, so that a disk which hangs does not delay the lines. What
+could not be written is written later. A power cut loses what happened since the last write.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 FILE_NAME: Final = "history.sqlite"
-#: How often the counters are looked at, and how often the file is written, in seconds.
+#: How often the counters are sampled, and how often the file is written, in seconds.
 LOOK_EVERY: Final = 10.0
 WRITE_EVERY: Final = 60.0
 #: How long the disk may take at the end, in seconds.
@@ -53,7 +53,7 @@ _TABLE: Final = Table(
 async def history_kept(
     running: Running, folder: Path | None, clock: Callable[[], float] = time.time
 ) -> AsyncIterator[History]:
-    """The history, which grows inside the context; without a `folder` it is gone with the process.
+    """Keep a history that grows inside the context; without a `folder` it is lost with the process.
 
     `clock` gives seconds since 1970.
     """
@@ -93,7 +93,7 @@ async def _guarded(work: Callable[[], Awaitable[None]], emit: Emit) -> None:
 
 
 class HistoryFile:
-    """The file of a history. Trouble is told when it begins and when it ends."""
+    """The file of a history. Trouble is reported when it begins and when it ends."""
 
     def __init__(self, file: Path, history: History, emit: Emit) -> None:
         self._file = file
@@ -104,13 +104,13 @@ class HistoryFile:
         self._fails = False
 
     async def keep_writing(self) -> None:
-        """Read the file, and write what has changed every minute, until cancelled."""
+        """Read the file, and write changes every minute, until cancelled."""
         while True:
             await self.write()
             await asyncio.sleep(WRITE_EVERY)
 
     async def write(self) -> None:
-        """Write what has changed; open and read the file first, if it is not open."""
+        """Write changes; open and read the file first if it is not open."""
         try:
             if self._database is None:
                 self._database = await self._open()
@@ -121,7 +121,7 @@ class HistoryFile:
             self._tell("")
 
     async def close(self) -> None:
-        """Write the rest and close the file, if it is open and the disk quick enough."""
+        """Write the rest and close the file, if it is open; give up after CLOSING_DEADLINE."""
         if self._database is None:
             return
         try:
@@ -167,7 +167,7 @@ class HistoryFile:
 def _slots(rows: Iterable[Row]) -> list[Slot]:
     slots = []
     for number, content in rows:
-        with suppress(ValueError):  # of a version that counted something else
+        with suppress(ValueError):  # written by a version that counted something else
             slots.append(Slot.read(number, content))
     return slots
 

@@ -1,4 +1,4 @@
-"""What images and mirrors have, without a request of a client."""
+"""Values of images and mirrors, read without a client's request."""
 
 import asyncio
 
@@ -17,10 +17,10 @@ from gateway.operator.units import picture
 
 
 async def tell_image(operator: Operator, asked: Addresses, asker: Asker) -> Cells:
-    """Tell what an image or mirror has at some addresses, with ages and last writers.
+    """Return what an image or mirror has at some addresses, with ages and last writers.
 
     Raises:
-        WrongQuestion: there is no such image, the addresses make no sense, or who asks may not read them.
+        WrongQuestion: there is no such image, the addresses are invalid, or the asker may not read them.
     """
     unit, points, area = picture(operator.gateway, asked.unit), points_at(asked), asked.area
     span = Span(area, points[0].address, sum(point.count for point in points))

@@ -1,4 +1,4 @@
-"""The values that the gateway has without asking anybody: of images, and of mirrors with their ages."""
+"""Values that the gateway has without asking a device: those of images, and those of mirrors with their ages."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ from gateway.runtime.gateway import Gateway
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """Coils or registers that the gateway has without asking anybody: those of an image, or of the mirror `name`.
+    """Coils or registers that the image or mirror `name` has.
 
-    A mirror's have an age; None while they are unknown.
+    `age_ms` is 0 for an image, and None while a mirror's values are unknown.
     """
 
     name: str
@@ -30,7 +30,7 @@ class Kept:
 
 @dataclass(frozen=True, slots=True)
 class PolledAge:
-    """Addresses that a mirror polls, and how old their values are; None while they are unknown."""
+    """Addresses that a mirror polls, and the age of their values; None while unknown."""
 
     span: Span
     every_ms: float
@@ -39,7 +39,7 @@ class PolledAge:
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """The last write to these addresses."""
+    """The last write to these addresses, `ago_ms` ago."""
 
     span: Span
     client: str
@@ -50,7 +50,7 @@ class Written:
 class ImageWindow:
     """Some addresses of an image or mirror: `parts` are those that exist, with two bytes for a register, one for a bit.
 
-    A mirror has a `stale` and `ages`. `writes` are the last ones, the newest first.
+    Only a mirror has `stale_ms` and `ages`. `writes` are the last ones, newest first.
     """
 
     unit: int
@@ -65,7 +65,7 @@ class ImageWindow:
 
 
 def kept(gateway: Gateway, unit: int, spans: Sequence[Span], now: float) -> list[Kept | None]:
-    """Find what is there of each span without a request: of an image, of a mirror, or of a device that has a mirror."""
+    """Find what an image, a mirror, or the mirrors of a device have of each span; None for what they do not have."""
     image = image_of(gateway, unit)
     if isinstance(image, Image):
         _look_again(image, now)
@@ -81,12 +81,12 @@ def kept(gateway: Gateway, unit: int, spans: Sequence[Span], now: float) -> list
 
 
 def mirrors_of(gateway: Gateway, unit: int) -> list[str]:
-    """List the names of the mirrors of a device."""
+    """List the names of a device's mirrors."""
     return [mirror.settings.name for mirror in _mirrors_of(gateway, unit)]
 
 
 def window(gateway: Gateway, unit: int, span: Span, now: float) -> ImageWindow | None:
-    """Show the part of an image or mirror at the addresses of `span`; None if the unit is neither."""
+    """Return the part of an image or mirror at the addresses of `span`; None if the unit is neither."""
     image = image_of(gateway, unit)
     if image is None:
         return None
@@ -135,7 +135,7 @@ def _ages(mirror: Mirror, now: float) -> list[PolledAge]:
 
 
 def _kept(mirror: Mirror, ages: Sequence[PolledAge], span: Span) -> Kept | None:
-    """What a mirror has of a span: as old as its oldest part."""
+    """Return what a mirror has of a span; its age is that of the oldest part."""
     if not covers(mirror.settings.areas.get(span.area, ()), span):
         return None
     touched = [each.age_ms for each in ages if _touch(each.span, span)]
@@ -146,7 +146,7 @@ def _kept(mirror: Mirror, ages: Sequence[PolledAge], span: Span) -> Kept | None:
 
 
 def _existing(ranges: Iterable[Range], span: Span) -> Iterator[Span]:
-    """The parts of a span that exist."""
+    """Yield the parts of a span that exist."""
     for first, last in ranges:
         start, end = max(first, span.start), min(last + 1, span.end)
         if start < end:

@@ -1,4 +1,4 @@
-"""The points of a unit, read once for all who want them at about the same time: an open page costs a line little."""
+"""The last values of units, shared by their readers: any number of open pages costs a line no more than one."""
 
 import asyncio
 from collections import OrderedDict
@@ -20,13 +20,13 @@ from gateway.profiles.point import Point
 MOST_UNITS: Final = 256
 SHOWN_FOR: Final = 3600.0
 
-#: The number of a unit, the door, and the functions that may read it there: those with other rights have others.
+#: Unit, door, and the functions that may read the unit there: values are shared only between equal rights.
 _Key = tuple[int, Door, frozenset[int]]
 
 
 @dataclass(slots=True)
 class _Last:
-    """The last values of a unit, which has not changed since, and who reads it now."""
+    """The last values of a unit, valid while `unit` and `target` stay the same. `turn` is held while they are read."""
 
     unit: UnitPicture
     target: object
@@ -36,15 +36,15 @@ class _Last:
 
 
 class _LastOfAll(OrderedDict[_Key, _Last]):
-    """The last values of units; those that were asked for last stand at the end."""
+    """The last values of units, least recently read first."""
 
 
 async def read_all(operator: Operator, unit: UnitPicture, asker: Asker, max_age: float) -> tuple[Outcome, float]:
-    """Read all points that can be read, if that was not done less than `max_age` seconds ago; and tell how long ago.
+    """Read all readable points, unless they were read less than `max_age` seconds ago; return their age too.
 
     Raises:
         UnitFailed: nothing could be read.
-        ChangedMeanwhile: a reload has led the unit's number elsewhere.
+        ChangedMeanwhile: a reload has given the unit's number to another target.
     """
     ask, last = ask_for(operator, unit.unit, asker), _of(operator, unit, asker)
     clock = asyncio.get_running_loop().time
@@ -58,7 +58,7 @@ async def read_all(operator: Operator, unit: UnitPicture, asker: Asker, max_age:
 
 
 def shown(operator: Operator, unit: UnitPicture, asker: Asker) -> tuple[Outcome, float] | None:
-    """Find the last values and their age in seconds, if there are any."""
+    """Find the last values and their age in seconds; None if there are none, or they are too old to show."""
     now, last = asyncio.get_running_loop().time(), operator.kept(_LastOfAll).get(_key(operator, unit, asker))
     if last is None or _has_changed(operator, last, unit) or last.outcome is None or now - last.at > SHOWN_FOR:
         return None
@@ -66,7 +66,7 @@ def shown(operator: Operator, unit: UnitPicture, asker: Asker) -> tuple[Outcome,
 
 
 def forget_values(operator: Operator, unit: UnitPicture) -> None:
-    """Let the values of a unit be read again: something was written."""
+    """Drop the last values of a unit, after a write."""
     kept = operator.kept(_LastOfAll)
     for key in [key for key in kept if key[0] == unit.unit]:
         del kept[key]
@@ -89,7 +89,7 @@ def _of(operator: Operator, unit: UnitPicture, asker: Asker) -> _Last:
 
 
 def _has_changed(operator: Operator, last: _Last, unit: UnitPicture) -> bool:
-    """Tell whether a reload has led the number elsewhere, or given the points another meaning."""
+    """Return whether a reload has given the number to another target, or changed the unit's points."""
     return last.unit != unit or last.target is not target(operator.gateway, unit.unit)
 
 

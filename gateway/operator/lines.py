@@ -1,4 +1,4 @@
-"""Lines, lines where the gateway is the server, and other servers."""
+"""The operations `lines` and `line`."""
 
 from gateway.errors import WrongQuestion
 from gateway.operator.answers.lines import Lines
@@ -10,13 +10,13 @@ from gateway.operator.status import tell_status
 
 
 async def tell_lines(operator: Operator, asked: Nothing, asker: Asker) -> Lines:
-    """Tell of all of them."""
+    """Return all client lines, server lines and upstreams."""
     status = await tell_status(operator, asked, asker)
     return Lines(status.lines, status.servers, status.upstreams)
 
 
 async def tell_line(operator: Operator, asked: OneLine, asker: Asker) -> AnyLine:
-    """Tell of one of them.
+    """Return the client line, server line or upstream of this name.
 
     Raises:
         WrongQuestion: there is none of this name.

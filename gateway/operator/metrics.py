@@ -33,7 +33,7 @@ _UNIT: Final = ("line", "unit", "function")
 
 
 async def read(running: Running) -> list[Family]:
-    """All metrics of the running gateway, with pauses for its lines: each unit is read when it is its turn."""
+    """Read all metrics of the running gateway, with pauses for its lines; each unit is read in its turn."""
     now = asyncio.get_running_loop().time
     gateway = running.gateway
     owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
@@ -55,7 +55,7 @@ async def read(running: Running) -> list[Family]:
 
 
 class _Requests:
-    """What became of the requests of clients."""
+    """Metrics of client requests by result."""
 
     def __init__(self) -> None:
         self._results = Family("counter", "requests", "Requests of clients by result.", (*_UNIT, "result"))
@@ -68,7 +68,7 @@ class _Requests:
         self.families = (self._results, self._exceptions, self._coalesced, self._retries, self._errors)
 
     def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
-        """Add those of a line or another server, one unit at a time."""
+        """Add the counts of a line or upstream, one unit at a time."""
         coalesced = retries = 0
         errors = [0] * len(_ERRORS)
         for unit, counts in _counted(owner):
@@ -89,14 +89,14 @@ class _Requests:
                 self._errors.add(count, owner.name, kind)
 
     def read_routers(self, running: Running) -> None:
-        """Add the requests that no unit has got."""
+        """Add the requests that reached no unit."""
         routers = [each.router.counts for each in (*running.gateway.listeners, *running.gateway.servers)]
         self._results.add(sum(each.no_route for each in routers), "", "", "", "no_route")
         self._results.add(sum(each.denied for each in routers), "", "", "", "denied")
 
 
 class _Times:
-    """How long requests took, and what part of their limits."""
+    """Metrics of the times of requests, and of the shares of their limits."""
 
     def __init__(self) -> None:
         self._request = _histogram("request_duration_seconds", "From a request's arrival to its response.")
@@ -106,7 +106,7 @@ class _Times:
         self.families = (self._request, self._answer, self._wait, self._share)
 
     def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
-        """Add those of a line or another server, one unit at a time."""
+        """Add the times of a line or upstream, one unit at a time."""
         for unit, counts in _counted(owner):
             for function in counts:
                 labels, times = (owner.name, unit, _function(function)), counts.times[function]
@@ -142,7 +142,7 @@ def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
 
 
 class _Units:
-    """Whether units answer, and how long that may take."""
+    """Metrics of units: whether they respond, and their longest limits."""
 
     def __init__(self) -> None:
         self._up = Family("gauge", "unit_up", "Whether the unit answered last, and its line is up.", ("line", "unit"))
@@ -152,7 +152,7 @@ class _Units:
         self.families = (self._up, self._limit)
 
     def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
-        """Add those of a line or another server, one at a time."""
+        """Add the units of a line or upstream that were asked, one at a time."""
         now = asyncio.get_running_loop().time
         for unit, device in _asked(owner):
             is_up = owner.reconnector.error is None
@@ -172,7 +172,7 @@ def _clients(running: Running) -> Iterable[Family]:
 
 
 def _image_ages(running: Running, now: float) -> Family:
-    """The ages for mirrors whose values are all known."""
+    """Read the age of each mirror whose values are all known."""
     ages = Family("gauge", "image_age_seconds", "Age of the oldest values of a mirror.", ("unit",))
     for driver in running.gateway.mirrors:
         known = [age for _, age in driver.mirror.ages(now)]
@@ -189,7 +189,7 @@ def _upstreams(upstreams: Iterable[GatewayUpstream]) -> Family:
 
 
 def _certificates(contexts: TlsStore) -> Family:
-    """The first to expire of each kind: a file may have several."""
+    """Find the earliest expiry of each kind: a file may have several certificates."""
     ends = Family(
         "gauge", "certificate_expiry_timestamp_seconds", "Until when certificates are valid.", ("used_by", "key")
     )
@@ -213,13 +213,13 @@ def _process(running: Running) -> Iterable[Family]:
 
 
 def _asked(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, Device]]:
-    """The units that were polled, by their numbers for clients; by its name a unit whose number is another one's."""
+    """List the units that were asked, by their numbers for clients; by name if another unit has the number."""
     asked = [(device, device.settings.known_as) for device in owner.all_devices if device.counts]
     return [(str(unit) if owner.devices.get(unit, each) is each else each.name, each) for each, unit in asked]
 
 
 def _counted(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, UnitCounts]]:
-    """The counters by unit; broadcasts are unit 0."""
+    """List the counters by unit; broadcasts are unit 0."""
     units = [(unit, device.counts) for unit, device in _asked(owner)]
     return [("0", owner.every_device.counts), *units] if isinstance(owner, GatewayLine) else units
 

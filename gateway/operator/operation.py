@@ -1,7 +1,7 @@
-"""An operation: one thing that may be asked of a gateway at work, as data.
+"""An operation: one thing that can be asked of a running gateway, as data.
 
-The control socket, HTTP with its OpenAPI document, and the command line are made of the table of all operations
-(`operations.py`). What an operation does is a function that is loaded when it is asked for the first time:
+The control socket, HTTP with its OpenAPI document, and the command line are built from the table of all operations
+(`operations.py`). The function that carries out an operation is loaded on first use:
 
     async def forget(operator: Operator, asked: Device, asker: Asker) -> Forgotten
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 P = TypeVar("P")
 R = TypeVar("R")
 
-#: What is needed for an operation: to see how the gateway is doing, to change it, or to write values, which `[web]`
-#: allows only with `write`.
+#: What an operation needs: to see how the gateway is doing, to change it, or to write values, which `[web]` allows only
+#: with `write`.
 Right = Literal["reading", "operator", "writing"]
-#: Over HTTP, how an operation is asked for.
+#: The HTTP method of an operation.
 Method = Literal["GET", "PUT", "POST"]
-#: Whether who asks is still there.
+#: Returns whether the asker is still connected.
 IsThere = Callable[[], bool]
 
 
@@ -39,10 +39,10 @@ class Nothing:
 
 @dataclass(frozen=True, slots=True)
 class Asker:
-    """Who asks, and through which door.
+    """The client that asks, and the door that it uses.
 
-    Over HTTP what [[access]] does not let the address `host` read is hidden. At the control socket that is empty:
-    whoever may use the socket sees everything.
+    Over HTTP, values that [[access]] does not let the address `host` read are hidden. At the control socket `host` is
+    empty: everyone who may use the socket sees everything.
     """
 
     caller: "Caller"
@@ -53,14 +53,14 @@ class Asker:
 
 @dataclass(frozen=True)
 class Operation(Generic[P, R]):
-    """One thing that may be asked: its `parameters` and its `result` are dataclasses.
+    """One thing that can be asked: its `parameters` and its `result` are dataclasses.
 
-    `result_at` is where the type of the result is, and `by` the function that answers, as `module:name`: what only asks
-    starts without them. At the control socket the result stands under `key`, or its fields beside `ok` where `key` is
-    empty. Over HTTP it is at `path` below /api/v1, where `{name}` is a parameter; an operation without a path is not to
-    be had there. One that `is_repeated` has several answers, one after the other.
+    `result_at` is where the type of the result is, and `by` the function that answers, as `module:name`; both are
+    loaded on first use. At the control socket the result is under `key`, or its fields are beside `ok` if `key` is
+    empty. Over HTTP it is at `path` below /api/v1, where `{name}` is a parameter; an operation without a path is not
+    available there. One that `is_repeated` has several answers.
 
-    `refuses` are the errors, beside wrong parameters and missing rights, for which it is not carried out.
+    `refuses` are possible errors besides wrong parameters and missing rights.
     """
 
     name: str
@@ -77,18 +77,18 @@ class Operation(Generic[P, R]):
 
     @cached_property
     def result(self) -> type[R]:
-        """Load the type of the result."""
+        """The type of the result, loaded on first use."""
         result: type[R] = _load(self.result_at)
         return result
 
     @cached_property
     def function(self) -> "Callable[[Operator, P, Asker], Any]":
-        """Load the function that answers."""
+        """The function that answers, loaded on first use."""
         function: Callable[[Operator, P, Asker], Any] = _load(self.by)
         return function
 
     async def answer(self, operator: "Operator", asked: P, asker: Asker) -> R:
-        """Answer an operation that has one answer.
+        """Carry out an operation that has one answer.
 
         Raises:
             WrongQuestion: it cannot be carried out.
@@ -97,7 +97,7 @@ class Operation(Generic[P, R]):
         return answer
 
     def answers(self, operator: "Operator", asked: P, asker: Asker) -> AsyncGenerator[R, None]:
-        """Answer an operation that `is_repeated`, for as long as the answers are taken.
+        """Carry out an operation that `is_repeated`, until the generator is closed.
 
         Raises:
             WrongQuestion: it cannot be carried out.

@@ -1,10 +1,10 @@
-"""All operations: what may be asked of a gateway at work, by name, with the types of question and answer.
+"""The table of all operations, by name, with the types of parameters and results.
 
-A new one is described here, and listed in `OPERATIONS` below. The function that answers is at `by`; what it takes and
-returns are dataclasses in `asked` and `answers`.
+A new one is described here, and listed in `OPERATIONS` below. The function that answers is at `by`; its parameters and
+its result are dataclasses in `asked` and `answers`.
 
-Nothing here loads what answers, or the types of answers: the commands of this program use the same table, and start
-quickly.
+Neither these functions nor the types of results are loaded here: the commands of this program use the same table, and
+must start quickly.
 """
 
 from typing import TYPE_CHECKING, Any, Final
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from gateway.operator.answers.unit_status import UnitWithStatus
     from gateway.operator.answers.values import Cells, Points, Values
 
-#: Why what is asked of units by their numbers and names may not be answered.
+#: Why a read or write of a unit may be refused.
 _READING: Final = (WrongQuestion, ChangedMeanwhile, DoesNotFit, ExceptionReceived)
 _A_UNIT: Final = "/units/{unit}"
 _ADDRESSES: Final = "{area}/{start}-{end}"
@@ -329,5 +329,5 @@ OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     SCAN,
 )
 
-#: The same, by name.
+#: All operations by name.
 BY_NAME: Final = {each.name: each for each in OPERATIONS}

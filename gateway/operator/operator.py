@@ -1,4 +1,4 @@
-"""The gateway at work, as operations see it."""
+"""The running gateway, as operations see it."""
 
 import time
 from collections.abc import Callable
@@ -12,12 +12,12 @@ from gateway.timing.history import History
 
 K = TypeVar("K")
 
-#: Where operations are asked for: what [[access]] says of this counts.
+#: Where an operation is asked for; [[access]] can have rules for each.
 Door = Literal["control", "web"]
 
 
 class Operator:
-    """What operations are asked of: the `running` gateway, and what reads its config again.
+    """What operations work on: the `running` gateway, and the `reloader` of its config.
 
     `clock` gives seconds since 1970. There is a `history` while `[web]` keeps one.
     """
@@ -31,16 +31,16 @@ class Operator:
 
     @property
     def gateway(self) -> Gateway:
-        """Give the gateway as it is now: a reload makes another one."""
+        """The present gateway: a reload makes another one."""
         return self.running.gateway
 
     def router(self, door: Door) -> Router:
-        """Give the router of all who ask through this door."""
+        """Return the router for requests through this door."""
         routers = self.running.routers
         return routers.web if door == "web" else routers.control
 
     def kept(self, kind: type[K]) -> K:
-        """Give what an operation keeps for those who ask later: made when it is needed for the first time."""
+        """Return what an operation keeps between requests, one object per `kind`; made on first use."""
         if kind not in self._kept:
             self._kept[kind] = kind()
         found: K = self._kept[kind]

@@ -1,7 +1,7 @@
 """Reads the parameters of an operation: from a JSON object, or from the text of an address and its query.
 
-The notes of a parameter (`Within` and the others) know how they stand in a JSON schema: pydantic calls them when the
-OpenAPI document is made, and nothing here loads it.
+The annotations of a parameter (`Within` and others) describe themselves in a JSON schema: pydantic calls them when the
+OpenAPI document is made, and is not loaded here.
 """
 
 import re
@@ -17,7 +17,7 @@ from gateway.errors import Malformed
 P = TypeVar("P")
 N = TypeVar("N")
 
-#: The numbers that a text may be taken for: no unit and no address is longer.
+#: A text that may be read as a number; units and addresses are shorter.
 _NUMBER: Final = re.compile(r"[0-9]{1,9}")
 
 
@@ -49,7 +49,7 @@ class Filled:
     """A list with one item at least: an annotation of a parameter."""
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
-        """Add that to the schema of a list."""
+        """Add the least length to the schema of a list."""
         return {**handler(schema), "minItems": 1}
 
 
@@ -60,32 +60,32 @@ class InBody:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter: the types that it may have, what it must be in words, and the notes of its annotation."""
+    """A parameter: its types, `what` it must be in words, and the notes of its annotation."""
 
     name: str
     types: tuple[type, ...]
     what: str
     notes: tuple[Any, ...]
     default: Any
-    #: The dataclass of which it is a list, if it is one.
+    #: The dataclass of its items, if it is a list of those.
     item: Any = None
 
     @property
     def is_required(self) -> bool:
-        """Tell whether it has no default."""
+        """Whether it has no default."""
         return self.default is MISSING
 
     @property
     def is_in_body(self) -> bool:
-        """Tell whether it comes in the body of an HTTP request."""
+        """Whether it comes in the body of an HTTP request."""
         return self.note(InBody) is not None
 
     def note(self, kind: type[N]) -> N | None:
-        """Find the note of this kind."""
+        """Find the note of this kind; None if there is none."""
         return next((note for note in self.notes if isinstance(note, kind)), None)
 
     def takes(self, value: object) -> bool:
-        """Tell whether the parameter may be this value of JSON, or this member of an enumeration."""
+        """Return whether this value of JSON, or member of an enumeration, is valid."""
         if isinstance(value, bool):
             return bool in self.types
         if isinstance(value, int | float):
@@ -118,14 +118,14 @@ def _parameter(field: Field[Any], hint: Any) -> Parameter:
 
 
 def _item(hint: Any) -> Any:
-    """Find the dataclass of which a parameter is a list; None if it is none."""
+    """Find the dataclass of the items of a list; None if the parameter is no such list."""
     kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
     item = get_args(kind)[0] if get_origin(kind) is list else None
     return item if is_dataclass(item) else None
 
 
 def _types_and_notes(hint: Any) -> tuple[tuple[type, ...], tuple[Any, ...]]:
-    """Take a type apart, of which also a part may be annotated: `Annotated[int | str, "a number or a name"] | None`."""
+    """Split a type into types and notes; parts may have notes: `Annotated[int | str, "a number or a name"] | None`."""
     origin = get_origin(hint)
     if origin is Annotated:
         part, *notes = get_args(hint)
@@ -144,12 +144,12 @@ def _called(kind: type) -> str:
 
 
 def read_parameters(kind: Callable[..., P], given: Mapping[str, object], *, is_text: bool = False) -> P:
-    """Read the parameters of a request, which may be of another version: null says nothing, and others are ignored.
+    """Read the parameters of a request. Null counts as missing, and others are ignored: clients may be older or newer.
 
     With `is_text` each value is text, as in the address of an HTTP request.
 
     Raises:
-        Malformed: one is missing, or is no such value; the message names it, and says what it must be.
+        Malformed: one is missing or invalid; the message names it, and says what it must be.
     """
     values = {}
     for each in parameters_of(kind):
@@ -169,14 +169,14 @@ def _checked(parameter: Parameter, value: object) -> object:
 
 
 def _made(parameter: Parameter, each: object) -> object:
-    """Make an item of a list out of an object that has exactly its fields."""
+    """Make an item of a list from an object that has exactly its fields."""
     if not isinstance(each, dict) or set(each) != {field.name for field in fields(parameter.item)}:
         raise _wrong(parameter)
     return parameter.item(**each)
 
 
 def _member(parameter: Parameter, value: object) -> object:
-    """Take a value for the member of an enumeration that it stands for, where the parameter is one."""
+    """Convert a value to the member of an enumeration, if the parameter is one and has such a member."""
     members = next((kind for kind in parameter.types if issubclass(kind, Enum)), None)
     try:
         return value if members is None else members(value)
@@ -185,7 +185,7 @@ def _member(parameter: Parameter, value: object) -> object:
 
 
 def _from_text(parameter: Parameter, text: object) -> object:
-    """Take a text for a number where it is one and the parameter may be one; out of bounds it may still be a name."""
+    """Convert a text to a number or truth value if it may be one; a number out of bounds may still be a name."""
     if isinstance(text, str) and int in parameter.types and _NUMBER.fullmatch(text):
         within, number = parameter.note(Within), int(text)
         is_name = str in parameter.types and within is not None and not within.least <= number <= within.most
@@ -200,6 +200,6 @@ def _wrong(parameter: Parameter) -> Malformed:
 
 
 def fields_of(value: Any) -> dict[str, Any]:
-    """Give the fields of a dataclass by name, without what is told only if known; unlike `asdict` it copies nothing."""
+    """Return the fields of a dataclass by name, except `if_known` ones that are None. Unlike `asdict`, copy nothing."""
     told = ((field, getattr(value, field.name)) for field in fields(value))
     return {field.name: each for field, each in told if each is not None or "if_known" not in field.metadata}

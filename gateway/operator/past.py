@@ -1,4 +1,4 @@
-"""The history as it is told, and as pages show it: of one line, of one unit."""
+"""The history of a line or a unit, for programs and pages."""
 
 from collections.abc import Iterable
 
@@ -15,7 +15,7 @@ from gateway.timing.history import STEP, LineUse, Past, UnitUse
 
 
 async def tell_line(operator: Operator, asked: PastOfLine, _asker: Asker) -> LinePast:
-    """Tell what a line, or another server, did in the last hours.
+    """Return the history of a line or upstream in the last hours.
 
     Raises:
         WrongQuestion: there is no such line, or no history.
@@ -26,7 +26,7 @@ async def tell_line(operator: Operator, asked: PastOfLine, _asker: Asker) -> Lin
 
 
 async def tell_unit(operator: Operator, asked: PastOfUnit, _asker: Asker) -> UnitPast:
-    """Tell what a unit on a line, or behind another server, did in the last hours.
+    """Return the history of a unit, on a line or behind an upstream, in the last hours.
 
     Raises:
         WrongQuestion: there is no such unit, or no history.
@@ -45,7 +45,7 @@ def _owners(gateway: Gateway) -> tuple[GatewayLine | GatewayUpstream, ...]:
 
 
 def past_of(operator: Operator, slots: int) -> Past:
-    """Give what lines and units did in the last slots of time, up to the present one.
+    """Return the last `slots` of the history, up to the present one.
 
     Raises:
         WrongQuestion: no history is kept.
@@ -56,24 +56,24 @@ def past_of(operator: Operator, slots: int) -> Past:
 
 
 def slots_in(hours: int) -> int:
-    """Count the slots in this many hours."""
+    """Convert hours to slots of the history."""
     return hours * 3600 // STEP
 
 
 def line_past(past: Past, line: str) -> LinePast:
-    """Tell what a line did."""
+    """Select the history of a line."""
     there = ((number, slot.lines.get(line)) for number, slot in enumerate(past.slots, past.first) if slot is not None)
     return LinePast(line, STEP, tuple(line_slot(number, use) for number, use in there if use is not None))
 
 
 def line_slot(number: int, use: LineUse) -> LineSlot:
-    """Tell what a line did in the slot of this number."""
+    """Convert what a line did in the slot of this number."""
     seconds, down = round(use.seconds, 1), round(use.down, 1)
     return LineSlot(number * STEP, seconds, round(use.busy_share, 4), down, int(use.sent), int(use.failed))
 
 
 def unit_past(past: Past, line: str, unit: str) -> UnitPast:
-    """Tell what a unit on this line did."""
+    """Select the history of a unit on this line."""
     there = ((number, slot) for number, slot in enumerate(past.slots, past.first) if slot is not None)
     slots = tuple(_unit_slot(number, slot.units.get(unit, UnitUse())) for number, slot in there if line in slot.lines)
     return UnitPast(unit, line, STEP, slots)
@@ -99,6 +99,6 @@ def mean_share(use: UnitUse) -> float | None:
 
 
 def together(uses: Iterable[UnitUse | None]) -> UnitUse:
-    """Add up all of them; those that are None did nothing."""
+    """Add up all uses; None counts as nothing done."""
     there = [use for use in uses if use is not None]
     return UnitUse(*map(sum, zip(*there, strict=True))) if there else UnitUse()

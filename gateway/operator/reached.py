@@ -1,4 +1,4 @@
-"""What answers for a unit, and who may ask it."""
+"""What answers for a unit, and which clients may ask it."""
 
 from gateway.devices.device import Device
 from gateway.images.image import Image
@@ -8,18 +8,18 @@ from gateway.runtime.gateway import Gateway
 
 
 def may(router: Router, host: str, unit: int, function: int) -> bool:
-    """Tell whether [[access]] gives a client at this address the right to a function of a unit, if it asks there."""
+    """Return whether [[access]] lets a client at this address use a function of a unit, through this router."""
     right = router.rights[host][unit]
     return function in right or bytes((function,)) in right
 
 
 def target(gateway: Gateway, unit: int) -> object:
-    """Find what answers for a unit: the same object until a reload changes it; None if nothing does."""
+    """Find what answers for a unit: the same object until a reload replaces it; None if nothing does."""
     return device_of(gateway, unit) or image_of(gateway, unit)
 
 
 def device_of(gateway: Gateway, unit: int) -> Device | None:
-    """Find the device that every client knows by this number, not one that only the listener for its line leads to."""
+    """Find the device that every client knows by this number, not one reached only by a listener for its line."""
     for line in gateway.lines:
         if unit in line.devices and unit not in line.plan.own_units:
             return line.devices[unit]

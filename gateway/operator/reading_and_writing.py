@@ -29,7 +29,7 @@ async def read_values(operator: Operator, asked: Addresses, asker: Asker) -> Val
     """Read values by their addresses.
 
     Raises:
-        WrongQuestion: there is no such unit, the addresses make no sense, or the unit did not answer with all values.
+        WrongQuestion: there is no such unit, the addresses are invalid, or the unit did not answer with all values.
     """
     unit, points = _any_unit(operator, asked.unit), points_at(asked)
     outcome = await read(unit, points, ask_for(operator, unit.unit, asker))
@@ -98,7 +98,7 @@ async def write_points(operator: Operator, asked: PointsToWrite, asker: Asker) -
 
 
 def points_at(asked: Addresses) -> list[Point]:
-    """List the values that are asked for, as nameless points.
+    """List the requested values as nameless points.
 
     Raises:
         Malformed: there is no such type, or it does not fit.
@@ -107,7 +107,7 @@ def points_at(asked: Addresses) -> list[Point]:
 
 
 def _any_unit(operator: Operator, wanted: int | str) -> UnitPicture:
-    """Describe a unit; one that is not configured is asked all the same, and the answer is 0A."""
+    """Describe a unit; a number that is not configured is asked nevertheless, and the answer is 0A."""
     try:
         return picture(operator.gateway, wanted)
     except WrongQuestion:
@@ -124,7 +124,7 @@ async def _write(
     asker: Asker,
     area: Area | None = None,
 ) -> Values:
-    """Write; what was read before is then not given to anybody, even if there was no response."""
+    """Write, and drop the last values of the unit, even if there was no response."""
     ask = ask_for(operator, unit.unit, asker)
     readings, request = prepared(unit, points, values)
     try:

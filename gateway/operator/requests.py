@@ -1,4 +1,4 @@
-"""Requests of an operator to units: with the rights, the queue and the limits of any client."""
+"""Requests of operations to units, with the rights, the queue and the limits of any client."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -22,7 +22,7 @@ from gateway.request import Caller, Request
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 
-#: The operators at the control socket.
+#: The caller of all requests from the control socket.
 AT_CONTROL: Final = Caller.without_address(CONTROL)
 
 
@@ -30,7 +30,7 @@ class AwaitedOrigin:
     """The Origin of one request of an operator. `outcome` is its error, if any, and its response."""
 
     def __init__(self, is_there: Callable[[], bool], caller: Caller = AT_CONTROL) -> None:
-        """`is_there` tells whether the operator is still connected."""
+        """Make the origin of one request; `is_there` returns whether the operator is still connected."""
         self.caller = caller
         self.outcome: asyncio.Future[tuple[RequestError | None, bytes | None]] = (
             asyncio.get_running_loop().create_future()
@@ -38,7 +38,7 @@ class AwaitedOrigin:
         self._is_there = is_there
 
     def wants(self, request: Request) -> bool:
-        """Tell whether the request should still be sent: only while the client is connected."""
+        """Return whether the request should still be sent: a write only while the operator is connected."""
         return not self.outcome.done() and (only_reads(request.pdu) or self._is_there())
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
@@ -48,7 +48,7 @@ class AwaitedOrigin:
 
 
 class Done(NamedTuple):
-    """What became of a request: its response, its start, how long it took, and the gateway's error if there is one."""
+    """The outcome of a request: its response, its start, how long it took, and the gateway's error, if any."""
 
     pdu: bytes | None
     started: float
@@ -56,14 +56,15 @@ class Done(NamedTuple):
     error: RequestError | None
 
 
-#: Sends a request PDU to a unit, and gives the answer.
+#: Sends a request PDU to a unit, and returns the answer.
 Ask = Callable[[bytes], Awaitable[Answer]]
 
 
 def ask_for(operator: Operator, unit: int, asker: Asker) -> Ask:
-    """Make what sends request PDUs to a unit, with the rights of who asks, until a reload leads its number elsewhere.
+    """Make a function that sends request PDUs to a unit with the asker's rights, while its target stays the same.
 
-    It raises ChangedMeanwhile then. To be called as soon as the unit is known, before anything is waited for.
+    After a reload that changed the target it raises ChangedMeanwhile. Call this as soon as the unit is known, before
+    any wait.
     """
     expected = target(operator.gateway, unit)
 
@@ -82,7 +83,7 @@ def ask_for(operator: Operator, unit: int, asker: Asker) -> Ask:
 
 
 async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAnswer:
-    """Send a request like one of any client, with rights, queue and limits.
+    """Send a request as any client does, with rights, queue and limits.
 
     Raises:
         WrongQuestion: there is no such unit.
@@ -108,7 +109,7 @@ async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAns
 
 
 def _missing_site(gateway: Gateway, unit: int) -> str:
-    """Tell why the site that has a unit cannot be reached; empty if it can, or if the unit is of this site."""
+    """Say why the site of a unit cannot be reached; empty if it can, or if the unit is of this site."""
     for upstream in gateway.upstreams:
         trouble = upstream.reconnector.error
         if unit in upstream.devices and trouble is not None and isinstance(upstream.plan.port, SiteSettings):
@@ -117,7 +118,7 @@ def _missing_site(gateway: Gateway, unit: int) -> str:
 
 
 async def send(router: Router, unit: int, pdu: bytes, question: AwaitedOrigin) -> Done:
-    """Send a request through `router`, and wait for what becomes of it."""
+    """Send a request through `router`, and wait for its outcome."""
     now = asyncio.get_running_loop().time
     started = now()
     router.submit(Request(unit, pdu, question, started), started)

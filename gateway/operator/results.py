@@ -1,7 +1,7 @@
-"""Reads the result of an operation back from JSON: the dataclass that it was made of, with all that is in it.
+"""Reads the result of an operation back from JSON, into the dataclass that it was written from.
 
-The gateway may be of another version. What it tells in addition is ignored; what it does not tell has the default of
-its field. So a field that is added later has a default.
+The gateway may be of another version. Additional fields are ignored; missing ones get the default of the field. So a
+field that is added later needs a default.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get
 R = TypeVar("R")
 _Read = Callable[[Any], Any]
 
-#: What plain values are called.
+#: The JSON types of plain values, and their names in messages.
 _PLAIN: Final[Mapping[Any, tuple[tuple[type, ...], str]]] = {
     str: ((str,), "a text"),
     int: ((int,), "a whole number"),
@@ -25,7 +25,7 @@ _PLAIN: Final[Mapping[Any, tuple[tuple[type, ...], str]]] = {
 
 
 class NotUnderstoodError(ValueError):
-    """A result has another form. `place` is the field where, and `what` is wrong with it."""
+    """A result of another form. `place` is the field, and `what` is wrong with it."""
 
     def __init__(self, what: str, place: str = "") -> None:
         super().__init__(f"'{place.removeprefix('.')}' {what}" if place else f"it {what}")
@@ -33,7 +33,7 @@ class NotUnderstoodError(ValueError):
         self.place = place
 
     def inside(self, place: str) -> "NotUnderstoodError":
-        """Say the same of a field in another one."""
+        """Return the same error for a field inside `place`."""
         return NotUnderstoodError(self.what, place + self.place)
 
 
@@ -53,7 +53,7 @@ def _reader_of(kind: Any) -> _Read:
 
 @cache
 def _reader(hint: Any) -> _Read:
-    """Make what reads a value with this type."""
+    """Make the reader of values of this type."""
     make = _COMPOSED.get(get_origin(hint))
     if make is not None:
         return make(get_args(hint))
@@ -92,7 +92,7 @@ def _one_of_enum(kind: type[Enum]) -> _Read:
 
 
 def _any_of(hints: tuple[Any, ...]) -> _Read:
-    """Read the first of these types that fits; where only null is beside one, say what is wrong in that one."""
+    """Make a reader that tries these types in turn; the error is that of the last one."""
     others = [_reader(each) for each in hints if each is not NoneType]
     takes_null = len(others) < len(hints)
 
@@ -110,7 +110,7 @@ def _any_of(hints: tuple[Any, ...]) -> _Read:
 
 
 def _tuple(hints: tuple[Any, ...]) -> _Read:
-    """Read a tuple of any length, or one whose values have a type each."""
+    """Make a reader of a tuple: of any length, or with a type for each value."""
     if hints[-1] is Ellipsis:
         read_list = _list(hints)
         return lambda told: tuple(read_list(told))
@@ -142,7 +142,7 @@ def _list(hints: tuple[Any, ...]) -> _Read:
 
 
 def _table(hints: tuple[Any, ...]) -> _Read:
-    """Read a mapping. Keys are text in JSON."""
+    """Make a reader of a mapping. Keys are text in JSON."""
     read_key = _number if hints[0] is int else _reader(hints[0])
     read_value = _reader(hints[1])
 
@@ -167,7 +167,7 @@ def _number(key: str) -> int:
 
 
 def _fields(kind: type[Any]) -> _Read:
-    """Read a dataclass."""
+    """Make a reader of a dataclass."""
     hints = get_type_hints(kind)
     readers = {each.name: _reader(hints[each.name]) for each in fields(kind) if each.init}
     required = {each.name for each in fields(kind) if each.init and _is_required(each)}
@@ -193,7 +193,7 @@ def _is_required(field: Field[Any]) -> bool:
     return field.default is MISSING and field.default_factory is MISSING
 
 
-#: How types are read that are made of others.
+#: What makes the readers of composed types.
 _COMPOSED: Final[Mapping[Any, Callable[[tuple[Any, ...]], _Read]]] = {
     Annotated: lambda hints: _reader(hints[0]),
     Union: _any_of,

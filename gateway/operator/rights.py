@@ -1,4 +1,4 @@
-"""The access rights for display: the rows in words, and what they mean for one request of one client."""
+"""Access rights for display: the rows in words, and what they mean for one request of one client."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from gateway.runtime.running import Running
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether a client may do something, all that it may do with this unit, and the rows that say so.
+    """Whether a client may do something, all that it may do with this unit, and the rows that decide this.
 
-    Without a row the rules for clients that no row names apply. `is_admitted`: the client has any right there, without
-    which a listener rejects it. `is_routed`: there is such a unit at this listener.
+    Without rows, the rules for clients that no row names apply. `is_admitted`: the client has any right there;
+    otherwise a listener rejects it. `is_routed`: there is such a unit at this listener.
     """
 
     is_admitted: bool
@@ -27,14 +27,14 @@ class Verdict:
 
 
 def rights_in_words(gateway: Gateway) -> Sequence[RightsRow]:
-    """The table of rights, of which the first row that applies counts."""
+    """Return the table of rights in words; the first row that applies counts."""
     return rows_in_words(gateway.plan)
 
 
 def verdict(running: Running, host: str, listener: str, unit: int, function: int, role: str) -> Verdict:
-    """What the rights say to a request with this function to this unit, of a client at the address `host`.
+    """Decide about a request with this function to this unit, from a client at the address `host`.
 
-    `role` counts if the listener is a TLS listener.
+    `role` counts only at a TLS listener.
 
     Raises:
         WrongQuestion: this is no address, or there is no such listener.
@@ -54,6 +54,6 @@ def verdict(running: Running, host: str, listener: str, unit: int, function: int
 
 
 def routers(running: Running) -> Mapping[str, Router]:
-    """Where clients with an address come in, by the names that rows have for it."""
+    """Return the routers for clients with an address, by the names that rows have for them."""
     routers = {listener.settings.name: listener.router for listener in running.gateway.listeners}
     return routers | {"web": running.routers.web}

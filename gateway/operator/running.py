@@ -1,4 +1,4 @@
-"""Which gateway this is, its fleet, and its reload."""
+"""The operations `which`, `fleet` and `reload`."""
 
 import asyncio
 from dataclasses import asdict
@@ -15,12 +15,12 @@ RELOAD_TIME: Final = 85.0
 
 
 async def tell_which(operator: Operator, _asked: Nothing, _asker: Asker) -> Which:
-    """Tell with which config the gateway runs."""
+    """Return the config file of the running gateway."""
     return Which(str(operator.reloader.file.absolute()))
 
 
 async def tell_sites(operator: Operator, _asked: Nothing, _asker: Asker) -> Sites:
-    """Tell what the sites of the fleet say of themselves.
+    """Return what the sites of the fleet report about themselves.
 
     Raises:
         WrongQuestion: they are not known.
@@ -35,7 +35,7 @@ async def reload(operator: Operator, _asked: Nothing, _asker: Asker) -> Reloaded
     """Read the config again, and apply it.
 
     Raises:
-        Unready: the gateway does not get to it: it starts, or ends.
+        Unready: the gateway is starting or stopping, and does not reload within RELOAD_TIME.
     """
     try:
         async with asyncio.timeout(RELOAD_TIME):

@@ -1,4 +1,4 @@
-"""A bounded number of records a second for a reader who is to see what happens, and not all of it."""
+"""Limits the records per second of a reader that needs to see what happens, but not all of it."""
 
 from collections.abc import Sequence
 
@@ -6,9 +6,9 @@ from gateway.trace.records import Incident, Record, Sent
 
 
 class Sample:
-    """Lets `per_second` records pass, at most twice as many in any one second. `left_out` counts the others.
+    """Passes `per_second` records, at most twice as many in any one second. `left_out` counts the others.
 
-    Failures and what was not asked go first; of all else some are taken at even distances.
+    All but ordinary transactions go first; of these, some are taken at even distances.
     """
 
     def __init__(self, per_second: int, now: float) -> None:
@@ -18,7 +18,7 @@ class Sample:
         self._at = now
 
     def of(self, records: Sequence[Record], now: float) -> Sequence[Record]:
-        """Those of the records that pass now, in their order."""
+        """Return the records that pass now, in their order."""
         self._room = min(self._per_second, self._room + (now - self._at) * self._per_second)
         self._at = now
         room = int(self._room)
@@ -29,7 +29,7 @@ class Sample:
         return records
 
     def taken(self) -> int:
-        """How many were left out since the last call."""
+        """Return how many were left out since the last call."""
         left_out, self.left_out = self.left_out, 0
         return left_out
 
@@ -46,7 +46,7 @@ def _is_ordinary(record: Record) -> bool:
 
 
 def _spread(places: list[int], most: int) -> list[int]:
-    """At most this many of them, at even distances."""
+    """Choose at most this many places, at even distances."""
     if len(places) <= most:
         return places
     return [places[at * len(places) // most] for at in range(most)]

@@ -1,4 +1,4 @@
-"""The status of a gateway: one snapshot for all who ask.
+"""The status of a gateway: one snapshot for all commands and pages.
 
 Counts are since the start. Durations have their unit in their name.
 """
@@ -47,9 +47,9 @@ from gateway.timing.measured import NEVER, Phases, Times
 if TYPE_CHECKING:
     from gateway.runtime.running import Running
 
-#: How many users of a line are told.
+#: How many users of a line are shown.
 MOST_USERS: Final = 20
-#: How old the status may be that is told over HTTP, in seconds: any number of readers costs no more than one.
+#: How old the status may be over HTTP, in seconds: any number of readers costs no more than one.
 KEPT: Final = 1.0
 
 
@@ -61,12 +61,12 @@ def status(running: "Running", now: float, recent: Recent | None = None) -> Stat
 
 
 async def tell_status(operator: Operator, _asked: Nothing, asker: Asker) -> Status:
-    """Tell how the gateway is doing: at the control socket now, over HTTP less than a second ago."""
+    """Return the status: the present one at the control socket, one of less than a second ago over HTTP."""
     return await (status_in_slices(operator.running) if asker.door == "control" else recent_status(operator))
 
 
 class _Last:
-    """The status that was made last."""
+    """The last status that was made."""
 
     def __init__(self) -> None:
         self.status: Status | None = None
@@ -74,7 +74,7 @@ class _Last:
 
 
 async def recent_status(operator: Operator) -> Status:
-    """Give the status of now, or of less than a second ago: then it is the same object."""
+    """Return the status of now, or the same object again for less than a second."""
     last = operator.kept(_Last)
     async with last.one_at_a_time:
         now = asyncio.get_running_loop().time()
@@ -84,7 +84,7 @@ async def recent_status(operator: Operator) -> Status:
 
 
 async def status_in_slices(running: "Running") -> Status:
-    """Make the status, with pauses for the lines: each unit is shown as it was when it was its turn."""
+    """Make the status, with pauses for the lines: each unit is shown as it was in its turn."""
     gateway, recent = running.gateway, running.recent
     now = asyncio.get_running_loop().time
     units = await in_slices(_unit(owner, device, now()) for owner, device in _devices(gateway))
@@ -95,7 +95,7 @@ async def status_in_slices(running: "Running") -> Status:
 
 
 def part_of_unit(gateway: Gateway, unit: int, name: str, now: float) -> UnitStatus | ImageStatus | MirrorStatus | None:
-    """Make the part of the status that is about one unit; None if there is none."""
+    """Make the part of the status about one unit; None if there is none."""
     for owner, device in _devices(gateway):
         if (device.settings.known_as, device.settings.name) == (unit, name):
             return _unit(owner, device, now)
@@ -126,7 +126,7 @@ def _status(running: "Running", now: float, lines: Iterable[LineStatus], units: 
 
 
 def _of_add_ons(running: "Running") -> dict[str, Any]:
-    """List the state of each add-on by the field that has it; without its section it has none."""
+    """Collect the state of each add-on by its field of the status; empty if it is not configured."""
     told = ((each.shown_as, each.status()) for each in running.add_ons)
     return {field: () if one is None else (one,) for field, one in told}
 
@@ -304,7 +304,7 @@ def _mirror(mirror: Mirror, now: float) -> MirrorStatus:
 
 
 def _times(of: Iterable[Times]) -> TimesStatus:
-    """The times of several functions together. The limit is the longest one."""
+    """Combine the times of several functions. The limit is the longest one."""
     times = tuple(of)
     wait = merged(SECONDS, (each.wait for each in times))
     answer = merged(SECONDS, (each.answer for each in times))
@@ -326,7 +326,7 @@ def _since(at: float, now: float) -> float | None:
 
 
 def optional_ms(seconds: float | None) -> float | None:
-    """In milliseconds; None if it is not known."""
+    """Convert to milliseconds; None stays None."""
     return None if seconds is None else milliseconds(seconds)
 
 
@@ -335,5 +335,5 @@ def _optional_share(share: float | None) -> float | None:
 
 
 def milliseconds(seconds: float) -> float:
-    """In milliseconds, to a tenth."""
+    """Convert to milliseconds, rounded to a tenth."""
     return round(seconds * 1000, 1)

@@ -1,4 +1,4 @@
-"""For `trace --why` and the page of a unit: what became of a request that failed, in sentences."""
+"""What became of a failed request, in sentences, for `trace --why` and the page of a unit."""
 
 import textwrap
 from collections.abc import Callable, Mapping
@@ -14,12 +14,12 @@ Story = Mapping[str, Any]
 
 
 def clock(time: float) -> str:
-    """The time of the day, to the millisecond."""
+    """Format a time in seconds since 1970 as the local time of day, to the millisecond."""
     return datetime.fromtimestamp(time).astimezone().time().isoformat("milliseconds")
 
 
 def told(story: Story, width: int = 80) -> str:
-    """One story: a heading, and below it what happened."""
+    """Write one story: a heading, and below it what happened."""
     unit = f"unit {story['unit']}" + (f" ({story['name']})" if story.get("name") else "")
     asked = request_in_words(bytes.fromhex(story["request"]))
     heading = f"{clock(story['received'])}  {story['client']} asked {unit}: {asked}"
@@ -27,7 +27,7 @@ def told(story: Story, width: int = 80) -> str:
 
 
 def sentences(story: Story) -> str:
-    """What happened, one sentence after the other, and the exception that is the result: a client may get none."""
+    """Write what happened in sentences, and last the exception that was the result, even if no client got it."""
     parts = _sent(story) if story["kind"] == "exchange" else _not_sent(story)
     return " ".join([*(part for part in parts if part), _outcome(story)])
 
@@ -52,12 +52,12 @@ def _sent(story: Story) -> list[str]:
 
 
 def _is_line(story: Story) -> bool:
-    """Whether the request goes to a line, and not to another server. Gateways of earlier versions do not tell."""
+    """Return whether the request goes to a line, and not to another server. Earlier versions do not say."""
     return story.get("mode") != "tcp"
 
 
 def _way(story: Story) -> str:
-    """`line hall`, or the other server or site."""
+    """Name the line, server or site: `line hall`."""
     if story.get("site"):
         return f"site {story['site']}"
     return f"{'line' if _is_line(story) else 'server'} {story['line']}"
@@ -85,7 +85,7 @@ def _bad_frame(story: Story, limit: str) -> str:
 
 
 def _explained(story: Story, heard: bytes) -> str:
-    """Why what came is not the response, if it tells. Gateways of earlier versions may have a line no longer there."""
+    """Explain why the bytes are not the response; empty if that is unclear, or the line is gone."""
     mode: Mode | Literal[""] = story.get("mode", "rtu")
     return explain(parse_sent(bytes.fromhex(story["request"])), story["address"] or None, heard, mode) if mode else ""
 
@@ -108,7 +108,7 @@ def _not_sent(story: Story) -> list[str]:
 
 
 def _waited(story: Story) -> str:
-    """`Waited 40 ms behind unit 43 (press) `; empty if it had not to wait."""
+    """Write `Waited 40 ms behind unit 43 (press) `; empty if it did not have to wait."""
     if story["wait_ms"] < 1:
         return ""
     return f"Waited {_milliseconds(story['wait_ms'])}{_behind(story)} "
@@ -179,7 +179,7 @@ def _not_repeated(story: Story) -> str:
     return f"It had been sent without a response, and was to be sent once more, but {why}."
 
 
-#: What came of a request that was sent, by its result.
+#: What became of a request that was sent, by its result.
 _AFTER_SENDING: Final[Mapping[str, str]] = {
     "timeout": "No response came within {limit}.",
     "ambiguous": "A response came after {elapsed}, but another client was heard, and may have asked for it.",

@@ -1,7 +1,7 @@
-"""What the ring holds, for those who ask: pages of facts, and the story of requests that failed.
+"""The operations `trace` and `why`: pages of facts from the ring, and the stories of failed requests.
 
-A fact is an object as JSON has them, with `kind` and `time` (seconds since 1970) and what `_FACTS` adds. PDUs and bytes
-are hexadecimal. Nothing is decoded here: that is done where it is read, and not beside the lines.
+A fact is a JSON object with `kind` and `time` (seconds since 1970) and what `_FACTS` adds. PDUs and bytes are
+hexadecimal. They are decoded by the reader, not here beside the lines.
 """
 
 import asyncio
@@ -40,7 +40,7 @@ from gateway.trace.ring import STEP, Ring
 
 #: How many records a reader gets first, if it names no time.
 TAIL: Final = 20
-#: How many records before a failure are searched for what it waited behind.
+#: How many records are searched for what a failed request waited behind.
 _LOOK_BACK: Final = 4 * STEP
 
 #: The digits of the largest unit ID.
@@ -57,19 +57,19 @@ Choose = Callable[[Sequence[Record]], Sequence[Record]]
 
 
 def clocks() -> Clock:
-    """What both clocks show now."""
+    """Read both clocks."""
     return asyncio.get_running_loop().time(), time.time()
 
 
 async def tell_page(operator: Operator, asked: Traced, _asker: Asker) -> TracePage:
-    """Tell facts from the ring, as `page` does, and the lines to whoever asks for them."""
+    """Return facts from the ring, as `page` does, and the lines if asked for."""
     running = operator.running
     found = page(running, asked, clocks())
     return replace(found, lines=lines(running.gateway)) if asked.lines else found
 
 
 async def tell_stories(operator: Operator, asked: ToExplain, _asker: Asker) -> Stories:
-    """Tell why requests failed, as `stories` does."""
+    """Return why requests failed; see `stories`."""
     return stories(operator.running, asked, clocks())
 
 
@@ -80,9 +80,9 @@ def page(
     tell: Tell | None = None,
     choose: Choose = lambda records: records,
 ) -> TracePage:
-    """Tell as many facts as one step has: of the records that are `asked` for, and that `choose` leaves of them.
+    """Collect one step of facts: of the records that are `asked` for, those that `choose` keeps.
 
-    `tell` makes of a record what stands in place of its fact.
+    `tell` converts a record, in place of `fact`.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
@@ -105,7 +105,7 @@ def page(
 
 
 def wanted(running: Running, asked: Traced) -> Callable[[Record], bool]:
-    """Make what tells whether a record is among those that are `asked` for.
+    """Make the test whether a record is among those that are `asked` for.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
@@ -131,10 +131,10 @@ def wanted(running: Running, asked: Traced) -> Callable[[Record], bool]:
 def stories(
     running: Running, asked: ToExplain, clock: Clock, is_seen: Callable[[Record], bool] = lambda _: True
 ) -> Stories:
-    """Tell the last requests that failed, newest first. Records that are not `is_seen` by the reader are left out.
+    """List the last failed requests, newest first, without records that the reader may not see (`is_seen`).
 
     Raises:
-        WrongQuestion: nothing is kept, or there is nobody like that.
+        WrongQuestion: nothing is kept, or there is no such unit, line or client.
     """
     if not running.ring.is_on:
         raise WrongQuestion(_OFF)
@@ -152,10 +152,10 @@ def stories(
 
 
 def _of_whom(running: Running, who: str, names: UnitNames) -> tuple[int | None, Callable[[Record], bool]]:
-    """Find which unit is meant, if it is one, and what tells whether a record is of it, of the line, or the client.
+    """Find which unit is meant, if any, and make the test whether a record is about that unit, line or client.
 
     Raises:
-        WrongQuestion: there is nobody like that.
+        WrongQuestion: there is no such unit, line or client.
     """
     gateway = running.gateway
     try:
@@ -172,10 +172,10 @@ def _of_whom(running: Running, who: str, names: UnitNames) -> tuple[int | None, 
 def causes(
     running: Running, unit: int, most: int, clock: Clock, is_seen: Callable[[Record], bool]
 ) -> list[tuple[Fact, Mapping[str, int]]]:
-    """The last failures of a unit with a cause of their own, newest first, as stories.
+    """List the last failures of a unit with a cause of their own, newest first, as stories.
 
-    With each stands how many later requests were not sent because of it, by result; or, of requests that were not sent
-    for one and the same reason, how many others there were before.
+    Each comes with the number of later requests that were not sent because of it, by result; or, if it was not sent
+    itself, of earlier ones that were not sent for the same reason.
 
     Raises:
         WrongQuestion: nothing is kept.
@@ -209,7 +209,7 @@ def causes(
 
 
 def fact(record: Record, clock: Clock, names: UnitNames) -> Fact:
-    """One record."""
+    """Convert a record to a fact."""
     kind, tell = next((kind, tell) for each, kind, tell in _FACTS if isinstance(record, each))
     told = {"kind": kind, "time": _time(record.at, clock), "line": record.line}
     unit = getattr(record, "unit", None)
@@ -266,7 +266,7 @@ def _filter(gateway: Gateway, line: object, unit: object) -> Callable[[Record], 
 
 
 def _is_client(ring: Ring, who: str) -> bool:
-    """Whether it is an address, with or without a port, or what a client is called whose requests have failed."""
+    """Return whether this is an address, with or without a port, or the name of a client whose requests have failed."""
     for address in (who, who.rpartition(":")[0].strip("[]")):
         with suppress(ValueError):
             return bool(ip_address(address))
@@ -274,19 +274,19 @@ def _is_client(ring: Ring, who: str) -> bool:
 
 
 def _is_of_line(gateway: Gateway, name: str) -> Callable[[Record], bool]:
-    """Whether it was on this line, or is from the client there: a server line is called as its client is."""
+    """Make the test for records of this line, or of the client at the server line of this name."""
     is_there, is_from_there = _filter(gateway, name, None), _asked_by_any(name)
     return lambda record: is_there(record) or is_from_there(record)
 
 
 def _asked_by(record: Record, who: str) -> bool:
-    """Whether a client asked for it that is called so, or has this address."""
+    """Return whether a client with this name or address asked for it."""
     clients = [getattr(record, "client", ""), *_clients(record)]
     return any(who in (client, client.rpartition(":")[0].strip("[]"), client.rpartition("@")[2]) for client in clients)
 
 
 def _asked_by_any(who: str) -> Callable[[Record], bool]:
-    """Whether it is from a client that is called so, or has this address."""
+    """Make the test for records of a client with this name or address."""
     return lambda record: any(who in (each, each.rpartition(":")[0].strip("[]")) for each in _clients(record))
 
 
@@ -296,7 +296,7 @@ def _clients(record: Record) -> list[str]:
 
 
 def _story(running: Running, record: Record, clock: Clock, names: UnitNames) -> Fact:
-    """A failure with what else there is to know of it: what it waited behind, and why its line is down."""
+    """Convert a failure to a fact with more: what it waited behind, and why its line is down."""
     gateway, told = running.gateway, fact(record, clock, names)
     if isinstance(record, Sent | Refused):
         end = record.sent_at if isinstance(record, Sent) else record.at
@@ -312,7 +312,7 @@ def _story(running: Running, record: Record, clock: Clock, names: UnitNames) -> 
 
 
 def _on_line_between(ring: Ring, line: str, begin: float, end: float, than: Sent | Refused) -> Iterator[Sent]:
-    """What was asked on this line meanwhile, but for what was sent of this request itself."""
+    """Yield what was sent on this line meanwhile, except for this request itself."""
     if end <= begin:
         return
     number = max(ring.number_at(begin), ring.first)
@@ -322,7 +322,7 @@ def _on_line_between(ring: Ring, line: str, begin: float, end: float, than: Sent
 
 
 def _is_same(record: Sent, other: Sent | Refused) -> bool:
-    """Whether both are of the same request, which was sent again, then."""
+    """Return whether both are of the same request, which was then sent again."""
     return (record.client, record.received_at, record.request) == (other.client, other.received_at, other.request)
 
 

@@ -1,4 +1,4 @@
-"""The ring for readers over HTTP: as a stream of facts, and as a capture file. Without what they may not read."""
+"""The ring for readers over HTTP, as a stream of facts or a capture file, without the values that they may not read."""
 
 import asyncio
 import json
@@ -24,7 +24,7 @@ from gateway.trace.pcapng import Writer
 from gateway.trace.records import FAILURES, Heard, PortChanged, Record, Sent
 from gateway.trace.ring import STEP, Ring
 
-#: How often to look for what is new, after how long for more of what there is, how often the time is told, in seconds.
+#: Seconds until the next look for new records, until the next step through old ones, and between `clock` messages.
 _STEP: Final = 0.1
 _MORE: Final = 0.01
 _CLOCK_EVERY: Final = 1.0
@@ -40,14 +40,14 @@ MaySee = Callable[[Record], bool]
 
 
 class Texts:
-    """Records as JSON, made once for all who read them at about the same time."""
+    """Records as JSON, made once for all readers at about the same time."""
 
     def __init__(self) -> None:
-        #: By the identity of the record, which is kept with its text so that no other can have it.
+        #: By the `id` of the record, which is kept with its text so that no other record can have it.
         self._texts: OrderedDict[int, tuple[Record, str]] = OrderedDict()
 
     def of(self, record: Record, clock: Clock, names: UnitNames) -> str:
-        """The text of a record with its values."""
+        """Return the text of a record with its values."""
         found = self._texts.get(id(record))
         if found is not None:
             return found[1]
@@ -59,10 +59,10 @@ class Texts:
 
 
 class TraceReader:
-    """What happens, for one reader at the address `host`: facts as JSON, and the time each second.
+    """The trace for one reader at the address `host`: facts as JSON, and the time each second.
 
-    With so many `per_second` it tells with the time how many others there were. It is lost when what
-    it asked for is there no longer: the ring, its line or its unit.
+    With `per_second`, other records are left out, and the time comes with their number. `is_lost` is set when the ring,
+    or the line or unit that was asked for, no longer exists.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
@@ -81,7 +81,7 @@ class TraceReader:
         self._first = self._fetch(asked)
 
     async def next(self, patience: float) -> Sequence[str]:
-        """What has happened since the last call; none if nothing has within `patience` seconds."""
+        """Return what has happened since the last call; empty if nothing happens within `patience` seconds."""
         loop = asyncio.get_running_loop()
         until = loop.time() + patience
         found, self._first = self._first, []
@@ -121,7 +121,7 @@ class TraceReader:
 
 
 async def latest(running: Running, asked: Traced, host: str, most: int) -> Sequence[Fact]:
-    """The last facts, the newest first, as a reader at the address `host` may see them: `most` at most.
+    """List the last facts, newest first and `most` at most, as a reader at the address `host` may see them.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
@@ -141,7 +141,7 @@ async def latest(running: Running, asked: Traced, host: str, most: int) -> Seque
 
 
 def _newest_first(ring: Ring, *, only_failures: bool) -> Iterator[Sequence[Record]]:
-    """The records in the ring, some at a time; it may go on meanwhile."""
+    """Yield the records in the ring, newest first, some at a time; records may be added meanwhile."""
     if only_failures:
         failures = list(ring.failures())
         yield from (failures[at : at + STEP] for at in range(0, len(failures), STEP))
@@ -155,7 +155,7 @@ def _newest_first(ring: Ring, *, only_failures: bool) -> Iterator[Sequence[Recor
 
 
 async def capture(running: Running, asked: Traced, host: str) -> AsyncIterator[bytes]:
-    """Make a capture file of what is `asked` for, part by part: each with the rights of its moment.
+    """Yield the parts of a capture file of what is `asked` for, each with the rights of its moment.
 
     Raises:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
@@ -188,15 +188,15 @@ async def capture(running: Running, asked: Traced, host: str) -> AsyncIterator[b
 
 
 def may_see_all(running: Running, host: str) -> bool:
-    """Whether a reader at this address may read every unit over HTTP."""
+    """Return whether a reader at this address may read every unit over HTTP."""
     return all(right >= READING for right in set(running.routers.web.rights[host]))  # most units have the same
 
 
 def what_is_seen(running: Running, host: str) -> MaySee:
-    """Whether a reader at this address may see the values of a record: those that he may read over HTTP.
+    """Make the test whether a reader at this address may see the values of a record: those that it may read over HTTP.
 
-    Written values, frames of unknown origin and units that only a listener for their line or upstream leads to are for
-    clients with the right to read everything.
+    Written values, frames of unknown origin and units that are reached only by a listener for their line or upstream
+    need the right to read everything.
     """
     if may_see_all(running, host):
         return lambda _: True
@@ -218,7 +218,7 @@ def what_is_seen(running: Running, host: str) -> MaySee:
 
 
 def without_values(told: Fact) -> Fact:
-    """A fact of which only is told that it was."""
+    """Return a fact without its values."""
     return {name: None if name in _VALUES else value for name, value in told.items()}
 
 

@@ -1,7 +1,7 @@
-"""What the units of records are called, and whose records they are.
+"""The names of the units that records are about.
 
 The number in a record is the one that its client used. Through a listener for one line that is an address on the line,
-and another device may have this number for everybody else; so units are told apart by their names.
+and for other clients this number may be another device; so units are told apart by their names.
 """
 
 from collections.abc import Callable
@@ -17,13 +17,13 @@ class UnitNames:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        #: Those of the units that every client can reach, by their numbers.
+        #: The names of the units that every client can reach, by number.
         self.shared: Final = names(plan)
-        #: Mirrors by their numbers and the devices that they ask, for themselves and for clients.
+        #: The names of mirrors, by their numbers and the devices that they poll.
         self._mirrors = {(mirror.unit, mirror.of): mirror.name for mirror in plan.mirrors}
 
     def of(self, record: Record) -> str:
-        """The name of the unit that a record is about; empty if it is about none."""
+        """Return the name of the unit that a record is about; empty if it is about none."""
         if isinstance(record, Sent | Refused):
             return self._mirrors.get((record.unit, record.name), record.name)
         if isinstance(record, Answered):
@@ -31,9 +31,9 @@ class UnitNames:
         return ""
 
     def is_of(self, wanted: object) -> Callable[[Record], bool]:
-        """Whether a record is about the unit with this number, or name.
+        """Make the test whether a record is about the unit with this number or name.
 
-        A number that is only an address on some line means all that clients called so.
+        A number that is only an address on some line means every record with this number.
 
         Raises:
             WrongQuestion: nothing has this name, or it is not a unit number.

@@ -12,13 +12,13 @@ from gateway.profiles.point import Point, Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
 from gateway.registers.items import has_bits
 
-#: Items that are read at most: at most 16 requests on a line.
+#: The most items of one read: at most 16 requests on a line.
 MOST_ITEMS: Final = 2000
 _LAST_ADDRESS: Final = 65535
 
 
 def values_at(area: Area, first: int, last: int | None, data_type: str, swap: str) -> list[Point]:
-    """List the values at the addresses from `first` to `last`, as nameless points; one if there is no last address.
+    """List the values at the addresses from `first` to `last`, as nameless points; one value without `last`.
 
     Raises:
         Malformed: there is no such type, or it does not fit.
@@ -55,8 +55,8 @@ async def read(unit: UnitPicture, points: Sequence[Point], ask: Ask) -> Outcome:
     """Read points in as few requests as the unit allows; named ones that it refuses together are read one by one.
 
     Raises:
-        UnitFailed: nothing could be read, or of values without names not all.
-        ChangedMeanwhile: a reload has led the unit's number elsewhere.
+        UnitFailed: nothing could be read, or values without names only in part.
+        ChangedMeanwhile: a reload has given the unit's number to another target.
     """
     outcome = await _carried_out(reading(points, unit.limits), ask)
     if outcome.failures and not (outcome.readings and points[0].name):
@@ -65,7 +65,7 @@ async def read(unit: UnitPicture, points: Sequence[Point], ask: Ask) -> Outcome:
 
 
 def prepared(unit: UnitPicture, points: Sequence[Point], values: Sequence[object]) -> tuple[list[Reading], bytes]:
-    """Prepare what is to be there afterwards, by address, and the request that writes it.
+    """Prepare the readings after a write, by address, and the request that writes them.
 
     Raises:
         DoesNotFit: a point cannot hold its value or be written, or they do not fit into one request.
@@ -79,13 +79,13 @@ def prepared(unit: UnitPicture, points: Sequence[Point], values: Sequence[object
 
 
 def refused(answer: Answer) -> ExceptionReceived:
-    """Make the error that a response with an exception stands for."""
+    """Make the error for an exception response."""
     said = answer.complaint
     return ExceptionReceived(str(said), said.code, said.result, said.reason)
 
 
 async def _carried_out(steps: Steps, ask: Ask) -> Outcome:
-    """Send each request, and give the answer to the next step."""
+    """Send each request, and pass the answer to the next step."""
     try:
         request = next(steps)
         while True:

@@ -1,4 +1,4 @@
-"""Units as clients have to know them, and which one is meant by a number or a name."""
+"""Units as clients see them, and finding them by number or name."""
 
 import asyncio
 from collections.abc import Iterable, Iterator, Mapping
@@ -50,7 +50,7 @@ async def tell_unit_with_status(operator: Operator, asked: OneUnit, _asker: Aske
 
 
 class _Pictured:
-    """The gateway whose units were described last: a reload makes another one."""
+    """The units that were described last, and their gateway: a reload makes another one."""
 
     def __init__(self) -> None:
         self.gateway: Gateway | None = None
@@ -58,7 +58,7 @@ class _Pictured:
 
 
 def units_of(operator: Operator) -> tuple[UnitPicture, ...]:
-    """Describe every unit, by its number: once until a reload."""
+    """Describe every unit, by number; made once until a reload."""
     pictured = operator.kept(_Pictured)
     if pictured.gateway is not operator.gateway:
         pictured.gateway = operator.gateway
@@ -80,13 +80,13 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
 
 
 def pictures(gateway: Gateway) -> tuple[UnitPicture, ...]:
-    """Every unit, by its number."""
+    """Describe every unit, by number."""
     longest = gateway.longest_waits
     return tuple(_picture(each, gateway, longest) for each in sorted(_units(gateway.plan), key=lambda one: one.unit))
 
 
 def find_unit(plan: Plan, wanted: object) -> int:
-    """Find the number of a unit that is named by number or name.
+    """Find the number of the unit with this number or name.
 
     Raises:
         WrongQuestion: nothing has this name, or it is not a unit number.
@@ -117,19 +117,19 @@ def find_line(gateway: Gateway, wanted: object) -> GatewayLine:
 
 
 def no_such_line(wanted: object, known: Iterable[str]) -> WrongQuestion:
-    """That none of the `known` lines has this name."""
+    """Make the error that none of the `known` lines has this name."""
     remedy = did_you_mean(str(wanted), known)
     return WrongQuestion(f'there is no line "{wanted}"' + (f"; {remedy}" if remedy else ""))
 
 
 def may_read_all(running: Running) -> bool:
-    """Whether an operator may read every unit: who looks for a device asks numbers of which he knows nothing."""
+    """Return whether an operator may read every unit: a search for devices asks unknown numbers."""
     rights = running.routers.control.rights[""]
     return all(FunctionCode.READ_HOLDING_REGISTERS in rights[unit] for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1))
 
 
 def names(plan: Plan) -> dict[int, str]:
-    """What the units are called."""
+    """Return the names of the units by number."""
     return {each.unit: each.name for each in _units(plan)}
 
 
@@ -141,7 +141,7 @@ class _Unit(NamedTuple):
 
 
 def _units(plan: Plan) -> Iterator[_Unit]:
-    """All units except those that only a listener for their line or upstream leads to."""
+    """Yield all units except those that are reached only by a listener for their line or upstream."""
     for line in plan.lines:
         yield from (_Unit(each.known_as, each.name, "device", each.profile) for each in line.shared)
     for upstream in plan.upstreams:

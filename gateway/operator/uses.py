@@ -1,4 +1,4 @@
-"""What lines and units have done since the last look at their counters: nothing is counted twice for it."""
+"""What lines and units have done since the last look at their counters; nothing is counted separately for this."""
 
 import asyncio
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ _SLICE: Final = 0.0005
 
 _RESULTS: Final = attrgetter(*RESULTS)
 _FAILED: Final = attrgetter("bad_frame", "ambiguous", "line_lost")
-#: Without those that the gateway answers for the unit (`refused`), and those that nobody waits for.
+#: Without those that the gateway answers for the unit (`refused`), and those that are no longer wanted.
 _UNSENT: Final = attrgetter("line_down", "resting", "overdue", "echo_suspected", "queue_full", "expired")
 
 _LookedAt = Device | EveryDevice
@@ -35,14 +35,14 @@ _NOTHING: Final = _Total(UnitUse(), 0)
 
 
 class Uses(NamedTuple):
-    """What was done, by the names of lines and units."""
+    """What lines and units have done, by name."""
 
     lines: Mapping[str, LineUse]
     units: Mapping[str, UnitUse]
 
 
 class Look:
-    """Compares the counters with those of the time before. What a reload has built begins at 0."""
+    """Compares the counters with those of the last look. Parts that a reload has built begin at 0."""
 
     def __init__(self) -> None:
         self._at = asyncio.get_running_loop().time()
@@ -50,7 +50,7 @@ class Look:
         self._busy: dict[_Part, float] = {}
 
     async def take(self, gateway: Gateway) -> Uses:
-        """What lines and units have done since the last time; with pauses, in which lines work."""
+        """Return what lines and units have done since the last look, with pauses in which lines work."""
         now = asyncio.get_running_loop().time
         seconds, self._at = now() - self._at, now()
         lines: dict[str, LineUse] = {}
@@ -103,5 +103,5 @@ def _total(device: _LookedAt) -> _Total:
 
 
 def _busy_seconds(part: _Part, now: float) -> float:
-    """For how long a line was busy since its start; another server takes several requests at a time."""
+    """Return how many seconds a line was busy since its start; 0 for an upstream, with several requests at once."""
     return part.driver.line.phases(now).busy if isinstance(part, GatewayLine) else 0.0

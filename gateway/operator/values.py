@@ -1,7 +1,7 @@
 """Values of a unit: the requests that read and write them, and what the responses mean.
 
-Nothing here sends anything. A `Steps` generator yields request PDUs and is sent the answers; the doors drive it, the
-gateway in its event loop and the command line with calls that wait.
+Nothing here sends anything. A `Steps` generator yields request PDUs and is sent the answers; the gateway drives it in
+its event loop, and the command line with blocking calls.
 """
 
 from collections.abc import Collection, Generator, Mapping, Sequence
@@ -38,18 +38,18 @@ class Answer:
 
     @property
     def exception(self) -> int | None:
-        """Find the exception code; None if it is a normal response."""
+        """The exception code; None for a normal response."""
         return self.pdu[1] if self.pdu[0] & EXCEPTION_BIT else None
 
     @property
     def complaint(self) -> Complaint:
-        """Put an exception in words."""
+        """The exception in words."""
         return Complaint(self.exception or 0, self.result, self.reason)
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A request that got an exception, its addresses, and what else to try."""
+    """A request that got an exception: its addresses, the answer, and what else to try."""
 
     span: Span
     answer: Answer
@@ -66,11 +66,11 @@ class Outcome:
 
     @property
     def elapsed_ms(self) -> float:
-        """Add up how long the requests took."""
+        """The sum of the times that the requests took."""
         return round(sum((answer.elapsed_ms for answer in self.answers), 0.0), 1)
 
     def trouble_of(self, point: Point) -> Complaint | None:
-        """Say why a point could not be read; None if no request for it has failed."""
+        """Say why a point could not be read; None if no request for it failed."""
         at = (each for each in self.failures if each.span.area == point.area)
         return next((each.answer.complaint for each in at if each.span.start <= point.address < each.span.end), None)
 
@@ -117,7 +117,7 @@ def request_to_write(
     *,
     multiple: bool = False,
 ) -> tuple[bytes, Span]:
-    """Make the one request that writes these values, which lie side by side, and find where it writes.
+    """Make the one request that writes these values, which lie side by side, and return also where it writes.
 
     Raises:
         DoesNotFit: they cannot be written, do not lie side by side, or are too many.
@@ -139,7 +139,7 @@ def request_to_write(
 
 
 def values_told(unit: int, name: str, area: Area | None, outcome: Outcome) -> answers.Values:
-    """Tell the values of one area, or of points, which each have their own."""
+    """Convert an outcome to values of one area, or of points, which each name theirs."""
     return answers.Values(
         unit=unit,
         name=name,

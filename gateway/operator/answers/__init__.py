@@ -1,1 +1,1 @@
-"""What operations answer: dataclasses, which neither know the gateway nor take long to load."""
+"""Results of operations: dataclasses that do not import the gateway and load quickly."""

@@ -1,11 +1,14 @@
-"""What a line carried."""
+"""Results of `bench`."""
 
 from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
 class BenchRead:
-    """What is read of one unit, and how long that takes the line by arithmetic."""
+    """A read of one unit, and the time that it should take the line by calculation.
+
+    Unless `answer_time_known`, the device is assumed to respond at once.
+    """
 
     unit: int
     name: str
@@ -18,11 +21,11 @@ class BenchRead:
 
 @dataclass(slots=True)
 class BenchResult:
-    """What a line carried in `seconds`: reads by what became of them.
+    """Reads of a line during `seconds`, by what became of them.
 
-    `others` are the frames that it carried for other clients meanwhile. Both rates are reads in a second; the
-    arithmetic takes a line that carries nothing else, and is None if nothing takes any time there. Units that rest, or
-    came to rest meanwhile, were `left_out`.
+    `others` are the frames that it carried for other clients meanwhile. Both rates are reads per second; the expected
+    one is calculated for a line that carries nothing else, and is None if the calculated time is 0. Units in `left_out`
+    were resting, or began to.
     """
 
     line: str
@@ -41,7 +44,7 @@ class BenchResult:
 
 @dataclass(frozen=True, slots=True)
 class BenchProgress:
-    """How far a measurement is: after so many seconds, so many reads have ended."""
+    """The progress of a measurement: `reads` have ended after `elapsed_s` seconds."""
 
     elapsed_s: float
     reads: int
@@ -49,7 +52,7 @@ class BenchProgress:
 
 @dataclass(frozen=True, slots=True)
 class BenchStep:
-    """An answer of `bench`: its `progress`, or at last its result."""
+    """An answer of `bench`: its `progress`, or the result as the last one."""
 
     progress: BenchProgress | None = None
     bench: BenchResult | None = None

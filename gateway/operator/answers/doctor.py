@@ -1,4 +1,4 @@
-"""What is wrong, and which ports are to be looked at."""
+"""The result of `doctor`."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from gateway.diagnosis.finding import Finding
 
 @dataclass(frozen=True, slots=True)
 class Examination:
-    """What was found about lines, units and clients, and the ports that can be looked at from outside."""
+    """Findings about lines, units and clients, and the serial ports, which can be examined from outside."""
 
     findings: tuple[Finding, ...]
     ports: tuple[PortInUse, ...]

@@ -1,11 +1,11 @@
-"""A device that is asked where the config says again."""
+"""The result of `forget`."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Forgotten:
-    """A device, and what the config says of it and of its line. It was expected at one of the units in `was_at`."""
+    """A device that is asked at the `unit` and `baud` of the config again, instead of `was_at` and `was_baud`."""
 
     line: str
     device: str

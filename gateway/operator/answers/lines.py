@@ -1,4 +1,4 @@
-"""Lines, lines where the gateway is the server, and other servers."""
+"""Client lines, server lines and upstreams."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from gateway.operator.answers.status import LineStatus, ServerStatus, UpstreamSt
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """All of them, in the order of the config."""
+    """All lines and upstreams, in the order of the config."""
 
     lines: tuple[LineStatus, ...]
     servers: tuple[ServerStatus, ...]

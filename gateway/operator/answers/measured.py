@@ -1,4 +1,4 @@
-"""What was measured of the response times of a device."""
+"""Measured response times of a device."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 class MeasuredRow:
     """Normal responses of one function with the same number of items.
 
-    There were `count` since the start. `times_ms` are the last ones, oldest first: from the end of the request to the
-    beginning of the response, as it would have begun at the line's rate; `longest_ms` is the longest since the start.
-    `limit_ms` is the present limit, and `allowed_ms` the part of it that is for the device.
+    `count` is since the start. `times_ms` are the latest, oldest first: from the end of the request to the beginning of
+    the response, which is calculated from its end and the line's rate. `longest_ms` is the longest since the start.
+    `limit_ms` is the present limit, and `allowed_ms` the part of it for the device.
     """
 
     function: int
@@ -23,7 +23,7 @@ class MeasuredRow:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A device of a line, and how long its responses took."""
+    """A device on a line, and its response times."""
 
     unit: int
     name: str

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class LineSlot:
-    """What a line did in one slot; `time` is its begin in seconds since 1970.
+    """One slot of the history of a line or upstream; it begins at `time`, in seconds since 1970.
 
-    The gateway ran for `seconds` of it, and the port was down for `down_s` of those. `sent` are requests, and `failed`
-    those of them without a valid response. Of another server, `busy_share` is 0.
+    The gateway ran for `seconds` of it; the port was down for `down_s` of those. `sent` counts requests, `failed` those
+    without a valid response. `busy_share` is 0 for an upstream.
     """
 
     time: int
@@ -21,7 +21,7 @@ class LineSlot:
 
 @dataclass(frozen=True, slots=True)
 class LinePast:
-    """What a line, or another server, did in the last hours. Slots without the gateway are not there."""
+    """The history of a line or upstream, oldest slot first. Slots in which the gateway did not run are missing."""
 
     line: str
     step_s: int
@@ -30,11 +30,11 @@ class LinePast:
 
 @dataclass(frozen=True, slots=True)
 class UnitSlot:
-    """What a unit did in one slot; `time` is its begin in seconds since 1970.
+    """One slot of the history of a unit; it begins at `time`, in seconds since 1970.
 
-    `requests` are those of clients. Of them `timeouts` got no response, `failed` no valid one for another reason, and
-    `not_sent` were not sent: the unit rested, the line was down or too busy. `answer_ms` is the mean time of a
-    response, and `limit_share` its mean share of the limit; None without responses. The unit rested for `resting_s`.
+    `requests` are those of clients. Of these, `timeouts` got no response, `failed` no valid one for another reason, and
+    `not_sent` were not sent: the unit rested, or the line was down or too busy. `answer_ms` is the mean response time,
+    and `limit_share` its mean share of the limit; None without responses. The unit rested for `resting_s`.
     """
 
     time: int
@@ -50,7 +50,7 @@ class UnitSlot:
 
 @dataclass(frozen=True, slots=True)
 class UnitPast:
-    """What a unit did in the last hours. Slots without the gateway, or before the unit was there, are not there."""
+    """The history of a unit, oldest slot first. Slots in which the gateway or its line was not there are missing."""
 
     unit: str
     line: str

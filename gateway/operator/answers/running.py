@@ -1,4 +1,4 @@
-"""Which gateway answers, and what its reload has changed."""
+"""Results of `which` and `reload`."""
 
 from dataclasses import dataclass
 
@@ -7,14 +7,14 @@ from gateway.runtime.outcome import Outcome
 
 @dataclass(frozen=True, slots=True)
 class Which:
-    """The gateway that runs with the file `config`."""
+    """The config file of the running gateway."""
 
     config: str
 
 
 @dataclass(frozen=True, slots=True)
 class Reloaded(Outcome):
-    """The outcome of a reload of `file`; it is not `ok` if the file was rejected, or a defect was found."""
+    """The outcome of a reload of `file`; not `ok` if the file was rejected or a defect was found."""
 
     ok: bool = True
     file: str = ""

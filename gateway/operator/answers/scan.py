@@ -1,4 +1,4 @@
-"""What a scan of a line has found."""
+"""Results of `scan`."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -8,10 +8,10 @@ Result = Literal["answers", "exception", "garbled"]
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A unit that was heard. `code` is that of an exception, `answers_from` its address if it was asked at address 0.
+    """A unit that responded. `code` is that of an exception, `answers_from` its address if it was asked at address 0.
 
-    It was heard at the rate `baud`. `answer_ms` is from the end of the question to the end of the answer, None if that
-    was garbled. `profile` is the built-in profile that fits, empty if that cannot be told.
+    `baud` is the rate at which it responded. `answer_ms` is from the end of the request to the end of the response,
+    None if that was garbled. `profile` is the built-in profile that fits, empty if that is unclear.
     """
 
     unit: int
@@ -25,7 +25,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a scan is, at the rate `baud`. `left_s` is how many seconds the rest takes if it goes on like this."""
+    """The progress of a scan at the rate `baud`: `asked` of `of` units; the rest takes about `left_s` seconds."""
 
     asked: int
     of: int
@@ -36,10 +36,10 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class ScanStep:
-    """An answer of `scan`: its `progress`, or at last the units that were `found`.
+    """An answer of `scan`: its `progress`, or the units `found` as the last one.
 
-    `asked` is how many numbers are asked, `known` which others of those that were named are configured or in use.
-    `is_answered`: the line has devices that answer.
+    `asked` counts the unit numbers to ask. `known` are the other numbers that were named: they are configured or in
+    use. `is_answered`: the line has devices that respond.
     """
 
     progress: Progress | None = None

@@ -16,7 +16,7 @@ from gateway.tls.status import CertificateStatus
 
 @dataclass(frozen=True, slots=True)
 class ListenerStatus:
-    """An address where clients connect. `denied` and `no_route` are requests that were sent to no unit."""
+    """An address where clients connect. `denied` and `no_route` count requests that were not sent to any unit."""
 
     name: str
     address: str
@@ -29,9 +29,9 @@ class ListenerStatus:
 
 @dataclass(frozen=True, slots=True)
 class ClientStatus:
-    """A client that is connected, or has sent datagrams. Its last request was so long ago; None if there was none.
+    """A client that is connected, or has sent datagrams. `asked_ms` is the age of its last request, None without any.
 
-    Of its `requests` so many are `in_progress`: they have no response yet.
+    Of its `requests`, those `in_progress` have no response yet.
     """
 
     client: str
@@ -43,7 +43,7 @@ class ClientStatus:
 
 @dataclass(frozen=True, slots=True)
 class RejectionStatus:
-    """Clients at the address `host` that were rejected: how many, how long ago the last one, and why."""
+    """Rejected clients at the address `host`: their `count`, the age of the last rejection, and its reason."""
 
     host: str
     listener: str
@@ -54,10 +54,10 @@ class RejectionStatus:
 
 @dataclass(frozen=True, slots=True)
 class LineUserStatus:
-    """Who took up a line in the last minute: a client's requests with one function to the unit `on_the_wire`.
+    """A user of a line in the last minute: a client's requests with one function to the unit `on_the_wire`.
 
-    `share` is that of the line's time. `client` is an address, the name of a mirror or of a server line, `control`, or
-    `others` for all that the table had no place for; `device` is empty then, and for broadcasts.
+    `share` is the share of the line's time. `client` is an address, the name of a mirror or of a server line,
+    `control`, or `others` for all that the table has no room for; `device` is empty then, and for broadcasts.
     """
 
     client: str
@@ -70,9 +70,9 @@ class LineUserStatus:
 
 @dataclass(frozen=True, slots=True)
 class LeaseStatus:
-    """The lease of a `line`. `holder` is who holds it, empty if nobody is known; this gateway has it if it `is_held`.
+    """The lease of a `line`. `holder` is the present holder, empty if unknown; `is_held`: it is this gateway.
 
-    It was `taken` so often. `trouble` is why NATS was not reached last, empty if it was.
+    `taken` counts how often this gateway took it. `trouble` is why NATS could not be reached last, empty if it was.
     """
 
     line: str
@@ -85,16 +85,14 @@ class LeaseStatus:
 
 @dataclass(frozen=True, slots=True)
 class LineStatus:
-    """A client line. `reason` says why it is down, or standby: then another gateway may ask there, which has its lease.
+    """A client line. `reason` says why it is down, or on standby: then another gateway holds its lease and may ask.
 
-    `late_windows` is how many late responses are still expected.
-
-    `wire` may be `auto` until the port was open once.
+    `late_windows` counts late responses that are still expected. `wire` may be `auto` until the port has been open
+    once.
 
     `phases` are the seconds spent on requests, waiting for responses, responses, and the silences after them; `busy_s`
-    is their sum. `busy_share` and requests per second are of the last minute; None in the first second. `counts` are
-    those of all its units and of its broadcasts. `users` took most of its time in the last minute, at
-    most MOST_USERS of them.
+    is their sum. `busy_share` and `requests_per_s` are of the last minute; None in the first second. `counts` are those
+    of all its units and of its broadcasts. `users` are the largest users of its time in the last minute.
     """
 
     name: str
@@ -136,9 +134,9 @@ class ServerStatus:
 
 @dataclass(frozen=True, slots=True)
 class UpstreamStatus:
-    """A connection to another server. `reason` says why there is none. `queue` requests wait, and `under_way` are sent.
+    """A connection to another server. `reason` says why there is none. `queue` requests wait, `under_way` are sent.
 
-    `overdue` is how many late responses are still expected. `counts` are those of all its units.
+    `overdue` counts late responses that are still expected. `counts` are those of all its units.
     """
 
     name: str
@@ -153,17 +151,17 @@ class UpstreamStatus:
     counts: Counts
 
 
-#: A line, a line where the gateway is the server, or another server.
+#: A client line, a server line, or an upstream.
 AnyLine = LineStatus | ServerStatus | UpstreamStatus
 
 
 @dataclass(frozen=True, slots=True)
 class TimesStatus:
-    """How long requests took: median and 99th percentile, estimated from fixed buckets.
+    """Times of requests: median and 99th percentile, estimated from fixed buckets; None before the first request.
 
-    `wait` is until a request was sent; `answer` is from its last character to the last one of a valid response;
-    `limit_share` is the share of the limit that this took. `limit_ms` is the last limit. None before the first request.
-    `late` more responses came after their limit.
+    `wait` lasts until a request was sent; `answer` from its last character to the last one of a valid response;
+    `limit_share` is the share of the limit that this took. `limit_ms` is the last limit, of several functions the
+    longest. `late` counts further responses that came after their limit.
     """
 
     wait_p50_ms: float | None
@@ -180,11 +178,10 @@ class TimesStatus:
 class UnitStatus:
     """A unit on a line or behind an upstream, which `line` names: `unit` to clients, `on_the_wire` there.
 
-    It is failing after `failures` in a row, and after three of them it backs off: `rests_ms` are left of that. The last
-    valid response was `last_answer_ms` ago, the last error after a request was sent `last_error_ms` ago.
-    `exceptions` are those of the unit itself, by code. `functions` are the counts of each function that was requested,
-    0 for all unknown ones, and `function_times` their times; `times` are those of all. A client's time-out should be
-    longer than `longest_wait_ms`.
+    Its last `failures` requests have failed; after three it rests, and `rests_ms` are left of that. The last valid
+    response came `last_answer_ms` ago, the last error after a request was sent `last_error_ms` ago. `exceptions` are
+    those of the unit itself, by code. `functions` and `function_times` are by function code, 0 for all unknown ones;
+    `counts` and `times` are of all functions. A client's time-out should be longer than `longest_wait_ms`.
     """
 
     line: str
@@ -209,9 +206,9 @@ class UnitStatus:
 
 @dataclass(frozen=True, slots=True)
 class MovedStatus:
-    """A unit that is, or may be, at another address than the `configured` one: at one of those in `on_the_wire`.
+    """A unit that is, or may be, at another address than `configured`: at one of those in `on_the_wire`.
 
-    Its last `failures` requests in a row have failed.
+    Its last `failures` requests have failed.
     """
 
     line: str
@@ -235,7 +232,7 @@ class ImageStatus:
 
 @dataclass(frozen=True, slots=True)
 class RangeStatus:
-    """Addresses that a mirror polls, and the age of their values; None while they are unknown."""
+    """Addresses that a mirror polls, and the age of their values; None while unknown."""
 
     addresses: str
     every_ms: float
@@ -259,7 +256,7 @@ class MirrorStatus:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """The whole gateway, in the order of its config, at the time `at` of the loop's clock, in seconds."""
+    """The whole gateway, in the order of its config. `at` is the time of the loop's clock, in seconds."""
 
     at: float
     listeners: tuple[ListenerStatus, ...]

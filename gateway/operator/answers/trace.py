@@ -1,16 +1,16 @@
-"""What passes on the lines, and the stories of requests that failed."""
+"""Results of `trace` and `why`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-#: A record as JSON has it, with `kind` and `time`; see gateway.operator.trace.
+#: A record as a JSON object, with `kind` and `time`; see gateway.operator.trace.
 Fact = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class TracedLine:
-    """A line, or an upstream, that facts may name. An upstream has no `baud` and no `format`."""
+    """A line or upstream that facts may name. An upstream has no `baud` and no `format`."""
 
     name: str
     mode: str
@@ -23,8 +23,8 @@ class TracedLine:
 class TracePage:
     """Facts, and the number to ask for `next`.
 
-    `missed` is how many records before were gone already, `is_all` says that there are no more at the moment, and
-    `reaches_back_s` is how old the oldest record is that is kept. `lines` are told to those who ask for them.
+    `missed` counts earlier records that were gone already. `is_all`: there are no more at the moment. `reaches_back_s`
+    is the age of the oldest record kept. `lines` is empty unless asked for.
     """
 
     facts: Sequence[Any]
@@ -37,9 +37,9 @@ class TracePage:
 
 @dataclass(frozen=True, slots=True)
 class Stories:
-    """Requests that failed, the newest first: of the `unit` that was named, if it was one.
+    """Failed requests, newest first: of the `unit` that was named, if it was one.
 
-    `clients_that_failed` are those of which any request has failed.
+    `clients_that_failed` are clients with any failed request.
     """
 
     stories: Sequence[Fact]

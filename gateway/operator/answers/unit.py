@@ -1,4 +1,4 @@
-"""A unit, as clients have to know it."""
+"""Units as clients see them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ from gateway.profiles.profile import Range
 
 @dataclass(frozen=True, slots=True)
 class UnitHead:
-    """A unit for clients: what answers for it, and what it accepts.
+    """A unit as clients see it: what answers for it, and what it accepts.
 
-    `kind` is device, upstream, image, mirror or gateway. It knows all `functions` where they are None. `limits` are the
-    most items of a function. `areas` are the first and last address of each range that exists, by area; all if an area
-    is not there. A response takes `longest_wait_ms` at most; 0 for a unit that the gateway answers itself.
+    `kind` is device, upstream, image, mirror or gateway. `functions` is None if it accepts all. `limits` are the most
+    items by function. `areas` are the first and last address of each range that exists, by area; an area that is
+    missing exists in full. A response takes at most `longest_wait_ms`; 0 for a unit that the gateway answers itself.
     """
 
     unit: int
@@ -28,24 +28,24 @@ class UnitHead:
 
 @dataclass(frozen=True, slots=True)
 class UnitPicture(UnitHead):
-    """A unit for clients, and its points."""
+    """A unit as clients see it, and its points."""
 
     points: tuple[Point, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Units:
-    """Every unit, by its number."""
+    """All units, by number."""
 
     units: tuple[UnitHead, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class RequestAnswer:
-    """What became of a request: the response `pdu` in hexadecimal, None if there is none, and how long it took.
+    """The outcome of a request: the response `pdu` in hexadecimal, None if there is none, and the time that it took.
 
-    `sent` and `received` are the frames on the line, if there were any. For an exception of the gateway's own, `result`
-    and `reason` say why.
+    `sent` and `received` are the frames on the line, if any. For an exception from the gateway itself, `result` and
+    `reason` say why.
     """
 
     unit: int

@@ -1,4 +1,4 @@
-"""A unit, as clients have to know it, with how it is doing."""
+"""A unit as clients see it, with its status."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,6 @@ from gateway.operator.answers.unit import UnitPicture
 
 @dataclass(frozen=True, slots=True)
 class UnitWithStatus(UnitPicture):
-    """A unit for clients, its points, and its part of the status, if it has one."""
+    """A unit as clients see it, its points, and its part of the status, if it has one."""
 
     status: UnitStatus | MirrorStatus | ImageStatus | None

@@ -1,4 +1,4 @@
-"""Values of a unit: what was read or written, and what an image has."""
+"""Values of a unit: read, written, or held by an image."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal
 from gateway.modbus.codes import Area
 from gateway.operator.parameters import Within
 
-#: Metadata of a field that is not told while it is None.
+#: Metadata of a field that is left out while it is None.
 IF_KNOWN: Final[Mapping[str, Any]] = {"if_known": True}
 
 Address = Annotated[int, Within(0, 65535)]
@@ -18,9 +18,9 @@ Told = float | str | None
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Value:
-    """A value. A `point` has a name and mostly a `unit`. `reference` is its number in many manuals: holding 0 is 40001.
+    """A value. A `point` has a name and often a `unit`. `reference` is its number in many manuals: holding 0 is 40001.
 
-    `old` is what was there before a write, where that was asked for.
+    `old` is the value before a write, if that was asked for.
     """
 
     point: str | None = field(default=None, metadata=IF_KNOWN)
@@ -46,7 +46,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Values:
-    """Values of a unit: of one `area`, or points, which each have their own. `elapsed_ms` is how long requests took."""
+    """Values of a unit: of one `area`, or of points, which each name theirs. Requests took `elapsed_ms` in all."""
 
     unit: int
     name: str
@@ -58,16 +58,16 @@ class Values:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Points(Values):
-    """All points of a unit that can be read, which were read `age_ms` ago."""
+    """All points of a unit that can be read; they were read `age_ms` ago."""
 
     age_ms: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """A value of an image or mirror, as the page shows it in `text`.
+    """A value of an image or mirror; `text` is how the page shows it.
 
-    A mirror's has an age. `writer` is the client that has written last, if that is known, `written_ms` ago.
+    Only a value of a mirror has an age. `writer` is the client that wrote it last, `written_ms` ago, if known.
     """
 
     address: Address
