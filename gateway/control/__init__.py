@@ -1,6 +1,6 @@
-"""The control socket, where the other commands of this program ask a gateway at work.
+"""The control socket, through which the other commands of this program talk to a running gateway.
 
 - server       one JSON object a line; the verbs are the operations of `operator.operations`
-- messages     what stands in these objects: questions and answers
-- path         where the socket is
+- messages     the JSON objects: questions and answers
+- path         the path of the socket
 """

@@ -1,4 +1,4 @@
-"""What stands in the JSON objects of the control socket: the question and the answers of an operation."""
+"""The JSON objects of the control socket: the question and the answers of an operation."""
 
 import json
 from collections.abc import Mapping
@@ -12,12 +12,12 @@ from gateway.operator.results import NotUnderstoodError, read_result
 P = TypeVar("P")
 R = TypeVar("R")
 
-#: The last of several answers, which has nothing in it.
+#: Follows the last of several answers.
 END: Final[Mapping[str, Any]] = {"end": True}
 
 
 def line_of(message: Mapping[str, Any]) -> bytes:
-    """Write the line that is sent: one JSON object, in which dataclasses are objects too."""
+    """Encode a message as one line: a JSON object, in which dataclasses are objects too."""
     return json.dumps(message, default=_plain).encode() + b"\n"
 
 
@@ -26,12 +26,12 @@ def _plain(value: object) -> dict[str, Any] | str:
 
 
 def question_of(operation: Operation[P, R], asked: P) -> dict[str, Any]:
-    """Make the object that asks. What is not said is left out: an earlier version may not know it."""
+    """Make the question of an operation. None is left out: an earlier version may not know the parameter."""
     return {"verb": operation.name, **{name: value for name, value in fields_of(asked).items() if value is not None}}
 
 
 def answer_of(operation: Operation[P, R], result: R) -> Mapping[str, Any]:
-    """Make the object that answers. In one of several answers, what it does not have is left out."""
+    """Make an answer of an operation. If it has several, None is left out."""
     if operation.key:
         return {operation.key: result}
     told = fields_of(result)
@@ -39,7 +39,7 @@ def answer_of(operation: Operation[P, R], result: R) -> Mapping[str, Any]:
 
 
 def result_in(operation: Operation[P, R], answer: Mapping[str, Any]) -> R:
-    """Read the result in an answer.
+    """Read the result from an answer.
 
     Raises:
         NotUnderstoodError: it is not there, or has another form.

@@ -1,4 +1,4 @@
-"""Where the control socket is: known to the gateway and to those who ask it."""
+"""The path of the control socket, for the gateway and for its clients."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -6,14 +6,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-#: Where the socket of a system's gateway is.
+#: The socket of a gateway that runs as a system service.
 SYSTEM_SOCKET: Final = Path("/run/modbus-gateway/control.sock")
 
 
 def control_path(
     config: Path, environment: Mapping[str, str] = os.environ, *, is_root: bool = os.geteuid() == 0
 ) -> Path:
-    """The default path of the control socket."""
+    """Return the default path of the control socket."""
     if folder := environment.get("RUNTIME_DIRECTORY"):
         return Path(folder.split(":")[0]) / "control.sock"
     if is_root:
@@ -25,7 +25,7 @@ def control_path(
 
 @contextmanager
 def usual_path_leads(usual: Path, control: Path, environment: Mapping[str, str] = os.environ) -> Iterator[None]:
-    """In its context a service is found at its usual path too, if its config has moved the socket: by ExecReload=."""
+    """Link a service's usual path to a socket that the config has moved, inside the context: ExecReload= needs it."""
     if usual == control or "RUNTIME_DIRECTORY" not in environment:
         yield
         return

@@ -5,9 +5,9 @@
                      {"version": "0.1.0", "ok": true, "unit": {"unit": 41, "points": [...], ...}}
 {"verb": "unit"}     {"version": "0.1.0", "ok": false, "error": "..."}
 
-The verbs, their parameters and what is answered are those of the table of all operations (`operator/operations.py`).
-Some have several answers, one after the other, and then {"ok": true, "end": true}; or that ends when who has asked
-leaves. `messages.py` makes these objects and reads them.
+The verbs, their parameters and their results are those of the table of all operations (`operator/operations.py`). Some
+have several answers, one after the other, and then {"ok": true, "end": true}; they stop early if the client is gone.
+`messages.py` makes these objects and reads them.
 
 The client may be another version: keys may differ, and `version` says why.
 """
@@ -38,7 +38,7 @@ PATIENCE: Final = 60.0
 #: Concurrent connections.
 MOST_CONNECTIONS: Final = 16
 
-#: What may be asked, by name.
+#: Operations by name.
 Operations = Mapping[str, Operation[Any, Any]]
 
 
@@ -46,7 +46,7 @@ Operations = Mapping[str, Operation[Any, Any]]
 async def control_open(
     path: Path, operator: Operator, emit: Emit, operations: Operations = BY_NAME
 ) -> AsyncIterator[None]:
-    """Serve what is asked of `operator` at `path` inside the context. A failure to do so is only logged."""
+    """Serve the operations of `operator` at `path` inside the context. If that fails, it is only logged."""
     conversations: set[asyncio.Task[None]] = set()
 
     def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -177,7 +177,7 @@ def _operation(request: Mapping[str, Any], operations: Operations) -> Operation[
 async def carry_out(
     request: Mapping[str, Any], operator: Operator, asker: Asker, operations: Operations = BY_NAME
 ) -> AsyncGenerator[Mapping[str, Any], None]:
-    """Carry out one operation, and give its answers.
+    """Carry out one operation, and yield its answers.
 
     Raises:
         WrongQuestion: there is no such operation, or it cannot be carried out.
