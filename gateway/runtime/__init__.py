@@ -1,18 +1,18 @@
-"""A gateway at work: its parts, how they are built of a plan, and how a reload replaces them.
+"""A running gateway: its parts, how they are built from a plan, and how a reload replaces them.
 
-A reload, from top to bottom: `Reloader` reads the config, `Builder` builds a gateway of its plan, with the parts that
-are the same in the one before, and `Running.switch` puts it in the place of that one.
+A reload, from top to bottom: `Reloader` reads the config, `Builder` builds a gateway from its plan, reusing the parts
+that are the same as before, and `Running.switch` replaces the previous one with it.
 
 - reload, outcome      reads the config again, compares it with the one in use, says what has changed
 - running              what outlives a reload; start, switch to another gateway, drain
 - listening, open_ports, draining    what switch, start and stop do with listeners, and with ports
-- build, reach         a gateway of a plan; which units each client reaches there, and by which numbers
+- build, reach         a gateway from a plan; which units each client reaches there, and by which numbers
 - gateway              what is built: a plan, its parts, the routes between them
 - gateway_line, gateway_upstream, gateway_server    one table of the config with all that it needs
-- routers              where requests come in that no listener gets: control socket, HTTP
+- routers              the routers of requests that come by no listener: control socket, HTTP
 - add_ons, add_on      parts with a section of their own, in one list: what each must do
 - mqtt, fleet          a room for each of them
-- kept_state, remembered, remembered_port, overdue    of earlier runs: moved devices, changed rates, late responses
+- kept_state, remembered, remembered_port, overdue    from earlier runs: moved devices, changed rates, late responses
 - recent, tightness, self_state, summary, port_records    what is counted, noticed and shown while it runs
 - garbage              keeps Python's collector short
 """

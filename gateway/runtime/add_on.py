@@ -10,9 +10,9 @@ from gateway.runtime.gateway import Gateway
 
 
 class AddOn:
-    """Works as long as the plan of the gateway has the section `key`; its requests come in by `router`.
+    """A part that works while the plan of the gateway has the section `key`; its requests come in by `router`.
 
-    What is not needed is left as it is here: it does nothing. `shown_as` is the field of the status that has its own.
+    Methods do nothing unless they are overridden. `shown_as` is its field of the status.
     """
 
     key: ClassVar[str]
@@ -22,7 +22,7 @@ class AddOn:
         self.router = router
 
     def rerouted(self, gateway: Gateway) -> None:
-        """Stop what means something else by the routes of `gateway`, which apply from now on."""
+        """Stop what has another meaning by the routes of `gateway`, which apply from now on."""
 
     async def connect(self, gateway: Gateway) -> None:
         """Connect as the plan says: before ports are opened, and in each reload. An unchanged connection is kept."""
@@ -32,24 +32,24 @@ class AddOn:
 
     @property
     def is_busy(self) -> bool:
-        """Whether somebody waits for a response."""
+        """Whether a client waits for a response."""
         return False
 
     async def leave(self) -> None:
-        """Take no more requests, and say goodbye, while others finish theirs."""
+        """Take no more requests, and announce that it leaves, while other parts finish theirs."""
         await self.stop()
 
     async def stop(self) -> None:
-        """End what has not left."""
+        """Stop what still runs."""
 
     def status(self) -> object | None:
-        """Tell its state, and its counters; None if the plan has no such section."""
+        """Return its state and its counters; None if the plan has no such section."""
         return None
 
     def metrics(self) -> Iterable[Family]:
-        """Read its counters for a scrape."""
+        """Return its metrics."""
         return ()
 
     def findings(self) -> Iterable[Finding]:
-        """Tell what may be wrong with it, and the remedy."""
+        """Return what may be wrong with it, and the remedies."""
         return ()

@@ -1,7 +1,7 @@
-"""The add-ons of a running gateway: all that the other rooms know of them.
+"""The add-ons of a running gateway; other rooms use only this list.
 
-A new one has a room beside `mqtt` and `fleet`, with an AddOn, and a field here. How its section is read and checked
-says `config/add_ons.py`.
+A new one has a room beside `mqtt` and `fleet`, with an AddOn, and a field here. `config/add_ons.py` reads and checks
+its section.
 """
 
 from typing import NamedTuple, Self
@@ -15,7 +15,7 @@ from gateway.tls.store import TlsStore
 
 
 class AddOns(NamedTuple):
-    """Each of them, whether the config asks for it or not. In this order they are told of in metrics and findings."""
+    """All add-ons, configured or not, in the order of metrics and findings."""
 
     mqtt: Publishing
     fleet: Fleet

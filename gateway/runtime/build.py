@@ -53,7 +53,7 @@ class Builder:
     buckets: "Buckets"
 
     def prepare(self, plan: Plan) -> None:
-        """Read what persistent images of a plan keep, in a thread: one may have a hundred thousand values. Blocks.
+        """Read what persistent images of a plan have saved. Blocks: an image may have a hundred thousand values.
 
         Raises:
             StateError: it cannot be read.

@@ -1,4 +1,4 @@
-"""How long what stops may take to finish what is in progress."""
+"""How long parts that stop may take to finish what is in progress."""
 
 import asyncio
 from collections.abc import Callable
@@ -13,7 +13,7 @@ _DRAIN_STEP: Final = 0.02
 
 
 async def until(is_done: Callable[[], bool]) -> None:
-    """Wait until it is done, but not longer than DRAIN_TIME."""
+    """Wait until `is_done`, at most DRAIN_TIME."""
     loop = asyncio.get_running_loop()
     end = loop.time() + DRAIN_TIME
     while loop.time() < end and not is_done():

@@ -29,7 +29,7 @@ Listener = TcpListener | UdpListener
 
 #: A part that keeps a port or a connection open.
 Part = GatewayLine | GatewayUpstream | GatewayServer
-#: What drives one. The one of a site is loaded only for it.
+#: The driver of a part. That of a site is loaded only if needed.
 Driver = Union[LineDriver, TcpDriver, SerialListener, "Asker"]
 
 
@@ -47,8 +47,8 @@ NOWHERE: Final = Reach({}, ())
 class Gateway:
     """All parts of a gateway, in the order of the config: `lines` are client lines, `servers` are server lines.
 
-    `devices` are those of each line. `everywhere` is what clients reach that come by no listener and no server line;
-    `routings` is what those of each listener and server line reach. All of it applies after `Running.apply`.
+    `devices` are those of each line. `everywhere` is what clients reach that use neither a listener nor a server line;
+    `routings` is what those of each listener and server line reach. They apply after `Running.apply`.
     """
 
     plan: Plan
@@ -74,13 +74,13 @@ class Gateway:
         return {name: wait for owner in owners for name, wait in owner.longest_wait.items()}
 
     def load_images(self) -> None:
-        """Let new persistent images load the values of those that had their names before."""
+        """Let new persistent images load the values saved under their names."""
         for image in self.images:
             if isinstance(image, PersistentImage):
                 image.start()
 
     def adopt_plan(self) -> None:
-        """Give each part its table of the plan: one from an earlier gateway may stand elsewhere in the file now."""
+        """Give each part its table of the plan: a reused part may be elsewhere in the file now."""
         for line, line_plan, devices in zip(self.lines, self.plan.lines, self.devices, strict=True):
             line.adopt(line_plan, devices)
         for server, server_plan in zip(self.servers, self.plan.servers, strict=True):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class GatewayLine:
-    """A client line with its parts. Keys of devices are the units for clients, those of longest waits their names.
+    """A client line with its parts. `devices` is by the unit for clients, `longest_wait` by name, in seconds.
 
     `opener` opens ports. `buckets` is where its lease is kept, if the plan names one.
     """
@@ -64,7 +64,7 @@ class GatewayLine:
         self.opener = opener
         self._port = RememberedPort(plan, opener, memory)
         settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
-        #: Whether it may ask, if others ask there too.
+        #: Holds the lease of the line, if it has one.
         self.standby = None if plan.lease is None or buckets is None else self._standby(plan, buckets)
         self.driver = LineDriver(Line(settings, emit, ring), loop, emit, self._port.rate_changed, self.standby)
         self.reconnector = Reconnector(
@@ -76,7 +76,7 @@ class GatewayLine:
         self.adopt(plan, self.devices_of(plan))
 
     def at_speed(self, baud: int, format_: CharacterFormat | None = None) -> "GatewayLine":
-        """Make a line on the same port, at another rate or format and without devices, that remembers nothing."""
+        """Make a line on the same port, at another rate or format, without devices and without memory."""
         plan, port = self.plan, self.plan.port
         format_ = format_ or plan.line.timing.format
         if isinstance(port, SerialSettings):
@@ -93,15 +93,15 @@ class GatewayLine:
 
     @property
     def is_standby(self) -> bool:
-        """Whether another gateway may ask there, and this one not."""
+        """Whether another gateway may ask there, and not this one."""
         return self.standby is not None and not self.standby.lease.is_held
 
     def now(self) -> float:
-        """Tell the time by which the line counts."""
+        """Return the time of the line's clock, in seconds."""
         return self._loop.time()
 
     def means(self, plan: LinePlan) -> bool:
-        """Tell whether `plan` is for the same line. The passed-through units may differ."""
+        """Return whether `plan` is for the same line. The passed-through units may differ."""
         return self.plan.meaning == plan.meaning
 
     @property
@@ -116,12 +116,12 @@ class GatewayLine:
 
     @property
     def sent(self) -> int:
-        """How many frames were sent to its units, and as broadcasts."""
+        """The number of frames sent to its units, and as broadcasts."""
         return sum(counts.sent for unit in self.counts for counts in unit.values())
 
     @property
     def patience(self) -> float:
-        """For how many seconds after a request its response may arrive, late ones included."""
+        """The longest time from a request to its response, late ones included, in seconds."""
         line = self.plan.line
         limit = max(self.longest_wait.values(), default=line.max_wait) - line.max_wait
         slowest = max((device.answer_time.slowest for device in self.plan.devices), default=0.0)
@@ -137,7 +137,7 @@ class GatewayLine:
         self.driver.line.ledger.take_over(exchanges, self.patience)
 
     def begin(self) -> None:
-        """Go on from where the line before on this port has left its devices, which it may have done just now."""
+        """Take addresses and rate from memory: the previous line on this port may have changed them just now."""
         plan, memory = self.plan, self._memory
         memory.expect(remembered.rate_key(plan), plan.line.timing.baud)
         for each in plan.devices:
@@ -148,14 +148,14 @@ class GatewayLine:
             self.driver.change_rate(rate)
 
     def place_devices(self) -> None:
-        """Let all devices be where they are remembered to be."""
+        """Set all devices to their remembered addresses."""
         addresses = remembered.addresses(self.plan, self._memory)
         for device in self.devices.values():
             if isinstance(device, MovableDevice):
                 device.begin_at(*addresses[device.name])
 
     def forget(self, device: Device) -> None:
-        """Let a device be where the config says, and the line have the configured rate.
+        """Set a device to the configured address, and the line to the configured rate.
 
         Raises:
             WrongQuestion: another gateway has the line now, another device has that address, or this one may be about
@@ -194,7 +194,7 @@ class GatewayLine:
         self.place_devices()
 
     def _standby(self, plan: LinePlan, buckets: "Buckets") -> "Standby":
-        """Make what keeps the port open while the lease is held: loaded only for that."""
+        """Make the Standby that keeps the port open while the lease is held. Its code is loaded only for that."""
         standby: Standby = import_module("gateway.runtime.fleet.shared_line").standby_for(
             self, plan, self._memory, buckets, self._emit
         )

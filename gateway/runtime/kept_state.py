@@ -1,4 +1,4 @@
-"""The state that outlives the process: what the parts of a gateway find of earlier runs, and leave to the next one."""
+"""The state that outlives the process: what a gateway finds of earlier runs, and leaves to the next one."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,11 +16,11 @@ def _open_nothing(_name: str, _is_entry: IsEntry) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class KeptState:
-    """Where it is kept: in memory only, unless it is given something that writes to the state folder.
+    """The kept state: in memory only, unless parts are given that write to the state folder.
 
-    `memory` is where devices have moved to, `left_behind` are late responses that may still arrive on ports of earlier
-    lines. Persistent images need a `store`. `troubles` are those with the folder. An add-on opens a file of its own by
-    its name with `open_file`; it is None without a folder.
+    `memory` has where devices have moved to; `left_behind` has late responses that may still arrive on ports of earlier
+    lines. Persistent images need a `store`. `troubles` are those with the folder. Add-ons open files with `open_file`,
+    which returns None without a folder.
     """
 
     memory: Memory = field(default_factory=Memory)

@@ -46,10 +46,10 @@ class Listening:
             raise
 
     def finish(self, gone: Iterable[Listener]) -> None:
-        """Take no more requests from the clients of those that are gone; responses in progress may still be sent."""
+        """Take no more requests from clients of listeners that are gone; responses in progress may still be sent."""
         for listener in gone:
             if isinstance(listener, UdpListener):
-                listener.close()  # only who hears all that a client sends knows which response it still waits for
+                listener.close()  # its successor hears the clients; it cannot know which responses they still wait for
             else:
                 listener.finish()
 
@@ -59,13 +59,13 @@ class Listening:
             listener.start()
 
     def retire(self, gone: Iterable[Listener], group: asyncio.TaskGroup) -> None:
-        """Close those that are gone, each once its clients have their responses."""
+        """Close listeners that are gone, each once its clients have their responses."""
         self._leaving += gone
         for listener in gone:
             group.create_task(self._retire(listener), name=f"retire:{listener.settings.name}")
 
     def all_with(self, present: Sequence[Listener]) -> Sequence[Listener]:
-        """List all that may have clients: those `present`, and those that are leaving."""
+        """List all listeners that may have clients: those `present`, and those that are leaving."""
         return (*present, *self._leaving)
 
     async def _retire(self, listener: Listener) -> None:

@@ -41,19 +41,19 @@ class OpenPorts:
         return [part.driver for part in self._tasks]
 
     def keeps(self, part: Part) -> bool:
-        """Tell whether the line or upstream is still part of the gateway, and the gateway does not stop."""
+        """Return whether the line or upstream is still part of the gateway, and the gateway does not stop."""
         return not self._is_ending and part in self.present
 
     def is_lent(self, line: GatewayLine) -> bool:
-        """Tell whether the port of a line is lent."""
+        """Return whether the port of a line is lent."""
         return line in self._lent
 
     @asynccontextmanager
     async def lent(self, line: GatewayLine, to: str) -> AsyncIterator[list[Line]]:
-        """Close the port of `line` for the context, where it may be opened otherwise; requests to the line get 0A.
+        """Close the port of `line` inside the context, where it may be opened otherwise; requests to the line get 0A.
 
-        `to` says what for. Every Line that uses the port meanwhile belongs in the list that the context is given: who
-        has the port afterwards knows which of their responses may still come (docs/adr/0005-late-answers.md).
+        `to` says what for. Add every Line that uses the port to the list that is yielded: the next line there then
+        knows which of their responses may still come (docs/adr/0005-late-answers.md).
 
         Raises:
             WrongQuestion: it is lent already, or has a lease.
@@ -102,7 +102,7 @@ class OpenPorts:
                 group.create_task(self._start_after(before, part), name=f"start:{part.name}")
 
     async def end(self, parts: Sequence[Part]) -> None:
-        """Close the ports of `parts`. What may still arrive there is left behind."""
+        """Close the ports of `parts`, and keep what may still arrive there."""
         tasks = [self._tasks[part] for part in parts if part in self._tasks]
         for task in tasks:
             task.cancel()
@@ -134,7 +134,7 @@ class OpenPorts:
         self.start([part])
 
     def _take_back(self, line: GatewayLine, borrowers: Iterable[Line]) -> None:
-        """Tell the lines on a port that was lent, or the next process, which responses may still come there."""
+        """Pass on which responses may still come to a port that was lent, to its lines or to the next process."""
         now, place = asyncio.get_running_loop().time(), place_of(line.plan.port)
         open_there = [each for borrower in borrowers for each in borrower.ledger.handed_on(now, line.patience)]
         lines = [part for part in self.present if isinstance(part, GatewayLine)]

@@ -6,8 +6,8 @@
 
 A line on this port stopped 812.4 s after the machine was started, and responses to this request can arrive until
 814.1 s. If `owed` is 0, another client has sent it, and may be there until then. If the machine was restarted, its
-clock is behind that: the rest of the time then counts from the restart, which is as long or longer. If the clock has
-already passed it, it is no longer than it was.
+clock is behind that: the rest of the time then counts from the restart, which is as long or longer. If the new clock is
+already past 812.4 s, the restart goes unnoticed, and less of the time is left.
 """
 
 import os
@@ -38,7 +38,8 @@ _KEYS: Final = {"unit", "answers_from", "pdu", "owed", "ends_at"}
 class LeftBehind:
     """What may still arrive on ports of removed lines, see Ledger.handed_on; with a `file` also for the next process.
 
-    The key of a port is its `place`. Times are seconds of the monotonic clock, like those of the event loop.
+    The key of a port is its place, see `place_of`. Times are seconds of the monotonic clock, like those of the event
+    loop.
     """
 
     def __init__(self, file: EntryFile | None = None) -> None:
@@ -46,14 +47,14 @@ class LeftBehind:
         self._entries: Entries = {} if file is None else file.read()
 
     def at(self, place: str, now: float) -> list[Exchange]:
-        """Return what may still arrive there."""
+        """Return what may still arrive at this place."""
         entry = self._entries.get(place)
         if entry is None:
             return []
         return read_entry(entry, now, -entry["at"] if entry["at"] > now else 0.0)
 
     def leave(self, place: str, answers: Sequence[Exchange], now: float) -> None:
-        """Keep what may still arrive where a line has stopped: only this. Expired entries are deleted."""
+        """Replace what may still arrive where a line has stopped. Expired entries are deleted."""
         for there in list(self._entries):
             if there == place or not self.at(there, now):
                 del self._entries[there]
@@ -73,12 +74,12 @@ class LeftBehind:
 
 
 def as_entry(exchanges: Iterable[Exchange], now: float, later: float = 0.0) -> Entry:
-    """Make the entry of the file of what is open `now`; its times are this many seconds later."""
+    """Make the entry of the file from what is open `now`; all its times become `later` by this many seconds."""
     return {"at": now + later, "answers": [_as_answer(each, later) for each in exchanges]}
 
 
 def read_entry(entry: Entry, now: float, later: float) -> list[Exchange]:
-    """Return what may still arrive; the times are this many seconds later by this clock."""
+    """Read what may still arrive after `now`; all times become `later` by this many seconds."""
     return [each for answer in entry["answers"] if (each := _exchange(answer, later)).ends_at > now]
 
 
@@ -100,7 +101,7 @@ def place_of(port: PortSettings | SiteSettings) -> str:
 
 
 def is_entry(value: Any) -> bool:
-    """Tell whether this is a well-formed entry of the file."""
+    """Return whether this is a well-formed entry of the file."""
     try:
         exchanges = [_exchange(answer, 0.0) for answer in value["answers"]]
         sound = all(map(_is_sound, exchanges))
@@ -111,7 +112,7 @@ def is_entry(value: Any) -> bool:
 
 
 def _is_sound(exchange: Exchange) -> bool:
-    """Tell whether a line can await it. A number that was read from a file may be anything."""
+    """Return whether a line can expect it: numbers from a file may be anything."""
     units = (exchange.unit,) if exchange.answers_from is None else (exchange.unit, exchange.answers_from)
     are_whole = all(isinstance(number, int) for number in (*units, exchange.owed))
     is_known = bool(exchange.asked.function) and exchange.owed >= 0

@@ -1,4 +1,4 @@
-"""What the trace records of ports: when one was opened or lost."""
+"""Records of ports in the trace: when one was opened or lost."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,7 @@ from gateway.trace.ring import Ring
 
 
 def kept_in(ring: Ring, clock: Callable[[], float], emit: Emit) -> Emit:
-    """Make what emits events with `emit`, and records in `ring` when a port was opened or lost."""
+    """Make a function that emits events with `emit`, and records in `ring` when a port was opened or lost."""
 
     def tell(event: Event) -> None:
         if isinstance(event, LineLost):

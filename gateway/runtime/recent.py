@@ -28,7 +28,7 @@ class Rate(NamedTuple):
 
 
 class LineUser(NamedTuple):
-    """Somebody's share of a line's time, and how many transactions in a second were his."""
+    """A user of a line: its share of the line's time, and its transactions per second."""
 
     user: User
     share: float
@@ -40,15 +40,12 @@ class _Sample(NamedTuple):
     lag: float
     busy: Mapping[GatewayLine, float]
     sent: Mapping[GatewayLine, int]
-    #: Who used the lines since the sample before.
+    #: Use of the lines since the previous sample.
     used: Mapping[GatewayLine, Mapping[User, Use]]
 
 
 class _Wrong(NamedTuple):
-    """How many characters of a line were wrong at the last look, and at which look there was one more.
-
-    The line had sent so many requests by then.
-    """
+    """How many characters of a line were wrong, when this number last rose, and how many requests were sent by then."""
 
     characters: int
     at: float
@@ -75,7 +72,7 @@ class Recent:
             self._look_at_characters(gateway(), loop.time())
 
     def rate(self, line: GatewayLine, now: float) -> Rate | None:
-        """Tell the rates of `line`; None if it is too new."""
+        """Compute the rates of `line`; None if it is too new."""
         first = next((each for each in self._samples if line in each.busy), None)
         if first is None or now - first.at < 1.0:
             return None
@@ -83,7 +80,7 @@ class Recent:
         return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
 
     def last_wrong(self, line: GatewayLine, kind: Wrong, now: float) -> Last:
-        """Tell when a character was last wrong in this way, to the next sample."""
+        """Return when a character was last wrong in this way, to the next sample."""
         seen, errors = self._wrong.get((line, kind)), line.driver.errors
         if seen is None or errors is None or getattr(errors, kind) > seen.characters:
             return NOW
@@ -101,7 +98,7 @@ class Recent:
                     self._wrong[line, kind] = seen._replace(characters=wrong)
 
     def users(self, line: GatewayLine, now: float) -> list[LineUser]:
-        """List who used `line`, the most time first; a shared request counts for the client that asked first."""
+        """List the users of `line`, most time first; a shared request counts for the client that asked first."""
         first = next((at for at, each in enumerate(self._samples) if line in each.busy), None)
         if first is None or now <= self._samples[first].at:
             return []
@@ -115,13 +112,13 @@ class Recent:
         return sorted(users, key=lambda each: -each.share)
 
     def was_asked(self, line: GatewayLine) -> bool:
-        """Tell whether anything was asked of its units in the last minute; since it is there, if it is new."""
+        """Return whether its units were asked anything in the last minute, or since a newer line exists."""
         first = next((each.sent[line] for each in self._samples if line in each.sent), 0)
         return len(line.driver.line.queue) > 0 or line.driver.line.is_busy or line.sent > first
 
     @property
     def loop_lag(self) -> float:
-        """The largest delay of the event loop, in seconds."""
+        """The largest delay of the event loop in the last minute, in seconds."""
         return max(each.lag for each in self._samples)
 
 

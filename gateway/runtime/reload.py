@@ -21,7 +21,7 @@ from gateway.tls.contexts import Loaded as LoadedTls
 from gateway.tls.settings import Secured
 from gateway.tls.store import find_warnings, load_all
 
-#: How long reading what images keep, or certificates, may take, in seconds. The client waits for 50 s.
+#: How long reading what images keep, or certificates, may take, in seconds.
 LOADING_TIME: Final = 10.0
 
 
@@ -34,26 +34,24 @@ class Reloaded:
 
 
 class ServiceManager(Protocol):
-    """What has started the process, and is told of a reload: systemd, or nothing."""
+    """The service manager that started the process, and is notified of reloads: systemd, or none."""
 
     @property
     def is_service(self) -> bool:
         """Whether systemd has started it."""
 
     def reloading(self) -> None:
-        """Tell that a reload has begun; `ready` follows."""
+        """Notify it that a reload has begun; `ready` follows."""
 
     def ready(self, status: str) -> None:
-        """Tell that it is over, and the `status` in one line."""
+        """Notify it that the reload is over, with the `status` in one line."""
 
 
 class Reloader:
     """Applies `file` to a `running` gateway, one reload at a time.
 
-    `text` is that of the file when it was used last. `read` reads it, in a thread.
-    `prepare` reads saved values for a plan from the disk, in a thread: an image may have a hundred thousand. So are
-    certificates read, those of unchanged tables too, and then replace those in `contexts`.
-    `rebuild` builds the gateway of a plan, reusing unchanged parts of the present one.
+    `text` is the content of the file when it was last used. `read` reads it, in a thread. What images keep is read in a
+    thread too, and so are certificates, even those of unchanged tables.
     """
 
     def __init__(
@@ -82,7 +80,7 @@ class Reloader:
         return self._manager.is_service
 
     def order(self) -> asyncio.Task[Outcome]:
-        """Reload soon. Orders before a reload has begun are combined into one."""
+        """Order a reload, and return its task. Orders before a reload has begun are combined into one."""
         if self._next is None:
             self._next = asyncio.create_task(self._run(), name="reload")
             self._tasks.add(self._next)
@@ -90,7 +88,7 @@ class Reloader:
         return self._next
 
     async def close(self) -> None:
-        """Cancel the reload in progress."""
+        """Cancel the reloads that are in progress or ordered."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
@@ -159,7 +157,7 @@ class Reloader:
             ListenError: as Running.switch.
         """
         contexts = self._running.contexts
-        before = contexts.add(certificates)  # what is replaced goes on with its own until then
+        before = contexts.add(certificates)  # parts that are replaced keep their own until then
         try:
             await self._running.switch(new)
         except Exception as error:
@@ -181,10 +179,10 @@ class Reloader:
 
 
 def _load(plan: Plan) -> tuple[dict[Secured, LoadedTls], list[str]]:
-    """Load the certificates of a plan; and what cannot be used of those without which a start goes on too.
+    """Load the certificates of a plan, and list which of those of add-ons cannot be used: a start goes on without them.
 
     Raises:
-        TlsError: what clients or lines need cannot be used.
+        TlsError: a certificate for clients or lines cannot be used.
     """
     found, unusable = load_all(plan.secured), []
     for secured in (part.secured for part in plan.add_ons.values()):
@@ -202,7 +200,7 @@ def warn(problems: Iterable[Problem], emit: events.Emit) -> None:
 
 
 def warn_of_certificates(loaded: Mapping[Secured, LoadedTls], emit: events.Emit) -> None:
-    """Log who cannot connect with these certificates."""
+    """Log which clients cannot connect with these certificates."""
     for said in find_warnings(loaded):
         emit(events.ConfigWarning(said, ""))
 

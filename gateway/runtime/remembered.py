@@ -14,7 +14,7 @@ from gateway.state.memory import Memory
 
 
 def rate_key(line: LinePlan) -> str:
-    """Make the key for a line's rate: its port, so that a line of another config is not meant."""
+    """Make the key for a line's rate: its port, so that another config's line of this name is not meant."""
     return line.port.port
 
 
@@ -24,18 +24,18 @@ def address_key(line: LinePlan, device: DeviceSettings) -> str:
 
 
 def rate(line: LinePlan, memory: Memory) -> int:
-    """Recall the present rate of the line."""
+    """Return the remembered rate of the line, or the configured one."""
     configured = line.line.timing.baud
     now = memory.recall(rate_key(line), configured)
     return now if now in BAUD_RATES else configured
 
 
 def mistakable(line: LinePlan, memory: Memory) -> dict[str, list[str]]:
-    """Find devices with new names that nobody can tell apart: by name, the names of the devices that each may be.
+    """Find devices that may be either of two earlier ones: by name, the names of the devices that each may be.
 
-    Where the config has such a device was one that has moved away, and there is now another one. The names of both are
-    gone: the device may be the first, under a new name, or the second, whose present address was written into the
-    config. To ask it could give the weight of the other.
+    At the configured address was a device that has moved away, and there is now another one. The names of both are gone
+    from the config: the device may be the first, under a new name, or the second, whose present address was written
+    into the config. To ask it could return the values of the other.
     """
     start = f"{line.port.port} "
     names = {each.name for each in line.devices}
@@ -60,10 +60,9 @@ def forget(line: LinePlan, memory: Memory, device: DeviceSettings) -> None:
 
 
 def addresses(line: LinePlan, memory: Memory) -> Mapping[str, tuple[int, ...]]:
-    """Return where each device of the line is asked, by name: where it moved to, or may have moved to.
+    """Return the addresses at which each device of the line is asked, by name: where it moved to, or may have moved to.
 
-    Where two may be, by the config or by what is remembered, neither is asked: whichever answers could be the other
-    one. So none may be left.
+    An address that two devices may have is left out: whichever responded could be the other one. So none may be left.
     """
     now, unclear = {each.name: recall(line, each, memory) for each in line.devices}, mistakable(line, memory)
     claims = Counter(unit for units in now.values() for unit in units)
@@ -79,7 +78,7 @@ def rivals(line: LinePlan, device: DeviceSettings, memory: Memory, *units: int) 
 
 
 def in_force(plan: Plan, memory: Memory) -> Iterator[AddressRemembered | BaudRemembered]:
-    """List all remembered values that the gateway uses instead of the config."""
+    """Yield all remembered values that the gateway uses instead of the config."""
     for line in plan.lines:
         name, configured, now = line.line.name, line.line.timing.baud, rate(line, memory)
         if now != configured:
@@ -121,11 +120,11 @@ def _advice(device: DeviceSettings, units: tuple[int, ...], left: tuple[int, ...
 
 
 def recall(line: LinePlan, device: DeviceSettings, memory: Memory) -> tuple[int, ...]:
-    """Recall where a device may be; what it can never have got counts for nothing."""
+    """Return the addresses that a device may have; impossible ones are ignored."""
     units = memory.recall_all(address_key(line, device), device.unit)
     return tuple(unit for unit in units if is_possible(device, unit)) or (device.unit,)
 
 
 def is_possible(device: DeviceSettings, unit: int) -> bool:
-    """Tell whether the device can be at `unit`: the config may say any, but no write sets one of 248 to 255."""
+    """Return whether the device can be at `unit`: where the config says, or at 1 to 247, which a write can set."""
     return unit == device.unit or FIRST_UNIT <= unit <= LAST_UNIT

@@ -1,4 +1,4 @@
-"""The routers of requests that come by no listener and no server line. Those of add-ons have theirs with them."""
+"""The routers of requests that come by no listener and no server line. Add-ons have their own."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Self
@@ -12,11 +12,11 @@ MakeRouter = Callable[[EntryPoint], Router]
 
 
 class Routers(NamedTuple):
-    """One for each other way into the gateway. A reload keeps them, and gives them other routes and rights."""
+    """A router for each other entrance of the gateway. A reload keeps them, and gives them other routes and rights."""
 
-    #: That of the control socket: it has all rights until a row names it.
+    #: Of the control socket: all rights until a row names it.
     control: Router
-    #: That of requests over HTTP: it too has all rights until a row names it. What a user may do is checked before.
+    #: Of requests over HTTP: all rights until a row names it. What a user may do is checked before.
     web: Router
 
     @classmethod

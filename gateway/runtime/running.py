@@ -78,7 +78,7 @@ class Running:
         #: Whether the config was accepted when it was last read.
         self.reload_succeeded = True
         self.troubles = kept.troubles
-        #: Held by who looks for devices: two at once would be in each other's way.
+        #: Held during a search for devices: two at once would disturb each other.
         self.examining = asyncio.Lock()
         self.ports = OpenPorts(emit, kept.left_behind)
         self._listening = Listening(sockets or OpenSockets())
@@ -88,10 +88,10 @@ class Running:
         self.apply(self.gateway)
 
     def apply(self, gateway: Gateway) -> None:
-        """Let all requests go by the plan of this gateway from now on: in one go, so that none sees a half of it.
+        """Apply the plan of this gateway to all requests from now on: in one step, so that none sees a mixture.
 
-        Images have their values before requests reach them. Add-ons know of it after that: only new routes tell
-        whether what they do still means the same devices.
+        Images load their values before requests reach them. Add-ons come after that: they compare the devices that they
+        use with the new routes.
         """
         self.ring.resize(gateway.plan.ring)
         gateway.load_images()
@@ -130,13 +130,13 @@ class Running:
                 mirror.close()
 
     async def tried(self) -> None:
-        """Wait until every line was tried once; then mirrors begin to poll."""
+        """Wait until every line was tried once, then start the polls of mirrors."""
         for part in self.gateway.parts:
             await part.reconnector.tried.wait()
         self._start_mirrors()
 
     async def settled(self) -> None:
-        """Wait until every line was tried once, but not for ever: at the start, commands are there before them."""
+        """Wait until every line was tried once, at most LONGEST_START: at the start, commands may come earlier."""
         with suppress(TimeoutError):
             async with asyncio.timeout(LONGEST_START):
                 for part in self.gateway.parts:
@@ -184,8 +184,8 @@ class Running:
     async def switch(self, new: Gateway) -> None:
         """Switch to another gateway. Parts that both have are not interrupted.
 
-        The new addresses come first, as they may be in use. Then, in one go, requests take the new routes. In the end
-        what is gone finishes what is in progress, and what comes opens its port as soon as that is free.
+        The new addresses come first, as they may be in use. Then, in one step, requests take the new routes. In the end
+        removed parts finish what is in progress, and new ones open their ports as soon as these are free.
 
         Raises:
             ListenError: as `bind`; nothing has changed.
@@ -206,12 +206,12 @@ class Running:
             await self.start_add_ons()
 
     def _start_mirrors(self) -> None:
-        """Let mirrors poll, those that do already go on."""
+        """Start the polls of mirrors; those that poll already go on."""
         for mirror in self.gateway.mirrors:
             mirror.start()
 
     def renew_certificates(self) -> None:
-        """Let clients that may not be trusted any more show their certificates again, after a reload."""
+        """Make clients that may not be trusted any more show their certificates again, after a reload."""
         for listener in self.gateway.listeners:
             if isinstance(listener, TlsListener):
                 listener.renew()
@@ -225,5 +225,5 @@ def _close_mirrors(old: Gateway, new: Gateway) -> None:
 
 
 def _any_under_way(listeners: Iterable[Listener], drivers: Iterable[Driver], add_ons: Iterable[AddOn]) -> bool:
-    """Tell whether a client still has to get a response."""
+    """Return whether a client still waits for a response."""
     return any(one.has_clients for one in listeners) or any(one.is_busy for one in (*drivers, *add_ons))

@@ -1,4 +1,4 @@
-"""What the gateway's own unit shows."""
+"""The values of the gateway's own unit."""
 
 from typing import Final, Protocol
 
@@ -20,7 +20,7 @@ _NO_ANSWER_YET: Final = 0xFFFFFFFF
 
 
 class Watched(Protocol):
-    """A gateway at work. It was `started` then, and its config was good when it was read last."""
+    """A running gateway. `started` is a time of the loop's clock; `reload_succeeded`: the last config was accepted."""
 
     gateway: Gateway
     recent: Recent
@@ -36,7 +36,7 @@ def show_itself(running: Watched) -> None:
 
 
 def shown(running: Watched, now: float) -> Shown:
-    """Collect what the gateway's image shows."""
+    """Collect the values of the gateway's image."""
     gateway = running.gateway
     lines = tuple(_line(running, line, now) for line in gateway.lines)
     servers = tuple(map(_server, gateway.servers))
@@ -148,7 +148,7 @@ def _answered(counts: Counts) -> int:
 
 
 def _failed(counts: Counts) -> int:
-    """Count what got no answer of a unit, but for what its profile refuses and what was no longer wanted."""
+    """Count requests without an answer from a unit, except refusals by its profile and those no longer wanted."""
     not_sent = counts.line_down + counts.resting + counts.overdue + counts.echo_suspected
     not_sent += counts.queue_full + counts.expired
     return counts.timeout + counts.bad_frame + counts.ambiguous + counts.line_lost + not_sent

@@ -9,7 +9,7 @@ _LONGEST: Final = 1000
 
 
 def summary(gateway: Gateway) -> str:
-    """Tell the state of the gateway in one line: `3 of 4 lines up, 7 clients; hall-a: /dev/ttyUSB0 does not exist`."""
+    """Write the state of the gateway in one line: `3 of 4 lines up, 7 clients; hall-a: /dev/ttyUSB0 does not exist`."""
     troubles = [trouble for part in gateway.parts if (trouble := _trouble(part))]
     count = len(gateway.parts)
     clients = sum(listener.clients for listener in gateway.listeners)
@@ -22,7 +22,7 @@ def summary(gateway: Gateway) -> str:
 
 
 def _trouble(part: Part) -> str:
-    """Tell why a part's port is not open; empty if it is."""
+    """Say why a part's port is not open; empty if it is."""
     reconnector = part.reconnector
     if not reconnector.tried.is_set():
         return f"{part.name}: not tried yet"

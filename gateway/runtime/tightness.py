@@ -13,18 +13,18 @@ from gateway.runtime.gateway_line import GatewayLine
 from gateway.timing.histogram import SHARES, Histogram
 from gateway.timing.measured import Times
 
-#: How often it is looked, in seconds, and how many responses say something.
+#: How often response times are checked, in seconds, and how many responses are needed for that.
 STEP: Final = 60.0
 ENOUGH: Final = 100
-#: From which share of the limit on 99 of 100 responses are near it.
+#: If 1 of 100 responses takes this share of the limit or more, it is reported.
 TIGHT: Final = 0.8
-#: How long nothing is said of a device's function again, in seconds.
+#: How long a function of a device is not reported again, in seconds.
 PAUSE: Final = 3600.0
 
 
 @dataclass(slots=True)
 class _Seen:
-    """What was there when it was looked last, and when something was said."""
+    """The counters at the last check, and the time of the last report."""
 
     times: Times
     counts: list[int]
@@ -32,13 +32,13 @@ class _Seen:
 
 
 class TightLimits:
-    """Compares what came since the last look with the limits."""
+    """Compares the responses since the last check with their limits."""
 
     def __init__(self) -> None:
         self._seen: dict[tuple[str, str, int], _Seen] = {}
 
     async def keep_looking(self, gateway: Callable[[], Gateway], emit: Emit) -> None:
-        """Tell what is tight until cancelled."""
+        """Report tight limits until cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(STEP)
@@ -46,7 +46,7 @@ class TightLimits:
                 emit(event)
 
     def look(self, gateway: Gateway, now: float) -> list[TimingTight]:
-        """Find what is to be told at `now`."""
+        """Find what to report at `now`."""
         before, self._seen = self._seen, {}
         return [event for line, device in _devices(gateway) for event in self._tight(line, device, before, now)]
 

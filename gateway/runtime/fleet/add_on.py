@@ -1,4 +1,4 @@
-"""`[fleet]`: the other sites, as long as the config names NATS servers. What knows them is loaded only then."""
+"""`[fleet]`: the connection to other sites. Its code is loaded only if the config names NATS servers."""
 
 import asyncio
 import os
@@ -46,33 +46,33 @@ _INSTANCE: Final = os.urandom(6).hex()
 
 
 class Fleet(AddOn):
-    """The other sites, as long as the plan of a gateway names NATS servers. They only read until a row names them."""
+    """The connection to other sites, while the plan names NATS servers. They may only read until a row names them."""
 
     key: ClassVar = FLEET
     shown_as: ClassVar = "fleets"
 
     def __init__(self, router: MakeRouter, emit: events.Emit, contexts: TlsStore) -> None:
         super().__init__(router(EntryPoint(FLEET, "site")))
-        #: The one that deadlines are told by.
+        #: The clock of deadlines.
         self.clock: Callable[[], float] = _clock
         self._emit = emit
         self._contexts = contexts
         self._started = asyncio.get_running_loop().time()
-        #: What other sites reach and are told of; None until clients can connect.
+        #: The gateway that other sites reach; None until clients can connect.
         self._gateway: Gateway | None = None
         self._has_left = False
         self._task: asyncio.Task[None] | None = None
         self.plan: FleetPlan | None = None
-        #: Why no other site can be reached, if that is for longer.
+        #: Why no other site can be reached while there is no `link`.
         self.reason = "there is no [fleet]"
-        #: What keeps the connection, asks other sites, and is asked by them; None without [fleet], or its library.
+        #: The connection, requests to other sites and from them, and their list; None without [fleet] or its library.
         self.link: Link | None = None
         self.exchange: Exchange | None = None
         self.serving: Serving | None = None
         self.presence: Presence | None = None
 
     def opener(self, site: str) -> OpenPort:
-        """Make what opens the port to another site."""
+        """Make the function that opens the port to another site."""
 
         async def open_port(user: PortUser) -> Port:
             if self.exchange is None:
@@ -93,12 +93,12 @@ class Fleet(AddOn):
         return await link.connection.bucket(name)
 
     def rerouted(self, gateway: Gateway) -> None:
-        """Let other sites be told of this one."""
+        """Report this gateway to other sites from now on, once clients can connect."""
         if self._gateway is not None:
             self._gateway = gateway
 
     async def connect(self, gateway: Gateway) -> None:
-        """Connect as the plan says. Without a change the connection is kept; then only the units may be others."""
+        """Connect as the plan says. An unchanged connection is kept; only the units that are served may change."""
         plan = gateway.plan.fleet
         if plan != self.plan:
             await self.stop()
@@ -124,12 +124,12 @@ class Fleet(AddOn):
         self._task = asyncio.create_task(link.run(self.exchange, self.serving, self.presence), name="fleet")
 
     async def serve(self, gateway: Gateway) -> None:
-        """Let other sites reach the units that there are at the moment."""
+        """Let other sites reach the present units."""
         self._gateway = gateway
         await self._refresh()
 
     async def _refresh(self) -> None:
-        """Look again which units other sites reach."""
+        """Update which units other sites reach."""
         if self.serving is not None:
             await self.serving.serve(self._units)
 
@@ -147,7 +147,7 @@ class Fleet(AddOn):
         return self.serving is not None and self.serving.owner.under_way > 0
 
     async def leave(self) -> None:
-        """Take no more requests, and say goodbye, unless NATS takes too long to hear it."""
+        """Take no more requests, and announce that this site leaves, unless NATS takes too long."""
         self._has_left = True
         with suppress(TimeoutError):
             async with asyncio.timeout(_LEAVING_TIME):
@@ -156,7 +156,7 @@ class Fleet(AddOn):
                     await self.presence.leave()
 
     async def stop(self) -> None:
-        """Send what waits, and end."""
+        """Send what waits, and stop."""
         task, self._task = self._task, None
         self.plan = self.link = self.exchange = self.serving = self.presence = None
         self.reason = "there is no [fleet]"
@@ -175,14 +175,14 @@ class Fleet(AddOn):
         return [self._as_heard(each) for each in await self.presence.sites()]
 
     def _as_heard(self, status: "SiteStatus") -> "SiteStatus":
-        """Show a site as silent when its units do not answer from here: its entry is too old only much later."""
+        """Show a site as silent if its units do not respond: its entry expires only much later."""
         silence = None if self.exchange is None else self.exchange.silence(status.site)
         if silence is None or status.state != "up":
             return status
         return replace(status, state="silent", for_s=round(silence, 1))
 
     def status(self) -> FleetStatus | None:
-        """Tell the state of the connection, and its counters; None without [fleet]."""
+        """Return the state of the connection, and its counters; None without [fleet]."""
         plan, link = self.plan, self.link
         if plan is None:
             return None
@@ -212,25 +212,25 @@ class Fleet(AddOn):
         )
 
     def metrics(self) -> Iterator[Family]:
-        """Count requests from other sites."""
+        """Return the metrics of requests from other sites."""
         return metrics_of(self.status())
 
     def findings(self) -> Iterator[Finding]:
-        """Tell whether NATS is reached, and lets through only what it should."""
+        """Check whether NATS is reached, and delivers only what it should."""
         return findings_about(self.status())
 
     def findings_about_upstream(self, name: str, site: str, error: object) -> Iterator[Finding]:
-        """Tell why the `site` of the upstream `name` is not reached."""
+        """Say why the `site` of the upstream `name` is not reached."""
         return findings_about_upstream(self.status(), name, site, error)
 
 
 def _clock() -> float:
-    """Read the clock that goes on while the machine sleeps, and that is never set."""
+    """Read the clock that is never set, and goes on while the machine sleeps."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def _login(plan: FleetPlan, contexts: TlsStore) -> Callable[[], Login]:
-    """Make what reads how to log in: for each connection, so that new files count at once."""
+    """Make the function that reads the login, for each connection: new files take effect at once."""
     loop = asyncio.get_running_loop()
 
     def read() -> Login:

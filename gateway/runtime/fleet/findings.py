@@ -1,4 +1,4 @@
-"""What `doctor` says about other sites, and the NATS servers between."""
+"""What `doctor` says about other sites and NATS servers."""
 
 from collections.abc import Iterator
 
@@ -26,7 +26,7 @@ def findings_about(fleet: FleetStatus | None) -> Iterator[Finding]:
 
 
 def findings_about_upstream(fleet: FleetStatus | None, name: str, site: str, error: object) -> Iterator[Finding]:
-    """Tell why the `site` of the upstream `name` is not reached, unless the finding about NATS says it."""
+    """Say why the `site` of the upstream `name` is not reached, unless the finding about NATS says it."""
     if fleet is None or not fleet.reason:
         remedy = f"check the gateway of {site}, and its connection to NATS: modbus-gateway status --fleet"
         yield Finding("fix", name, f"{IS_DOWN}{error}", remedy)

@@ -1,4 +1,4 @@
-"""The metrics of what other sites ask."""
+"""Metrics of requests from other sites."""
 
 from collections.abc import Iterator
 

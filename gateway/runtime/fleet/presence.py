@@ -1,4 +1,4 @@
-"""What this gateway tells other sites about itself."""
+"""What this gateway reports to other sites about itself."""
 
 from collections.abc import Iterator, Mapping
 from socket import gethostname
@@ -12,7 +12,7 @@ from gateway.runtime.gateway_server import GatewayServer
 
 
 def tell(gateway: Gateway, router: Router, up: float) -> Mapping[str, Any]:
-    """Tell its host, how long it is `up` in seconds, its lines and its units; see gateway.fleet.presence."""
+    """Describe its host, its uptime `up` in seconds, its lines and its units; see gateway.fleet.presence."""
     lines: list[GatewayLine | GatewayServer] = [*gateway.lines, *gateway.servers]
     down = [part.name for part in gateway.parts if not part.reconnector.is_open and not getattr(part, "is_standby", 0)]
     return {

@@ -24,12 +24,12 @@ from gateway.state.memory import Memory
 #: Stands for the rate among names of devices, none of which can be empty.
 _RATE: Final = ""
 
-#: The bucket of a name. Raises FleetError if NATS cannot be reached.
+#: Opens the bucket of a name. Raises FleetError if NATS cannot be reached.
 Buckets = Callable[[str], Awaitable[Bucket]]
 
 
 class OwnLine(Protocol):
-    """What is asked of the line of this gateway; see GatewayLine."""
+    """What is needed of a line of this gateway; see GatewayLine."""
 
     name: str
     plan: LinePlan
@@ -37,10 +37,10 @@ class OwnLine(Protocol):
     reconnector: Reconnector
 
     def now(self) -> float:
-        """Tell the time by which the line counts."""
+        """Return the time of the line's clock, in seconds."""
 
     def place_devices(self) -> None:
-        """Let all devices be where they are remembered to be."""
+        """Set all devices to their remembered addresses."""
 
     def handed_on(self, now: float) -> list[Exchange]:
         """List what may still arrive on the port."""
@@ -50,7 +50,7 @@ class OwnLine(Protocol):
 
 
 def standby_for(line: OwnLine, plan: LinePlan, memory: Memory, buckets: Buckets, emit: Emit) -> Standby:
-    """Make what keeps the port of `line` open while this gateway holds the lease of its plan."""
+    """Make the Standby that keeps the port of `line` open while this gateway holds the lease of its plan."""
     lease = plan.lease
     assert lease is not None  # noqa: S101 - for lines with a lease
     settings = LeaseSettings(lease.name, lease.ttl, guard(plan), longest_late_window(plan), lease.fallback)
@@ -64,7 +64,7 @@ class SharedPort:
     def __init__(self, line: OwnLine, memory: Memory) -> None:
         self._line = line
         self._memory = memory
-        #: What has changed once: it is told also when it is as the config says again. Of the rest, nothing is told.
+        #: Names of devices that have moved, and _RATE: once there, they are reported even if the config is right again.
         self._changed: set[str] = set()
 
     @property
@@ -82,7 +82,7 @@ class SharedPort:
         self._line.reconnector.withhold(reason)
 
     def state(self) -> dict[str, Any]:
-        """Tell which devices have moved, and the rate if it was changed, each with what the config says."""
+        """Return the addresses of devices that have moved, and a changed rate, each after the configured value."""
         plan = self._line.plan
         at = {each.name: remembered.recall(plan, each, self._memory) for each in plan.devices}
         self._changed |= {each.name for each in plan.devices if at[each.name] != (each.unit,)}
@@ -93,13 +93,13 @@ class SharedPort:
         return state | ({"rate": [configured, rate]} if _RATE in self._changed else {})
 
     def final_state(self) -> dict[str, Any]:
-        """Add to the state what may still arrive on the port; its times count from now on."""
+        """Return the state with what may still arrive on the port; its times count from now on."""
         now = self._line.now()
         late = self._line.handed_on(now)
         return self.state() | ({"late": as_entry(late, now, -now)} if late else {})
 
     def adopt(self, state: Mapping[str, Any]) -> None:
-        """Ignore entries that do not match the config; keep values that are missing."""
+        """Take over the state of the previous holder; ignore entries that do not match the config."""
         self._adopt_addresses(dict(_changes(state.get("addresses"))))
         rate = _change(state.get("rate"))
         if rate is not None:
@@ -134,7 +134,7 @@ def _changes(value: object) -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def _change(values: object) -> tuple[int, ...] | None:
-    """Read what the previous holder's config said, what is true, and what else may be."""
+    """Read the value in the previous holder's config, the present one, and other possible ones; None if malformed."""
     if isinstance(values, list) and len(values) > 1 and all(isinstance(each, int) for each in values):
         return tuple(values)
     return None

@@ -1,4 +1,4 @@
-"""`[mqtt]`: values for a broker, as long as the config says so. What publishes them is in `gateway.plant`.
+"""`[mqtt]`: publishes values to a broker, while the config says so. What publishes them is in `gateway.plant`.
 
 - add_on       publishes what the plan of a gateway says; stops where it says something else
 - publication  what one plan needs; loaded only then

@@ -1,4 +1,4 @@
-"""`[mqtt]`: what is published, as long as the config says so. What does it is loaded only then."""
+"""`[mqtt]`: publishes values, while the config says so. Its code is loaded only then."""
 
 import time
 from collections.abc import Iterator
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 
 class Publishing(AddOn):
-    """Publishes what the plan of a gateway says, as long as it says so.
+    """Publishes what the plan of a gateway says, while it says so.
 
-    Its router has the routes of what is read, and of what the broker delivers: all rights until a row names it, as what
-    may be written is checked before.
+    Its router carries reads, and writes that the broker delivers. It has all rights until a row names it: what may be
+    written is checked before.
     """
 
     key: ClassVar = MQTT
@@ -41,16 +41,16 @@ class Publishing(AddOn):
         self._contexts = contexts
         self._announced = AnnouncedDevices(kept.open_file(FILE_NAME, is_entry))
         self._carried_out: CarriedOut | None = None
-        #: What publishes; None without [mqtt].
+        #: The present publication; None without [mqtt].
         self.part: Publication | None = None
 
     def rerouted(self, gateway: Gateway) -> None:
-        """Take no more commands for what is published, unless it is the same by the routes that apply now."""
+        """Take no more commands, unless the same devices are published by the routes that apply now."""
         if self.part is not None and not self.part.means(gateway.plan.mqtt):
             self.part.driver.close()
 
     async def serve(self, gateway: Gateway) -> None:
-        """Publish what this gateway's plan says from now on. Without a change the connection is kept."""
+        """Publish what this gateway's plan says from now on. An unchanged connection is kept."""
         plan, part = gateway.plan.mqtt, self.part
         if part is not None and part.means(plan):
             return
@@ -71,13 +71,13 @@ class Publishing(AddOn):
             await part.stop(is_over=is_over)
 
     def status(self) -> BrokerStatus | None:
-        """Tell the state of the broker; None without [mqtt]."""
+        """Return the state of the broker; None without [mqtt]."""
         return None if self.part is None else self.part.status()
 
     def metrics(self) -> Iterator[Family]:
-        """Count messages, commands and polls."""
+        """Return the metrics of messages, commands and polls."""
         return metrics_of(self.status())
 
     def findings(self) -> Iterator[Finding]:
-        """Tell whether the broker takes what is published."""
+        """Check whether the broker accepts what is published."""
         return findings_about(self.status())

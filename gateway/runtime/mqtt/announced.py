@@ -1,8 +1,8 @@
-"""What brokers keep of devices: a device or point that is gone must be taken back there.
+"""What was announced to brokers: they keep it, so a device or point that is gone must be cleared there.
 
     {"homeassistant/device/plant-2/silo-1/config": {"weight": "sensor"}, "modbus/plant-2/silo-1": {"": "plain"}}
 
-Brokers keep what was announced, so it outlives reloads and restarts.
+As brokers keep it, this list outlives reloads and restarts.
 """
 
 from typing import TYPE_CHECKING, Final
@@ -16,14 +16,14 @@ FILE_NAME: Final = "home-assistant.json"
 
 
 class AnnouncedDevices:
-    """What was announced, and not taken back yet; in a `file`, if there is one."""
+    """What was announced and not cleared yet; saved in a `file`, if there is one."""
 
     def __init__(self, file: EntryFile | None = None) -> None:
         self.file = file
         self._entries: dict[str, dict[str, str]] = {} if file is None else file.read()
 
     def entries(self) -> "Announced":
-        """Return all of it."""
+        """Return all entries."""
         return dict(self._entries)
 
     def add(self, announced: "Announced") -> None:
@@ -32,7 +32,7 @@ class AnnouncedDevices:
             self._change(topic, {**self._entries.get(topic, {}), **components})
 
     def replace(self, now: "Announced") -> None:
-        """Note that everything has been taken back but what is announced `now`."""
+        """Note that everything has been cleared except what is announced `now`."""
         for topic in {*self._entries, *now}:
             self._change(topic, dict(now.get(topic, {})))
 
@@ -47,5 +47,5 @@ class AnnouncedDevices:
 
 
 def is_entry(value: object) -> bool:
-    """Tell whether this is an entry of the file."""
+    """Return whether this is an entry of the file."""
     return isinstance(value, dict) and all(isinstance(each, str) for each in (*value, *value.values()))

@@ -1,6 +1,6 @@
 """Retained discovery messages of one plan: they announce present devices, and clear removed ones.
 
-Whatever was announced before, under any site and in any form, is taken back once it is announced no more.
+Earlier announcements, of any site and form, are cleared once they are no longer made.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ _PLAIN: Final[Mapping[str, str]] = {"": "plain"}
 
 
 class Announcing:
-    """`messages` are to be published in each connection; the list `announced` knows about them until they are."""
+    """The `messages` to publish in each connection; the list `announced` has them before they are published."""
 
     def __init__(self, messages: Sequence[Message], now: Announced, announced: AnnouncedDevices) -> None:
         self.messages = messages
@@ -30,7 +30,7 @@ class Announcing:
 
     @classmethod
     async def of(cls, plan: MqttPlan, announced: AnnouncedDevices) -> "Announcing":
-        """Make it for a plan, in a thread: there may be thousands of points."""
+        """Make the messages of a plan, in a thread: there may be thousands of points."""
         loop = asyncio.get_running_loop()
         return cls(*await loop.run_in_executor(ThreadPerCall("announce"), _made, plan, announced.entries()), announced)
 

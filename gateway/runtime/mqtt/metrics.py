@@ -1,4 +1,4 @@
-"""The metrics of what is published."""
+"""Metrics of what is published."""
 
 from collections.abc import Iterator
 

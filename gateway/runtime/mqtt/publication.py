@@ -46,7 +46,7 @@ def reading(
 ) -> PublisherDriver:
     """Begin to read what the plan publishes of a gateway, by the routes of `router`.
 
-    `announcements` belong to each birth.
+    `announcements` are sent with each birth.
     """
     targets = {name: _as_target(each) for name, each in _destinations(plan, router).items()}
     patience = gateway.longest_waits
@@ -95,14 +95,14 @@ class Publication:
         self._task = asyncio.create_task(self.broker.run(), name="broker")
 
     def means(self, plan: MqttPlan | None) -> bool:
-        """Tell whether it does what this plan asks for, with the devices that its units lead to now."""
+        """Return whether it does what this plan asks for, with the devices that its units lead to now."""
         if plan != self.plan:
             return False
         new = _destinations(self.plan, self._router)
         return all(new[name] is each for name, each in self._destinations.items())
 
     def status(self) -> BrokerStatus:
-        """Tell the state of the connection, and the counters."""
+        """Return the state of the connection, and the counters."""
         publisher, broker = self.driver.publisher, self.broker
         reason = self.reason if broker is None else broker.reason
         now = asyncio.get_running_loop().time()
@@ -133,7 +133,7 @@ class Publication:
         return None if since is None else 1000 * (asyncio.get_running_loop().time() - since)
 
     async def stop(self, *, is_over: bool = False) -> None:
-        """Publish that it is offline, and end. If it `is_over`, brokers are told that these devices are gone."""
+        """Publish that it is offline, and stop. If it `is_over`, clear the announcements at the broker too."""
         self.driver.close()
         if self.broker is None:
             return
@@ -215,5 +215,5 @@ def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
 
 
 def _hosts(prefix: str | None) -> Sequence[str]:
-    """List where Home Assistant says that it has started: with another prefix too, unless its settings differ."""
+    """List the topics where Home Assistant may announce its start: its default does not follow the discovery prefix."""
     return () if prefix is None else tuple({f"{each}/status": None for each in (prefix, HOME_ASSISTANT)})
