@@ -50,9 +50,9 @@ _OF_PROXIES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """The client at the address `host`: with name and role if it has logged in.
+    """The client at the address `host`; if it has logged in, with `user` and `role`.
 
-    `csrf` is what it has to send to change something. `token` is that of its session, if it has one.
+    `csrf` is what it must send to change something. `token` is that of its session, if it has one.
     """
 
     host: str
@@ -65,12 +65,12 @@ class Visitor:
 
     @property
     def client(self) -> str:
-        """What the log calls him: `web:anna@10.2.0.7`."""
+        """The visitor's name in the log: `web:anna@10.2.0.7`."""
         return f"web:{self.user}@{self.host}" if self.user else f"web@{self.host}"
 
     @property
     def caller(self) -> Caller:
-        """The caller of the requests of this user."""
+        """The caller of the visitor's requests."""
         return Caller(self.client, self.host, share_key=self.host or self.client)
 
 
@@ -79,7 +79,7 @@ VISITOR: Final = web.RequestKey("visitor", Visitor)
 
 
 class Guard:
-    """Lets in who may come in, by settings, users and sessions."""
+    """Admits or refuses requests, by settings, users and sessions."""
 
     def __init__(self, settings: WebSettings, table: UserTable, sessions: Sessions) -> None:
         self._settings = settings
@@ -91,7 +91,7 @@ class Guard:
         self.cookie: Final = "__Host-mbgw" if settings.is_encrypted else "mbgw"
 
     def middleware(self, needs: Mapping[object, Need]) -> Middleware:
-        """Middleware that refuses clients by the `needs` of handlers; a handler that is not there needs `reading`."""
+        """Make the middleware that refuses clients by the `needs` of handlers; those without one need `reading`."""
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -115,7 +115,7 @@ class Guard:
         return guard
 
     def visitor(self, request: web.Request) -> Visitor:
-        """The client of this request."""
+        """Find the client of a request: by the user that a proxy names, its session, the token, or its address."""
         address = _address(request.remote or "")
         host = str(address or request.remote or "")
         by_proxy = address is not None and any(address in network for network in self._settings.proxy)
@@ -135,7 +135,7 @@ class Guard:
         return Visitor(host, is_local, is_local=is_local)
 
     def is_valid(self, visitor: Visitor) -> bool:
-        """Whether a visitor with a session still has it."""
+        """Return whether a visitor with a session still has it."""
         now = asyncio.get_running_loop().time()
         return not visitor.token or self._sessions.find(visitor.token, self._table.users, now) is not None
 
@@ -158,7 +158,7 @@ class Guard:
             raise ProblemError(403, "pages of other sites get no answer")
 
     def _check_origin(self, request: web.Request) -> None:
-        """See that a request that changes something comes from a page of ours."""
+        """Check that a request that changes something comes from a page of ours."""
         origin = urlsplit(request.headers.get("Origin", ""))
         is_same = origin.netloc.lower() == request.host.lower()
         address = _address(request.remote or "")
@@ -193,7 +193,7 @@ async def _take_body(request: web.Request) -> None:
 
 
 async def _check_csrf(request: web.Request, visitor: Visitor) -> None:
-    """The token stands in a header, or in the field `csrf` of a form."""
+    """Check the token in the header, or in the field `csrf` of a form."""
     given = request.headers.get("X-CSRF-Token", "")
     if not given and request.content_type == _FORM:
         given = str((await request.post()).get("csrf", ""))
@@ -206,7 +206,7 @@ def _unauthorized(detail: str) -> ProblemError:
 
 
 def _is_ours(hosts: Sequence[str], known: frozenset[str]) -> bool:
-    """Whether there is one Host, and it is an address or one of the `known` names, with a port or without."""
+    """Return whether there is one Host, and it is an address or one of the `known` names, with or without a port."""
     found = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
     if found is None:
         return False

@@ -1,4 +1,4 @@
-"""Who is logged in, and who has failed to too often. Both are bounded; time is an argument, in seconds."""
+"""Sessions, and failed logins. Both are bounded; time is an argument, in seconds."""
 
 import hashlib
 import secrets
@@ -24,7 +24,7 @@ MOST_ADDRESSES: Final = 1000
 #: An address is a user's own for this many seconds after a login from there; a user has at most this many.
 OWN_FOR: Final = 30 * 24 * 3600.0
 MOST_OWN: Final = 8
-#: This machine is everybody's own.
+#: Loopback counts as known for every user.
 _HERE: Final = ("127.0.0.1", "::1")
 
 
@@ -38,12 +38,12 @@ class Session:
     used: float
 
     def is_over(self, now: float) -> bool:
-        """Whether it has ended by itself."""
+        """Return whether it has expired."""
         return now - self.used > IDLE_TIME or now - self.began > LONGEST_SESSION
 
 
 class Sessions:
-    """The sessions, by what their tokens hash to: nothing that is kept here lets anybody in."""
+    """The sessions, by the hashes of their tokens: nothing that is kept here can be used to log in."""
 
     def __init__(self) -> None:
         self._sessions: dict[bytes, Session] = {}
@@ -52,14 +52,14 @@ class Sessions:
         return len(self._sessions)
 
     def open(self, user: User, now: float) -> tuple[str, Session]:
-        """A new session, and the token that stands for it."""
+        """Open a session, and return its token too."""
         self._make_room(user, now)
         token = secrets.token_urlsafe(32)
         session = self._sessions[_key(token)] = Session(user, secrets.token_urlsafe(32), now, now)
         return token, session
 
     def find(self, token: str, users: Users, now: float) -> Session | None:
-        """The session that a token stands for. It has ended if its user has another password now, or is gone."""
+        """Find the session of a token; None if there is none. It has ended if its user is gone, or has changed."""
         session = self._sessions.get(_key(token))
         if session is None:
             return None
@@ -84,7 +84,7 @@ class Sessions:
 
 @dataclass(slots=True)
 class _OwnAddress:
-    """When a user has logged in from there, and when he failed to since."""
+    """When a user has last logged in from an address, and failed attempts since."""
 
     used: float
     failures: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_FAILURES))
@@ -94,8 +94,8 @@ class _OwnAddress:
 class Attempts:
     """Wrong passwords, by the address that they came from, and by the user that they were for, if there is one.
 
-    At each address of his own only a user's own count: neither who guesses elsewhere nor who guesses other passwords
-    there, behind the same proxy perhaps, can keep him from logging in.
+    At a user's own addresses only failures of that user count: neither guessing elsewhere, nor guessing other users'
+    passwords behind the same proxy, locks the user out.
     """
 
     _of_addresses: dict[str, deque[float]] = field(default_factory=dict)
@@ -103,7 +103,7 @@ class Attempts:
     _own: dict[str, dict[str, _OwnAddress]] = field(default_factory=dict)
 
     def wait(self, address: str, user: User | None, now: float) -> float:
-        """How long to wait before the next attempt; 0 if it may be now."""
+        """Return how many seconds to wait before the next attempt; 0 if it may be now."""
         if user is not None and self._is_own(address, user, now):
             own = self._own.get(user.name, {}).get(address)
             return _wait(own.failures if own else None, MOST_FAILURES, now)
@@ -113,7 +113,7 @@ class Attempts:
         return max(by_address, _wait(self._of_users.get(user.name), MOST_FAILURES_OF_ONE_USER, now))
 
     def failed(self, address: str, user: User | None, now: float) -> None:
-        """A wrong password was sent."""
+        """Note that a wrong password was sent."""
         if address not in self._of_addresses and len(self._of_addresses) >= MOST_ADDRESSES:
             del self._of_addresses[min(self._of_addresses, key=lambda one: self._of_addresses[one][-1])]
         self._of_addresses.setdefault(address, deque(maxlen=MOST_FAILURES)).append(now)
@@ -125,7 +125,7 @@ class Attempts:
             self._of_users.setdefault(user.name, deque(maxlen=MOST_FAILURES_OF_ONE_USER)).append(now)
 
     def succeeded(self, address: str, user: User, now: float) -> None:
-        """The right one was sent."""
+        """Note that the right password was sent."""
         self._of_addresses.pop(address, None)
         own = self._own_address(address, user, now)
         own.used = now
@@ -136,7 +136,7 @@ class Attempts:
         return address in _HERE or (own is not None and now - own.used < OWN_FOR)
 
     def _own_address(self, address: str, user: User, now: float) -> _OwnAddress:
-        """What is known of it. For a new one, the one that was used the longest time ago is forgotten."""
+        """Return what is known of an address. A new one replaces the least recently used one if there are too many."""
         all_own = self._own.setdefault(user.name, {})
         if address not in all_own and len(all_own) >= MOST_OWN:
             del all_own[min(all_own, key=lambda one: all_own[one].used)]

@@ -1,4 +1,4 @@
-"""The users as they are now: the file is looked at again from time to time, in a thread."""
+"""The users as they are now: the file is checked from time to time, in a thread."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -10,14 +10,14 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.errors import UsersError
 from gateway.readconfig.page_users import Users, read_users
 
-#: How often the file is looked at, in seconds.
+#: How often the file is checked, in seconds.
 LOOKED_AT_EVERY: Final = 5.0
 
 _Look = tuple[int, ...] | None
 
 
 class UserTable:
-    """The users of `file`; none without one. What `rejected` tells of a file that cannot be used any more."""
+    """The users of `file`; none without one. `rejected` is called with the reason when it cannot be used any more."""
 
     def __init__(self, file: Path | None, rejected: Callable[[str], None]) -> None:
         self.users: Users = {}
@@ -27,11 +27,11 @@ class UserTable:
 
     @asynccontextmanager
     async def kept_up_to_date(self) -> AsyncIterator[None]:
-        """In its context the users are those of the file.
+        """Keep the users up to date with the file inside the context.
 
         Raises:
             OSError: it cannot be read.
-            UsersError: a line of it is none of a user.
+            UsersError: others may read or change it, or a line is invalid.
         """
         if self._file is None:
             yield
@@ -61,7 +61,11 @@ class UserTable:
 
 
 def _read(file: Path, before: _Look) -> tuple[_Look, Users | None]:
-    """What the file looks like, and its users if that is not as before."""
+    """Read what identifies this state of the file, and its users if that has changed.
+
+    Raises:
+        UsersError: others may read or change it, or a line is invalid.
+    """
     status = file.stat()
     look = (status.st_ino, status.st_mtime_ns, status.st_size, status.st_mode)
     if look == before:

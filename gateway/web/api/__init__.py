@@ -1,6 +1,6 @@
 """The HTTP API below /api/v1.
 
-- operations, asking    the routes that the table of operations makes, and who asks by a request for what
+- operations, asking    the routes made from the table of operations; the asker and the parameters of a request
 - api, trace, session    what only HTTP can do: sessions, streams, files
-- document, schemas    make openapi.json when an operation has changed; a gateway at work does not load them
+- document, schemas    make openapi.json when an operation has changed; a running gateway does not load them
 """

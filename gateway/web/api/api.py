@@ -26,7 +26,7 @@ DOCUMENT: Final = Path(__file__).parent / "openapi.json"
 
 
 class Api:
-    """The handlers. Values are written only if `may_write`."""
+    """The handlers of the API. Values are written only if `may_write`."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class Api:
         self._may_write = may_write
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [
             *OperationRoutes(self._operator, self._operations, may_write=self._may_write).routes(),
             ("GET", f"{ROOT}/openapi.json", self.openapi, "reading"),
@@ -60,7 +60,7 @@ class Api:
         ]
 
     async def openapi(self, _request: web.Request) -> web.Response:
-        """Give the document of this API."""
+        """Return the OpenAPI document."""
         if not self._document:
             document: dict[str, Any] = json.loads(DOCUMENT.read_text(encoding="utf-8"))
             document["info"]["version"] = __version__
@@ -69,7 +69,7 @@ class Api:
         return json_response(self._document)
 
     async def session(self, request: web.Request) -> web.Response:
-        """Tell who has logged in, what he may do, and the token that he has to send for it."""
+        """Return who has logged in, what that user may do, and the token for X-CSRF-Token."""
         return json_response(json_of(session_of(request[VISITOR], may_write=self._may_write)))
 
     async def events(self, request: web.Request) -> web.StreamResponse:
@@ -85,7 +85,7 @@ class Api:
         return await self._streams.serve(request, source, visitor, partial(self._guard.is_valid, visitor))
 
     async def capture(self, request: web.Request) -> web.StreamResponse:
-        """Send what has happened, as a file for Wireshark."""
+        """Send what has happened on the lines, as a file for Wireshark."""
         asked = await parameters_in(request, RecordsToCapture)
         file = capture(self._operator.running, asked.traced, request[VISITOR].host)
         return await self._downloads.serve(request, file)

@@ -1,4 +1,4 @@
-"""Who asks by an HTTP request, and for what: an operation's asker and its parameters."""
+"""The asker and the parameters of an operation, from an HTTP request."""
 
 import json
 from collections.abc import Callable, Collection
@@ -21,27 +21,27 @@ P = TypeVar("P")
 
 
 def asker_of(request: web.Request) -> Asker:
-    """Make the asker of what a request asks for: its visitor, who is there while the connection is."""
+    """Make the asker for a request: its visitor, who is there while the connection is."""
     return asker_for(request[VISITOR], partial(is_there, request))
 
 
 def asker_for(visitor: Visitor, waits: IsThere) -> Asker:
-    """Make the asker for a visitor."""
+    """Make the asker for a visitor; `waits` returns whether it is still there."""
     return Asker(visitor.caller, waits, visitor.host, "web")
 
 
 def is_there(request: web.Request) -> bool:
-    """Tell whether who has asked still waits."""
+    """Return whether the client still waits."""
     return request.transport is not None and not request.transport.is_closing()
 
 
 async def parameters_in(request: web.Request, kind: Callable[..., P], in_path: Collection[str] = ()) -> P:
-    """Read the parameters of an operation out of the path, the query and the body of a request.
+    """Read the parameters of an operation from the path, the query and the body of a request.
 
-    Those that stand `in_path`, also if they are left out there, are not taken out of the query.
+    Parameters in `in_path` are not read from the query, even if the path leaves them out.
 
     Raises:
-        Malformed: one is missing or makes no sense, or there is one in the query that the operation does not have.
+        Malformed: one is missing or invalid, or the query has one that the operation does not have.
         ProblemError: 415, the body is not JSON.
     """
     known = parameters_of(kind)

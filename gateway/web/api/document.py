@@ -2,7 +2,7 @@
 
     .venv/bin/python -m gateway.web.api.document > gateway/web/api/openapi.json
 
-The schemas are those that pydantic makes of the types of operations. A gateway at work does not load it.
+The schemas are those that pydantic makes of the types of operations. A running gateway does not load it.
 """
 
 import json
@@ -42,7 +42,7 @@ _NAMES: Final[Mapping[type, str]] = {
     UnitHead: "Unit",
     Reloaded: "Reload",
 }
-#: The names of bodies, by what they are parameters of; others stand where they are used.
+#: The names of shared bodies, by the types of parameters; other bodies are described where they are used.
 _BODIES: Final[Mapping[type, str]] = {
     ValuesToWrite: "NewValues",
     PointToWrite: "NewValues",
@@ -96,7 +96,7 @@ def document(operations: Operations = OPERATIONS) -> dict[str, Any]:
 
 
 def as_text(document: Mapping[str, Any]) -> str:
-    """Write the document as it is kept."""
+    """Write the document as it is stored."""
     return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
 
 

@@ -22,7 +22,7 @@ from gateway.web.front.problems import Handler, ProblemError
 
 #: Below this path are all operations.
 ROOT: Final = "/api/v1"
-#: What may be asked; what has a path is asked here.
+#: Operations; those with a path have a route here.
 Operations = Sequence[Operation[Any, Any]]
 
 _NAMED: Final = re.compile(r"\{(\w+)\}")
@@ -31,14 +31,14 @@ _LAST: Final = re.compile(r"-\{(\w+)\}$")
 
 
 class OperationRoutes:
-    """The handlers of operations. Values are written only if `may_write`."""
+    """The routes of operations. Values are written only if `may_write`."""
 
     def __init__(self, operator: Operator, operations: Operations, *, may_write: bool) -> None:
         with_path = [each for each in operations if each.path is not None]
         self._handlers = [_Handler(each, operator, may_write=may_write) for each in with_path]
 
     def routes(self) -> Iterator[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         for each in self._handlers:
             need: Need = "reading" if each.operation.right == "reading" else "operator"
             for path in _paths(each.operation):
@@ -81,12 +81,12 @@ class _Handler:
 
 
 def json_of(body: object) -> str:
-    """Write dataclasses, and what JSON has, as JSON."""
+    """Write dataclasses and JSON values as JSON text."""
     return json.dumps(body, default=fields_of, ensure_ascii=False)
 
 
 def json_response(text: str) -> web.Response:
-    """Respond with a text that is JSON."""
+    """Make a response from JSON text."""
     return web.Response(text=text, content_type="application/json", headers={"Cache-Control": "no-store"})
 
 
@@ -111,7 +111,7 @@ def _paths(operation: Operation[Any, Any]) -> Iterator[str]:
 
 
 def _pattern(parameter: Parameter) -> str:
-    """Say what a part of a path must look like to be this parameter; empty for any text."""
+    """Return the pattern of a parameter in a path; empty for any text."""
     if Area in parameter.types:
         return f":{'|'.join(Area)}"
     return ":[0-9]{1,5}" if int in parameter.types and str not in parameter.types else ""

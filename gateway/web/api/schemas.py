@@ -1,4 +1,4 @@
-"""JSON schemas of types, as pydantic makes them, for what is told: only `document.py` needs them."""
+"""JSON schemas of types, as pydantic makes them; used only by `document.py`."""
 
 from dataclasses import fields
 from inspect import cleandoc
@@ -15,7 +15,7 @@ _NULL: Final = {"type": "null"}
 
 
 def schema_of(kind: Any) -> Schema:
-    """Make the schema of a type; those of dataclasses are referred to."""
+    """Make the schema of a type, with references to those of dataclasses."""
     return schemas_of(kind)[0]
 
 
@@ -31,7 +31,7 @@ def schemas_of(kind: Any) -> tuple[Schema, dict[str, Schema]]:
 
 
 class _Schemas(GenerateJsonSchema):
-    """Schemas as they are told: all fields are there but those that are told only if known, and no others."""
+    """Schemas of what is sent: each field is there, except those that are left out while unknown, and no other."""
 
     def dataclass_schema(self, schema: Any) -> Schema:
         """Describe a dataclass."""
@@ -49,7 +49,7 @@ class _Schemas(GenerateJsonSchema):
         }
 
     def default_schema(self, schema: Any) -> Schema:
-        """Leave out defaults: what is told is told."""
+        """Leave out defaults: all fields are sent."""
         return self.generate_inner(schema["schema"])
 
     def field_title_should_be_set(self, _schema: Any) -> bool:
@@ -62,7 +62,7 @@ class _Schemas(GenerateJsonSchema):
 
 
 def without_null(schema: Schema) -> Schema:
-    """Take the null out of a schema that may be one: it is left out in its place."""
+    """Remove null from a schema of a value that is left out instead."""
     others = [each for each in schema.get("anyOf", ()) if each != _NULL]
     if len(others) == 1:
         return {**{name: each for name, each in schema.items() if name != "anyOf"}, **others[0]}

@@ -20,7 +20,7 @@ _Seconds = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class RecordsToFollow:
-    """Records as they come, and those of some `seconds` before; at most so many `per_second`, if it is there."""
+    """Records as they come, and those of the last `seconds`; at most `per_second`, if set."""
 
     line: LineNamed | None = None
     unit: UnitNamed | None = None
@@ -38,7 +38,7 @@ class RecordsToFollow:
 
     @property
     def traced(self) -> Traced:
-        """Say the same to the ring."""
+        """The same selection for the ring."""
         return Traced(
             since=self.seconds,
             line=self.line,
@@ -51,7 +51,7 @@ class RecordsToFollow:
 
 @dataclass(frozen=True, slots=True)
 class RecordsToCapture(RecordsToFollow):
-    """Records of some `seconds` before now, for a file."""
+    """Records of the last `seconds`, for a file."""
 
     seconds: _Seconds = 30
     per_second: None = None

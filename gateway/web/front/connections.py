@@ -49,9 +49,9 @@ Connect = Callable[[Context | None], asyncio.Protocol]
 async def listen(
     host: str, port: int, connected: Callable[[], asyncio.Protocol], taken: Iterable[socket.socket] = ()
 ) -> Acceptor:
-    """Accept clients, and have the system disconnect those that read nothing or are gone. `stop` it in the end.
+    """Accept clients until `stop` of the acceptor; the system disconnects those that read nothing or are gone.
 
-    What has `taken` an address keeps it, although it does not listen yet.
+    Addresses of `taken` sockets are refused, even if these do not listen yet.
 
     Raises:
         OSError: the address cannot be used.
@@ -85,7 +85,7 @@ def _refuse_taken(bound: Iterable[socket.socket], taken: Iterable[socket.socket]
 
 
 class Connections:
-    """What clients have opened; `serve` makes what serves one of them."""
+    """The open connections; `serve` makes the handler of one."""
 
     def __init__(self, serve: Callable[[], web.RequestHandler]) -> None:
         self._serve = serve
@@ -99,12 +99,12 @@ class Connections:
         self._look_again: asyncio.TimerHandle | None = None
 
     def connected(self, tls: Context | None = None) -> asyncio.Protocol:
-        """The protocol of a new connection; with `tls` it is served after the handshake."""
+        """Make the protocol of a new connection; with `tls` it is served after the handshake."""
         return _Connection(self, tls)
 
     @web.middleware
     async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Note who has asked something, and begin one request in a turn of the loop: lines have theirs in between."""
+        """Note that a connection has asked something, and begin one request per turn of the loop: lines come first."""
         if request.transport is not None:
             self._asked.add(request.transport)
         async with self._turns.turn(request):
@@ -132,7 +132,7 @@ class Connections:
             self._secured.begin(stream, new.host, origin, now)
 
     def close(self) -> None:
-        """Look no more; the server ends the connections that are served."""
+        """Stop watching connections; the server closes those that are served."""
         self._secured.close()
         if self._look_again is not None:
             self._look_again.cancel()
@@ -140,7 +140,7 @@ class Connections:
     def _make_room(self, now: float) -> bool:
         """Close the oldest connection of the address that has most of them, or, if all have few, the oldest silent one.
 
-        False if there is none.
+        Return False if there is none.
         """
         by_origin: defaultdict[str, list[_Connection]] = defaultdict(list)
         for each in self._open:
@@ -154,7 +154,7 @@ class Connections:
         return bool(most)
 
     def _close_silent(self) -> None:
-        """Close those that have not asked anything in time, and look again when the next one has to."""
+        """Close those that have not asked anything in time, and look again when the next one is due."""
         loop = asyncio.get_running_loop()
         self._look_again = None
         for each in self._open:
@@ -167,7 +167,7 @@ class Connections:
 
 
 class _Connection(asyncio.Protocol):
-    """A connection, and its protocol until it has a place. `stream` is what its handler knows it as."""
+    """A connection, and its protocol until it is served. `stream` is its transport as its handler knows it."""
 
     transport: asyncio.Transport
     stream: asyncio.Transport
@@ -180,25 +180,25 @@ class _Connection(asyncio.Protocol):
 
     @property
     def is_open(self) -> bool:
-        """Whether the system still has it: what is closed may wait for its client to take the rest."""
+        """Whether the system still has it: a closed one may wait for its client to take the rest."""
         sock = self.transport.get_extra_info("socket")
         return not self.transport.is_closing() if sock is None else sock.fileno() >= 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take a place."""
+        """Serve it, or close it if there is no room."""
         self.transport = cast("asyncio.Transport", transport)
         host, *_ = transport.get_extra_info("peername") or ("",)
         self.host = host.partition("%")[0]
         self._connections.begin(self)
 
     def hand_over(self, stream: asyncio.Transport, protocol: asyncio.BaseProtocol) -> None:
-        """Let a protocol go on with it, at once: some versions of Python receive although reading is paused."""
+        """Hand it over to a protocol, at once: some versions of Python receive although reading is paused."""
         self.stream = stream
         self.transport.set_protocol(protocol)
         protocol.connection_made(self.transport)
 
     def has_asked(self, asked: Container[asyncio.BaseTransport]) -> bool:
-        """Whether it is among those that have `asked`."""
+        """Return whether it is among those that have `asked`."""
         return self.stream in asked
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What programs ask without an API: is the gateway alive and ready, and its metrics."""
+"""What monitoring asks: whether the gateway is alive and ready, and its metrics."""
 
 import asyncio
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from gateway.web.front.turns import Turns
 
 
 def machine_routes(running: Running) -> Sequence[tuple[str, str, Handler, Need]]:
-    """List method, path, handler, and what it needs."""
+    """List the routes: method, path, handler, and what it needs."""
     turns = Turns()
 
     async def healthz(_request: web.Request) -> web.Response:
@@ -41,7 +41,7 @@ def machine_routes(running: Running) -> Sequence[tuple[str, str, Handler, Need]]
 
 
 def why_not_ready(running: Running) -> str:
-    """Say why the gateway is not ready: it is while clients can connect and a line is up or an image exists."""
+    """Say why the gateway is not ready; empty while clients can connect and a line is up or an image exists."""
     if not running.ready.is_set():
         return "clients cannot connect"
     gateway = running.gateway

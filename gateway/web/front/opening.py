@@ -24,7 +24,7 @@ from gateway.tls.store import TlsStore, load_all
 async def web_pages(
     plan: WebPlan | None, operator: Operator, fan_out: FanOut, folder: Path | None = None
 ) -> AsyncIterator[None]:
-    """Answer over HTTP inside the context, if the config says so. Where that cannot be, it is told, no more.
+    """Serve HTTP inside the context, if the config says so. If that fails, it is reported, and nothing else stops.
 
     The history is kept in the `folder`.
     """
@@ -70,7 +70,7 @@ async def _open(plan: WebPlan, operator: Operator, fan_out: FanOut, folder: Path
 
 
 def _context_now(plan: WebPlan, contexts: TlsStore) -> Callable[[], ssl.SSLContext] | None:
-    """Give each connection what was loaded last, by a reload or to forget sessions; None for http://.
+    """Make the function that returns the TLS context in use, the last one loaded or renewed; None for http://.
 
     Raises:
         TlsError: a file cannot be used.

@@ -18,7 +18,7 @@ _BUFFER: Final = memoryview(bytearray(PIECE))
 
 
 class InPieces(asyncio.BufferedProtocol):
-    """Between a transport, of a socket or of TLS, and the `handler` of its requests."""
+    """Passes what a transport, of a socket or of TLS, receives to the `handler` of its requests."""
 
     def __init__(self, handler: web.RequestHandler) -> None:
         self._handler = handler
@@ -49,7 +49,7 @@ class InPieces(asyncio.BufferedProtocol):
         self._handler.connection_lost(exc)
 
     def eof_received(self) -> bool:
-        """The client asks nothing more, and gets no more either."""
+        """Close: the client sends no more requests, and gets no more responses either."""
         self._transport.close()
         return False
 

@@ -45,16 +45,16 @@ OF_EXCEPTIONS: Final[Mapping[int, int]] = {
     ExceptionCode.GATEWAY_PATH_UNAVAILABLE: 502,
     ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND: 504,
 }
-#: Where nothing can be written, though it can be read.
+#: Values below this path can only be read.
 _READ_ONLY: Final = "/api/v1/images/"
 _KEPT_HEADERS: Final = ("Allow", "WWW-Authenticate", "Retry-After")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """An error (RFC 9457). `exception` is the code of a Modbus response with an exception.
+    """An error (RFC 9457). `exception` is the code of a Modbus exception response.
 
-    Where the gateway itself has answered with it, `result` is why. `problems` are those of a file that was rejected.
+    If the gateway itself answered with it, `result` is why. `problems` are those of a file that was rejected.
     """
 
     type: str = "about:blank"
@@ -78,7 +78,7 @@ class ProblemError(Exception):
 
 
 def problem_of(wrong: WrongQuestion) -> ProblemError:
-    """Make the problem for an operation that is not carried out."""
+    """Make the problem for an operation that was refused."""
     if isinstance(wrong, ExceptionReceived):
         more: dict[str, Any] = {"exception": wrong.code} | ({"result": wrong.result} if wrong.result else {})
         status = OF_EXCEPTIONS.get(wrong.code, STATUSES[UnitFailed])
@@ -90,7 +90,7 @@ def problem_of(wrong: WrongQuestion) -> ProblemError:
 
 
 def problems(emit: Emit) -> Middleware:
-    """Make problems of all errors: the error boundary of a request."""
+    """Make the middleware that turns all errors into problems: the error boundary of a request."""
 
     @web.middleware
     async def as_problems(request: web.Request, handler: Handler) -> web.StreamResponse:

@@ -13,7 +13,7 @@ from gateway.web.front.pieces import InPieces
 
 
 class SecuredStream(TlsStream):
-    """A connection that gives its socket: aiohttp and `streams` set its options, and nothing may write to it."""
+    """A connection that exposes its socket: aiohttp and `streams` set its options, and nothing may write to it."""
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
         """See asyncio.BaseTransport."""
@@ -21,7 +21,7 @@ class SecuredStream(TlsStream):
 
 
 class SecuredConnections:
-    """Does handshakes: a bounded number, and for a share of the time only. Their deadline is that of connections."""
+    """TLS handshakes: a bounded number, and only for a share of the time. Their deadline is that of connections."""
 
     def __init__(self, serve: Callable[[], web.RequestHandler]) -> None:
         self._serve = serve

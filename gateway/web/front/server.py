@@ -49,7 +49,7 @@ _LONGEST_LINE: Final = 2048
 #: The most parameters in an address: what they cost is paid before any login.
 _MOST_PARAMETERS: Final = 32
 
-#: What ends only when its reader leaves, or costs as much for its head as for all of it.
+#: Without HEAD: streams, which end only when the reader leaves, and a file whose head costs as much as all of it.
 _STREAMS: Final = frozenset({"/api/v1/events", "/api/v1/trace", "/api/v1/trace.pcapng"})
 
 #: The logger for aiohttp's complaints about clients that do not send HTTP: not shown.
@@ -61,11 +61,11 @@ _SILENT.disabled = True
 async def web_open(
     settings: WebSettings, operator: Operator, fan_out: FanOut, taken: Iterable[socket.socket] = ()
 ) -> AsyncIterator[str]:
-    """Run the server inside the context; yields its address. What has `taken` an address keeps it.
+    """Run the server inside the context; yield its address. Addresses of `taken` sockets are refused.
 
     Raises:
         OSError: the address or the file with the users cannot be used.
-        UsersError: a line of that file is none of a user.
+        UsersError: others may read or change that file, or a line of it is invalid.
     """
     async with serving(settings, operator, fan_out) as connect:
         acceptor = await listen(settings.host, settings.port, partial(connect, settings.tls), taken)
@@ -80,7 +80,7 @@ async def web_open(
 async def serving(
     settings: WebSettings, operator: Operator, fan_out: FanOut, operations: Operations = OPERATIONS
 ) -> AsyncIterator[Connect]:
-    """Serve connections inside the context; yields what makes the protocol of each, with or without TLS."""
+    """Serve connections inside the context; yield what makes the protocol of each, with or without TLS."""
     emit = operator.running.emit
     table = UserTable(settings.users, lambda reason: emit(WebUsersRejected(reason)))
     async with table.kept_up_to_date(), aclosing(Examinations(operator.running, operator.clock)) as doctor:
@@ -96,7 +96,7 @@ async def serving(
             logger=_SILENT,
             keepalive_timeout=IDLE,
             shutdown_timeout=_SHUTDOWN,
-            lingering_time=0,  # what no handler has read, nobody parses
+            lingering_time=0,  # a body that no handler has read is not parsed
             read_bufsize=_LARGEST_BODY // 2,  # twice as much may wait for its handler
             max_line_size=_LONGEST_LINE,
             auto_decompress=False,  # no client of ours packs what it sends, and 32 KiB can become 30 MB

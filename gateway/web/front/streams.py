@@ -35,21 +35,21 @@ _Reader = tuple[str, str]
 
 
 class EventSource(Protocol):
-    """The events for one reader, or what the trace tells him."""
+    """The events for one reader, or the trace."""
 
     @property
     def is_lost(self) -> bool:
-        """Tell whether the reader is to be dropped: more events than can wait, or what he reads is there no longer."""
+        """Whether to drop the reader: more events wait than may, or what it reads no longer exists."""
 
     async def next(self, patience: float) -> Sequence[str]:
-        """Give the events that wait, as JSON; none if none has come within `patience` seconds."""
+        """Return the events that wait, as JSON; empty if none comes within `patience` seconds."""
 
 
 class Streams:
-    """The streams that are open."""
+    """The open streams."""
 
     def __init__(self) -> None:
-        #: Who reads: user and address. The oldest first.
+        #: The readers, as user and address, oldest first.
         self._readers: dict[asyncio.Task[None], _Reader] = {}
         self._share_keys = ShareKeys()
 
@@ -82,12 +82,12 @@ class Streams:
         return response
 
     def end(self) -> None:
-        """End all of them."""
+        """End all streams."""
         for task in self._readers:
             task.cancel()
 
     def _make_room(self, new: _Reader) -> bool:
-        """End the oldest stream of who has most of them; False if all have few, or `new` is who has most."""
+        """End the oldest stream of the reader that has most; return False if all have few, or `new` is that reader."""
         most, number = Counter(self._readers.values()).most_common(1)[0]
         if number <= MOST_OF_ONE or new == most:
             return False
@@ -119,14 +119,14 @@ async def _write(response: web.StreamResponse, text: str) -> None:
 
 
 def bound_buffers(transport: asyncio.Transport | None) -> None:
-    """Limit what is kept for somebody who does not read."""
+    """Limit what is kept for a client that does not read."""
     if transport is not None:
         transport.set_write_buffer_limits(high=_OWN_BUFFER)
         _set(transport, socket.SO_SNDBUF, _KERNEL_BUFFER)
 
 
 def drop(transport: asyncio.Transport | None) -> None:
-    """Close a connection at once: what the system still has for it is not kept until somebody reads it."""
+    """Close a connection at once, and discard what the system still has to send."""
     if transport is not None:
         _set(transport, socket.SO_LINGER, struct.pack("ii", 1, 0))
         transport.abort()

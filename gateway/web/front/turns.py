@@ -1,4 +1,4 @@
-"""What is done for one request at a time."""
+"""Work that is done for one request at a time."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -8,10 +8,10 @@ from aiohttp import web
 
 
 class Turns:
-    """Lets one request in at a time, in the order in which they came.
+    """Admits one request at a time, in the order in which they came.
 
-    The server does not end a handler when its client goes: without this, whoever asks and goes, again and again,
-    would have everybody else wait for work that nobody wants.
+    The server does not end a handler when its client disconnects: without this, a client that asks and disconnects
+    again and again would make all others wait for work that is no longer wanted.
     """
 
     def __init__(self) -> None:
@@ -19,7 +19,7 @@ class Turns:
 
     @asynccontextmanager
     async def turn(self, request: web.Request) -> AsyncIterator[None]:
-        """The turn of this request.
+        """Wait for the turn of this request, and keep it inside the context.
 
         Raises:
             HTTPServiceUnavailable: its client has gone meanwhile.
@@ -31,5 +31,5 @@ class Turns:
 
 
 def has_gone(request: web.Request) -> bool:
-    """Whether nobody waits for the response any more."""
+    """Return whether the client has disconnected."""
     return request.transport is None or request.transport.is_closing()

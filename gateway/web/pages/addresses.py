@@ -1,4 +1,4 @@
-"""Where pages are."""
+"""The paths of pages."""
 
 from typing import Literal
 from urllib.parse import quote
@@ -9,15 +9,15 @@ from gateway.operator.answers.unit import UnitPicture
 
 
 def path_of(kind: Literal["units", "images"], unit: UnitPicture) -> str:
-    """The path of the page of a unit, or of an image; what is below it follows."""
+    """Return the path of the page of a unit or image; paths below it begin with this."""
     return f"/{kind}/{quote(unit.name or str(unit.unit), safe='')}"
 
 
 def page_of(unit: UnitPicture) -> str:
-    """The path of the page that shows a unit."""
+    """Return the path of the page that shows a unit."""
     return path_of("units" if unit.kind in ("device", "upstream") else "images", unit)
 
 
 def see_other(target: str) -> web.Response:
-    """The answer to a form: the browser shows `target` then, and reloading that sends nothing again."""
+    """Answer a form: the browser shows `target`, and reloading that sends nothing again."""
     return web.Response(status=303, headers={"Location": target})

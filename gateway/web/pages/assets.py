@@ -33,11 +33,11 @@ class Assets:
         self._assets = {path.relative_to(folder).as_posix(): _asset(path) for path in files}
 
     def address(self, name: str) -> str:
-        """Where the page finds a file: an address that changes with its content."""
+        """Return the address of a file; it changes with the content."""
         return f"/static/{name}?v={self._assets[name].version}"
 
     async def serve(self, request: web.Request) -> web.StreamResponse:
-        """The handler of `/static/{name}`."""
+        """Handle `/static/{name}`."""
         asset = self._assets.get(request.match_info["name"])
         if asset is None:
             raise web.HTTPNotFound

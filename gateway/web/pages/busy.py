@@ -22,7 +22,7 @@ class Hour:
 
 
 def busy_outline(past: Past, line: str) -> str:
-    """The outline of its busy share, a column for each slot; nothing where the gateway did not run."""
+    """Draw the busy share of a line as a path, a column for each slot; nothing where the gateway did not run."""
     parts: list[str] = []
     is_open = False
     for place, use in enumerate(_uses(past, line)):
@@ -35,7 +35,7 @@ def busy_outline(past: Past, line: str) -> str:
 
 
 def hours(past: Past, line: str) -> list[Hour]:
-    """The hours of the last day, the last one first; those of the day before with their date."""
+    """List the hours of the last day, the last one first; those of the day before with their date."""
     slots = [(past.first + place, use) for place, use in enumerate(_uses(past, line)) if use is not None]
     per_hour = 3600 // STEP
     today = midnight_before(past.first + len(past.slots) - 1)

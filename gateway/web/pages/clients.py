@@ -32,11 +32,11 @@ class ClientsPage:
         self._renderer = renderer
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [("GET", "/clients", self.show, "page")]
 
     async def show(self, request: web.Request) -> web.Response:
-        """Clients and rights; what the form asks is in the address."""
+        """Show clients and rights; the address has the fields of the form."""
         asked = {name: request.query.get(name, "").strip() for name in ("from", "listener", "role", "unit", "function")}
         found, why = self._verdict(asked)
         status = await recent_status(self._operator)
@@ -59,7 +59,7 @@ class ClientsPage:
         )
 
     def _verdict(self, asked: dict[str, str]) -> tuple[Verdict | None, str]:
-        """What the rights say to the question of the form, or why it cannot be answered; neither without a question."""
+        """Decide what the form asks, or say why that is not possible; neither without a question."""
         if not asked["from"]:
             return None, ""
         unit, function, role = asked["unit"], asked["function"], asked["role"]
@@ -73,7 +73,7 @@ class ClientsPage:
             return None, str(wrong)
 
     async def _denied(self, host: str) -> Sequence[object]:
-        """The last requests that a client had no right to."""
+        """List the last requests that a client had no right to."""
         try:
             return await latest(self._operator.running, Traced(result="denied"), host, MOST_DENIED)
         except WrongQuestion:  # nothing is kept

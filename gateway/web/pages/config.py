@@ -27,11 +27,11 @@ class ConfigPage:
         self._turns = Turns()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [("GET", "/config", self.show, "page"), ("POST", "/config/reload", self.reload, "operator")]
 
     async def show(self, request: web.Request) -> web.Response:
-        """What is in use, what the file says now, and what became of the last reload."""
+        """Show what is in use, what the file says now, and the outcome of the last reload."""
         async with self._turns.turn(request):
             config = await self._viewer.view()
         at = day_and_time(config.at) if config.at else ""
@@ -40,7 +40,7 @@ class ConfigPage:
         )
 
     async def reload(self, request: web.Request) -> web.Response:
-        """Read the file again; the page tells the outcome.
+        """Read the file again; the page shows the outcome.
 
         Raises:
             Unready: the gateway does not get to it.
@@ -50,7 +50,7 @@ class ConfigPage:
 
 
 def _commands(config: ConfigView) -> Sequence[str]:
-    """How the file is changed, checked and used; a service belongs to a user of its own."""
+    """List the commands that change, check and use the file; a service belongs to a user of its own."""
     file = quote(config.file)
     edit, order = ("sudoedit", "sudo ") if config.is_service else ('"${EDITOR:-nano}"', "")
     return f"{edit} {file}", f"modbus-gateway check {file}", f"{order}modbus-gateway reload"

@@ -1,4 +1,4 @@
-"""What stands in the fields of forms."""
+"""The fields of forms."""
 
 import re
 from typing import Final
@@ -10,10 +10,10 @@ _LARGEST: Final = 65535
 
 
 def whole(text: str, name: str) -> int:
-    """A number from 0 to 65535: 135 or 0x87.
+    """Read a number from 0 to 65535: `135` or `0x87`.
 
     Raises:
-        ProblemError: it is none.
+        ProblemError: it is no such number.
     """
     text = text.strip()
     number = int(text, 16 if "x" in text.lower() else 10) if _WHOLE.fullmatch(text) else -1

@@ -1,4 +1,4 @@
-"""What the functions are called on pages; `functions.json` among the translations has these words."""
+"""Names of functions on pages; `functions.json` among the translations has these words."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -27,5 +27,5 @@ _NAMES: Final[Mapping[int, str]] = {
 
 
 def function_name(function: int) -> str:
-    """The name of a function code, in English."""
+    """Return the name of a function code, in English."""
     return _NAMES.get(function, "other functions")

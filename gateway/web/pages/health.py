@@ -1,4 +1,4 @@
-"""The page of the health: what doctor says."""
+"""The page of the health: the findings of doctor."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from gateway.web.front.problems import Handler
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
 
-#: What is typed as it stands: commands, and keys of the config with their values.
+#: What a user types literally: commands, and keys of the config with their values.
 _TYPED: Final = re.compile(
     r"((?:systemctl|modbus-gateway|echo|kill) [^,;]*?(?= shows |[,;]|$)"
     r'|\b[a-z_]+ = (?:"[^"]*"|[^\s,;]+)|\[+[a-z]+\]+|--\w+)'
@@ -28,15 +28,15 @@ class HealthPage:
         self._renderer = renderer
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [("GET", "/health", self.show, "page"), ("POST", "/health", self.examine, "operator")]
 
     async def show(self, request: web.Request) -> web.Response:
-        """What was measured, and what devices answered when they were asked last."""
+        """Show what was measured, and what devices answered when they were last asked."""
         return await self._page(request)
 
     async def examine(self, request: web.Request) -> web.Response:
-        """Ask devices too."""
+        """Start an examination that asks devices too."""
         why_not = self._doctor.start(request[VISITOR].user)
         if not why_not:
             raise web.HTTPSeeOther("/health")
@@ -61,19 +61,19 @@ class HealthPage:
 
 
 def counted(report: Report) -> dict[str, int]:
-    """How many findings there are of each level, the worst first."""
+    """Count the findings of each level, the worst level first."""
     levels = [finding.level for _, findings in report.groups for finding in findings]
     return {level: levels.count(level) for level in ("fix", "note", "ok")}
 
 
 def ranked(report: Report) -> list[tuple[str, Sequence[Finding]]]:
-    """The findings by line, what must be fixed first."""
+    """Sort the findings of each line, and the lines, by what must be fixed first."""
     groups = [(name, sorted(found, key=_rank)) for name, found in report.groups if found]
     return sorted(groups, key=lambda group: _rank(group[1][0]))
 
 
 def in_parts(remedy: str) -> list[tuple[str, bool]]:
-    """A remedy in parts, each with whether it is to be typed as it stands."""
+    """Split a remedy into parts, each with whether it is to be typed literally."""
     return [(text, place % 2 == 1) for place, text in enumerate(_TYPED.split(remedy)) if text]
 
 

@@ -1,6 +1,6 @@
 """How units have answered in the last day: a row of a picture for each, with a column for each slot of the history.
 
-What a column tells is told by its height, its pattern and its colour.
+The height, the pattern and the colour of a column all show its kind.
 """
 
 import re
@@ -17,11 +17,11 @@ from gateway.web.pages.unit_states import ShownState, is_failing
 #: The height of the picture, and of each kind of column; the kinds in the order of the legend.
 HEIGHT: Final = 12
 KINDS: Final = {"fine": 4, "slow": 6, "exceptions": 6, "few": 8, "many": 10, "none": 12, "idle": 1}
-#: From this share of requests on there are many with an exception.
+#: From this share of exceptions on, a column shows them.
 _EXCEPTIONS: Final = 0.05
 #: From this mean share of the limit on, answers are slow.
 _SLOW: Final = 0.6
-#: How long rows are shown again, in seconds: any number of readers costs no more than one.
+#: How long rows are reused, in seconds: any number of readers costs no more than one.
 _KEPT: Final = 10.0
 _TICKS: Final = 6
 #: How many slots pictures have: one, three, six, twelve hours, a day. New gateways have not seen more.
@@ -35,7 +35,7 @@ _RUN: Final = re.compile(r"(\S)\1*")
 
 @dataclass(frozen=True, slots=True)
 class Worst:
-    """The slot with the most requests without an answer, from when to when."""
+    """The slot with the most unanswered requests, and when it began and ended."""
 
     begin: str
     end: str
@@ -45,7 +45,7 @@ class Worst:
 
 @dataclass(frozen=True, slots=True)
 class HeatRow:
-    """A unit in the last day: outlines of its columns by kind, and sums. `limit_share` is the mean one of responses."""
+    """A unit in the last day: outlines of its columns by kind, and sums. `limit_share` is the mean of its responses."""
 
     columns: tuple[tuple[str, str], ...]
     use: UnitUse
@@ -55,7 +55,7 @@ class HeatRow:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """What pictures show of the last day: its last hours, from the slot `first` on, with times of day along them."""
+    """The time axis of pictures: the last `hours` of the day, from the slot `first` on, with times of day along it."""
 
     hours: int
     first: int
@@ -65,9 +65,9 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class ShownUnits:
-    """Units in the order of the page with rows and states, the axis of these, and how many units are left out.
+    """Units in the order of the page, with rows, states and the time axis; `left_out` is how many more there are.
 
-    Those that only a listener for their line or upstream leads to are not `with_page`.
+    Units that are reached only by a listener for their line or upstream are not in `with_page`.
     """
 
     units: tuple[Any, ...]
@@ -80,7 +80,7 @@ class ShownUnits:
 
 
 class HeatMap:
-    """Makes rows, in the thread that makes a page."""
+    """Makes rows in the thread that makes a page, and keeps them for a while."""
 
     def __init__(self) -> None:
         self._made_at = -_KEPT
@@ -88,7 +88,7 @@ class HeatMap:
         self._rows: Mapping[str, HeatRow] = {}
 
     def rows(self, units: Sequence[Any], past: Past, now: float) -> Mapping[str, HeatRow]:
-        """The rows of units by name, at most some seconds old; `now` is the time of any clock that goes on."""
+        """Return the rows of units by name, at most some seconds old; `now` is the time of any monotonic clock."""
         names = tuple(unit.name for unit in units)
         if names != self._names or now - self._made_at >= _KEPT:
             rows = {}
@@ -100,7 +100,7 @@ class HeatMap:
 
 
 def axis(past: Past) -> Axis:
-    """The axis for all that is known of the last day."""
+    """Make the axis for all that is known of the last day."""
     count = len(past.slots)
     known = next((count - place for place, slot in enumerate(past.slots) if slot is not None), 0)
     slots = next((each for each in _SPANS if known <= each), count)
@@ -110,23 +110,23 @@ def axis(past: Past) -> Axis:
 
 
 def clock(number: int) -> str:
-    """When a slot begins, as a time of day of this machine."""
+    """Format the begin of a slot as the local time of day."""
     return f"{datetime.fromtimestamp(number * STEP).astimezone():%H:%M}"
 
 
 def day_and_clock(number: int) -> str:
-    """When a slot begins, as month and day, and time of day."""
+    """Format the begin of a slot as month and day, and local time of day."""
     return f"{datetime.fromtimestamp(number * STEP).astimezone():%m-%d %H:%M}"
 
 
 def midnight_before(number: int) -> float:
-    """The number of the slot with which the day of this one begins."""
+    """Find the number of the slot with which the day of this one begins."""
     now = datetime.fromtimestamp(number * STEP).astimezone()
     return now.replace(hour=0, minute=0, second=0).timestamp() / STEP
 
 
 def kind_of(use: UnitUse | None) -> str:
-    """What kind of column tells this."""
+    """Choose the kind of column for this use."""
     if use is None or not use.requests:
         return "idle"
     lost, share = use.unanswered / use.requests, mean_share(use) or 0.0

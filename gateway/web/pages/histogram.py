@@ -11,7 +11,7 @@ from gateway.operator.answer_times import FunctionTimes
 #: The size of the plot, in units of its own. Below it are the times, above it the marks.
 WIDTH: Final = 600.0
 HEIGHT: Final = 72.0
-#: The least time that is shown, in milliseconds, and how much longer ones than the longest.
+#: The least time that is shown, in milliseconds, and the factor by which the scale exceeds what it shows.
 _LEAST: Final = 0.5
 _BEYOND: Final = 1.6
 _TICKS: Final = (1, 10, 100, 1000, 10_000, 100_000)
@@ -48,7 +48,7 @@ class Plot:
 
 
 def plotted(times: FunctionTimes) -> Plot:
-    """The plot of these times; without responses it has no bars."""
+    """Make the plot of these times; without responses it has no bars."""
     scale = _Scale(times)
     bars = tuple(_bars(times, scale))
     marks = (("p99", times.p99_ms), ("proposed", times.proposed_ms), ("limit", times.limit_ms))

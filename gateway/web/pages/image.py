@@ -44,15 +44,15 @@ class ImagePage:
         self._rights = rights
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [("GET", "/images/{unit}", self.show, "page")]
 
     async def show(self, request: web.Request) -> web.Response:
         """Show some addresses of one area. The address names `area`, `from`, `type` and `swap`.
 
         Raises:
-            ProblemError: there is no such area, address or type.
-            WrongQuestion: there is no unit of this name.
+            ProblemError: there is no such area or address.
+            WrongQuestion: there is no such unit, or the type or swap does not fit.
         """
         unit, asker = unit_in(request, self._operator), asker_of(request)
         whole_image = self._window(unit, Span(Area.HOLDING, 0, 0))
@@ -91,10 +91,11 @@ class ImagePage:
 
 
 def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> dict[str, Any]:
-    """Read what the address asks for, or the first addresses that exist.
+    """Read what the address asks for; without it, the first addresses that exist.
 
     Raises:
-        ProblemError: it makes no sense.
+        ProblemError: there is no such area or address.
+        Malformed: there is no such type or swap, or it does not fit.
     """
     usual = next((each for each in _FIRST_SHOWN if areas.get(each)), Area.HOLDING)
     name = query.get("area", str(usual))
@@ -103,7 +104,7 @@ def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> d
     area = Area(name)
     data_type, swap = query.get("type", ""), query.get("swap", "none")
     if (data_type == "bit") != has_bits(area):
-        data_type = ""  # that of another area
+        data_type = ""  # it was chosen for another area
     if has_bits(area):
         swap = "none"
     values_at(area, 0, None, data_type, swap)
@@ -118,13 +119,13 @@ def _address(asked: Mapping[str, Any], start: int | None, *, is_panel: bool) -> 
 
 
 def _before(ranges: Sequence[Range], start: int) -> int | None:
-    """Find where the window before begins, if there is anything."""
+    """Find where the previous window begins; None if there is nothing before this one."""
     first = ranges[0][0] if ranges else 0
     return max(start - MOST, first) if start > first else None
 
 
 def _after(ranges: Sequence[Range], start: int, size: int) -> int | None:
-    """Find where the next window begins: at the first value of this size that this one has no room for."""
+    """Find where the next window begins: at the first value of this size that does not fit here; None without any."""
     end = start + MOST
     for first, last in ranges:
         if last >= end:

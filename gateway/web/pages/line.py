@@ -38,11 +38,11 @@ class LinePage:
         self._heat_map = heat_map
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [("GET", "/lines/{name}", self.show, "page")]
 
     async def show(self, request: web.Request) -> web.Response:
-        """One line.
+        """Show one line or upstream.
 
         Raises:
             ProblemError: 404, there is none of this name.
@@ -80,7 +80,7 @@ class LinePage:
         )
 
     async def _last_rows(self, line: str, host: str) -> Sequence[dict[str, Any]]:
-        """The last transactions on a line that a reader at this address may see, the newest first."""
+        """List the last transactions on a line that a reader at this address may see, newest first."""
         facts = await latest(self._operator.running, Traced(line=line), host, _LOOKED_AT)
         shown = [fact for fact in facts if fact["kind"] in ("exchange", "answered", "refused")]
         return [row(fact) for fact in shown[:MOST_FACTS]]

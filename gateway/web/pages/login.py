@@ -49,7 +49,7 @@ class LoginPage:
         self._one_login_at_a_time = asyncio.Lock()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [
             ("GET", "/login", self.login_page, "nothing"),
             ("POST", "/login", self.login, "nothing"),
@@ -57,11 +57,11 @@ class LoginPage:
         ]
 
     async def login_page(self, request: web.Request) -> web.Response:
-        """The form."""
+        """Show the form."""
         return await self._login_page(request)
 
     async def login(self, request: web.Request) -> web.Response:
-        """Log in: the fields `user` and `password`. Programs that accept JSON get the session as such."""
+        """Log in with the fields `user` and `password`. Programs that accept JSON get the session."""
         form, now = await request.post(), asyncio.get_running_loop().time
         name, password = str(form.get("user", "")), str(form.get("password", ""))
         visitor = request[VISITOR]
@@ -114,7 +114,7 @@ class LoginPage:
         return response
 
     async def _is_password(self, address: str, name: str, password: str) -> bool:
-        """Whether it is right; not even looked at if other attempts have failed while this one waited."""
+        """Check the password; return False without that if other attempts have failed while this one waited."""
         loop = asyncio.get_running_loop()
         user = self._table.users.get(name)
         if len(password) > LONGEST_PASSWORD or self._attempts.wait(address, user, loop.time()):
@@ -142,6 +142,6 @@ def _wants_json(request: web.Request) -> bool:
 
 
 def _local(target: str) -> str:
-    """A path of ours; anything else becomes the first page: no login leads to somebody else."""
+    """Return a path of ours, or else that of the first page: no login leads to another site."""
     is_path = target.startswith("/") and not target.startswith(("//", "/\\")) and target.isprintable()
     return target if is_path and target.isascii() else "/"

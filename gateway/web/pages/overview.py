@@ -27,7 +27,7 @@ from gateway.web.pages.unit_states import ShownState, states_of
 
 #: From this busy share on a line is said to be full.
 FULL: Final = 0.85
-#: With more units than this, those that nobody has asked in the last day are not listed: a line may pass all through.
+#: With more units than this, those not asked in the last day are not listed: a line may pass all through.
 ALL_SHOWN: Final = 32
 #: A wall panel shows no more lines and units than these, those with problems first: it cannot be scrolled.
 PANEL_LINES: Final = 10
@@ -45,9 +45,9 @@ _FINE: Final = 3
 class Trouble:
     """What is wrong with the line, unit or broker of this name; a `reason` is in the gateway's words.
 
-    `share` is that of the time in which a line was busy, or of the `requests` of the last minutes without an answer; so
-    many of these were `unsent`, most often for the result `unsent_for`. A unit that rests is left alone for `rests_ms`
-    from now on. `found` is what doctor says must be fixed.
+    `share` is the share of time in which a line was busy, or of unanswered `requests` of a unit in the last minutes; of
+    these, `unsent` were not sent, most often for the result `unsent_for`. A resting unit is left alone for `rests_ms`
+    more. `found` is what doctor says must be fixed.
     """
 
     kind: Literal["down", "resting", "failing", "full", "fix"]
@@ -73,11 +73,11 @@ class OverviewPage:
         self._heat_map = heat_map
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [("GET", "/", self.show, "page")]
 
     async def show(self, request: web.Request) -> web.Response:
-        """How everything is."""
+        """Show the state of everything."""
         status, past = await recent_status(self._operator), past_of(self._operator, UNIT_SLOTS)
         with_page = frozenset(unit.name for unit in units_of(self._operator))
         now, report = asyncio.get_running_loop().time(), await self._doctor.measured()
@@ -112,7 +112,7 @@ class OverviewPage:
 
 
 def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Trouble]:
-    """What is wrong now, lines and the broker first."""
+    """Yield what is wrong now, lines and the broker first."""
     known: tuple[AnyLine, ...] = (*status.lines, *status.servers, *status.upstreams)
     for each in known:
         if each.state == "down":
@@ -148,7 +148,7 @@ def _of_unit(unit: Any, kind: Literal["resting", "failing"], state: ShownState) 
 
 
 def _of_panel(lines: Sequence[ShownLine]) -> Sequence[ShownLine]:
-    """Those that there is room for, in the order of the config."""
+    """Choose the lines that a panel has room for, in the order of the config."""
     if len(lines) <= PANEL_LINES:
         return lines
     first = sorted(lines, key=lambda line: (line.status.state != "down", -(line.busy_share or 0.0)))[:PANEL_LINES]
@@ -156,7 +156,7 @@ def _of_panel(lines: Sequence[ShownLine]) -> Sequence[ShownLine]:
 
 
 def with_findings(known: Sequence[Trouble], report: Report) -> list[Trouble]:
-    """The troubles with what doctor says must be fixed, and after them what else must be."""
+    """Add what doctor says must be fixed to the troubles, and append what is wrong besides."""
     fixes: dict[tuple[str, str], Trouble] = {}
     for line, findings in report.groups:
         for each in findings:
@@ -167,13 +167,13 @@ def with_findings(known: Sequence[Trouble], report: Report) -> list[Trouble]:
     told = []
     for trouble in known:
         fix = fixes.pop((trouble.page, trouble.name), None)
-        # Doctor says of what is down what its row says already.
+        # If it is down, its row says already what doctor would add.
         told.append(trouble if fix is None or trouble.kind == "down" else replace(trouble, found=fix.found))
     return [*told, *fixes.values()]
 
 
 def worst_first(known: Sequence[Trouble]) -> list[Trouble]:
-    """The troubles in the order of how bad they are; of one unit or line there may be a finding that must be fixed."""
+    """Sort troubles, the worst first; a failing unit with a finding counts as one that must be fixed."""
     return sorted(known, key=lambda each: _BADNESS.index("fix" if each.found and each.kind == "failing" else each.kind))
 
 
@@ -191,7 +191,7 @@ def shown_units(
     with_page: frozenset[str],
     most: int | None = None,
 ) -> ShownUnits:
-    """The units of the heat map, at most this many."""
+    """Choose and sort the units of the heat map, at most `most`."""
     units: Sequence[UnitStatus] = status.units
     if len(units) > ALL_SHOWN:
         units = [unit for unit in units if rows[unit.name].use.requests or states[unit.name].word != "not asked"]

@@ -21,7 +21,7 @@ _REFUSED: Final = frozenset({400, 401, 403, 404, 408, 413, 421, 422})
 
 
 def problem_pages(renderer: Renderer, visitor_of: Callable[[web.Request], Visitor]) -> Middleware:
-    """Middleware that shows a problem as a page to a browser that asks for pages."""
+    """Make the middleware that shows a problem as a page to a browser that asks for pages."""
 
     @web.middleware
     async def as_pages(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -50,7 +50,7 @@ def problem_pages(renderer: Renderer, visitor_of: Callable[[web.Request], Visito
 
 
 def _back(request: web.Request) -> str:
-    """The page of ours that the request comes from."""
+    """Find the page of ours that the request comes from; the first page if there is none."""
     referer = urlsplit(request.headers.get("Referer", ""))
     is_ours = referer.netloc.lower() == request.host.lower() and referer.path.startswith("/")
     is_path = is_ours and not referer.path.startswith("//") and referer.path.isascii() and referer.path != request.path

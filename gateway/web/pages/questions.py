@@ -1,4 +1,4 @@
-"""Writes that wait for a user to confirm them, and what became of those that he has. Bounded; time is an argument."""
+"""Writes that wait for a user to confirm them, and the results of confirmed ones. Bounded; time is an argument."""
 
 import asyncio
 import secrets
@@ -11,7 +11,7 @@ from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint
 from gateway.profiles.point import Reading
 
-#: How long a question may be answered, and what became of it be seen, in seconds; and how many there are at a time.
+#: How long a question can be confirmed, and its result be seen, in seconds; and how many there are at a time.
 PATIENCE: Final = 120.0
 KEPT: Final = 900.0
 MOST: Final = 64
@@ -19,9 +19,9 @@ MOST: Final = 64
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What the unit has answered: an exception, or what it has afterwards, if that could be read.
+    """The unit's answer: an exception, or the values after the write, if they could be read.
 
-    After some exceptions it `may_have_acted` all the same.
+    After some exceptions the unit `may_have_acted` all the same.
     """
 
     exception: Complaint | str | None
@@ -33,11 +33,11 @@ class Result:
 
 @dataclass(slots=True)
 class Question:
-    """Whether to write what is `wanted`, with the request `pdu`. `owner` is the CSRF token of who is asked.
+    """A write to confirm: the `wanted` values, and the request `pdu`. `owner` is the CSRF token of the user.
 
-    `target` is what answered for the unit then: a reload may lead its number elsewhere.
-    The readings have what was there `before`, or `why_no_old`. It is sent at most once: `is_sent` is set before.
-    `waiting` has for each browser that waits for the `result` what tells whether it still does.
+    `target` is what answered for the unit then: a reload may replace it. The readings have the values `before`, or
+    `why_no_old` says why not. It is sent at most once: `is_sent` is set before. `waiting` has a function for each
+    browser that waits for the `result`; it returns whether the browser is still connected.
     """
 
     unit: UnitPicture
@@ -53,18 +53,18 @@ class Question:
     waiting: list[Callable[[], bool]] = field(default_factory=list)
 
     def is_over(self, now: float) -> bool:
-        """Whether it can be neither answered nor seen any longer."""
+        """Return whether it can be neither confirmed nor seen any longer."""
         return now - self.asked_at > (KEPT if self.is_sent else PATIENCE)
 
 
 class Questions:
-    """The questions by their identifiers, which nobody can guess."""
+    """The questions by their identifiers, which cannot be guessed."""
 
     def __init__(self) -> None:
         self._questions: OrderedDict[str, Question] = OrderedDict()
 
     def put(self, question: Question, now: float) -> str:
-        """Keep a question; its identifier. The oldest one makes room."""
+        """Keep a question, and return its identifier. The oldest one makes room."""
         for identifier in [each for each, old in self._questions.items() if old.is_over(now)]:
             del self._questions[identifier]
         if len(self._questions) >= MOST:
@@ -74,6 +74,6 @@ class Questions:
         return identifier
 
     def find(self, identifier: str, now: float) -> Question | None:
-        """The question, if there is still one."""
+        """Find a question; None if it is over."""
         question = self._questions.get(identifier)
         return None if question is None or question.is_over(now) else question

@@ -1,4 +1,4 @@
-"""How pages are made of templates."""
+"""Makes pages from templates."""
 
 import asyncio
 import gzip
@@ -25,16 +25,16 @@ FOLDER: Final = Path(__file__).parent / "templates"
 _HEADERS: Final = {"Cache-Control": "no-store", "Vary": "Accept-Language, Cookie"}
 
 
-#: How hard pages are packed: harder is slower, and no smaller to speak of.
+#: The gzip level of pages: higher ones are slower, and save next to nothing.
 _PACKING: Final = 4
 #: A page is made in slices of this time, in seconds, with pauses that are as many times longer: the lines need the
-#: interpreter, and whatever visitors ask for, making pages takes a quarter of a processor.
+#: interpreter, and making pages never takes more than a quarter of a processor.
 _SLICE: Final = 0.00025
 _PAUSES: Final = 3
 
 
 class _Compiled(BytecodeCache):
-    """Templates that were compiled: one serves all languages, for what is said in them is looked up when it is used."""
+    """Compiled templates, shared by all languages: texts are looked up when they are used."""
 
     def __init__(self) -> None:
         self._templates: dict[str, CodeType | None] = {}
@@ -53,7 +53,7 @@ class Page(Protocol):
     """A page, or some that belong together."""
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
 
 
 class Renderer:
@@ -72,15 +72,15 @@ class Renderer:
         in_thread: Callable[[], Mapping[str, Any]] = dict,
         **content: Any,
     ) -> web.Response:
-        """The page that a template makes of this content, for who has sent the request, in his language.
+        """Make a page from a template and this content, in the language of the request.
 
         `in_thread` is called in the thread that makes the page; it adds to the content.
 
         Raises:
-            HTTPServiceUnavailable: who has sent it has gone before its turn came.
+            HTTPServiceUnavailable: the client has disconnected before its turn.
         """
         language = language_of(request)
-        # A path that begins with // would lead to somebody else.
+        # A path that begins with // would lead to another host.
         path, chosen = f"/{request.rel_url.raw_path.lstrip('/')}", request.rel_url.update_query
         others = [(each, f"{path}?{chosen(lang=each.code).raw_query_string}") for each in LANGUAGES.values()]
         theme = theme_of(request)
@@ -122,7 +122,7 @@ class Renderer:
 
 
 def _in_slices(parts: Iterable[str]) -> Iterator[str]:
-    """The parts of a page, in a thread that rests between slices of making them."""
+    """Yield the parts of a page; the thread rests between slices of making them."""
     begun = thread_time()
     for part in parts:
         yield part
@@ -132,7 +132,7 @@ def _in_slices(parts: Iterable[str]) -> Iterator[str]:
 
 
 def _templates(language: Language, assets: Assets) -> Environment:
-    """The templates in one language: macros that are imported see the texts of their environment, and no others."""
+    """Load the templates in one language: imported macros see the texts of their environment, and no others."""
     templates = Environment(
         loader=FileSystemLoader(FOLDER),
         autoescape=True,

@@ -1,4 +1,4 @@
-"""Lines and other servers as the pages show them, with the units on them."""
+"""Lines and upstreams as the pages show them, with the units on them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,9 +9,9 @@ from gateway.operator.answers.status import LineStatus, ServerStatus, Status
 
 @dataclass(frozen=True, slots=True)
 class ShownLine:
-    """A line, or another server, as a page shows it. `units` are numbers and names; another server has no `baud`.
+    """A line or upstream as a page shows it. `units` are numbers and names; an upstream has no `baud`.
 
-    On a line that `is_asked` an outside client asks the gateway.
+    On a line that `is_asked`, an outside client asks the gateway.
     """
 
     name: str
@@ -27,7 +27,7 @@ class ShownLine:
 
 
 def shown_lines(status: Status) -> Iterator[ShownLine]:
-    """All of them, in the order of the config."""
+    """Yield all lines and upstreams, in the order of the config."""
     names = {each.unit: each.name for each in status.units}
     lines: tuple[LineStatus | ServerStatus, ...] = (*status.lines, *status.servers)
     for each in lines:

@@ -1,4 +1,4 @@
-"""The page of the traffic: the last transactions of all lines, as the address chooses among them."""
+"""The page of the traffic: the last transactions on all lines, as selected by the address."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -24,7 +24,7 @@ from gateway.web.pages.transactions import asked, outcome, row
 
 #: This many transactions are on the page as the server makes it; a script adds more as they come.
 MOST_ROWS: Final = 50
-#: What chooses among them, and how long a capture file reaches back, in seconds.
+#: What selects among them, and how long a capture file reaches back, in seconds.
 CHOICES: Final = ("line", "unit", "function", "client", "result")
 _CAPTURED: Final = "300"
 
@@ -37,11 +37,11 @@ class TrafficPage:
         self._renderer = renderer
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [("GET", "/traffic", self.show, "page")]
 
     async def show(self, request: web.Request) -> web.Response:
-        """The last transactions that the address chooses."""
+        """Show the last transactions that the address selects."""
         chosen = {name: text for name in CHOICES if (text := request.query.get(name, "").strip())}
         try:
             wanted = read_parameters(RecordsToFollow, chosen, is_text=True).traced

@@ -1,4 +1,4 @@
-"""The records of the trace as tables show them, with words for what was asked and what came of it."""
+"""Records of the trace as tables show them, with words for what was asked and what came of it."""
 
 import json
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ _ABSENT: Final = dict.fromkeys(
 
 
 def row(fact: Mapping[str, Any]) -> dict[str, Any]:
-    """A fact for the template, which says the rest in the language of the page."""
+    """Make the row of a fact; the template adds words in the language of the page."""
     clock = datetime.fromtimestamp(fact["time"]).astimezone().time().isoformat("milliseconds")
     took = {"elapsed_ms": 1000 * (fact["time"] - fact["received"])} if fact["kind"] == "answered" else {}
     return {
@@ -32,7 +32,7 @@ def row(fact: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def state(fact: Mapping[str, Any]) -> str:
-    """What the transaction is called: see `transactions.js`."""
+    """Classify the transaction: see `transactions.js`."""
     kind, response = fact["kind"], fact.get("response")
     if kind == "answered":
         return ("exception" if response[0] >= "8" else "answered") if response else "not answered"
@@ -48,7 +48,7 @@ def state(fact: Mapping[str, Any]) -> str:
 
 
 def asked(row: Mapping[str, Any], word: Any) -> str:
-    """What was asked; empty where the visitor may not see it, or nothing was asked."""
+    """Write what was asked; empty if the visitor may not see it, or nothing was asked."""
     text = row.get("request") or (row.get("frame") if row["kind"] == "heard" and row["owner"] != "noise" else "")
     data = bytes.fromhex(text or "")
     if row["kind"] == "heard":
@@ -58,7 +58,7 @@ def asked(row: Mapping[str, Any], word: Any) -> str:
 
 
 def outcome(row: Mapping[str, Any], word: Any) -> str:
-    """What came of it."""
+    """Write what came of it."""
     if row["kind"] == "heard":
         return word(_OWNERS.get(row["owner"], row["owner"])) if row["owner"] != "noise" else row["frame"] or ""
     if row["response"]:

@@ -40,7 +40,7 @@ from gateway.web.pages.times import day_and_time
 from gateway.web.pages.unit_states import SLOTS, rests_ms, states_of
 from gateway.web.pages.writing import WriteRights
 
-#: Points are read at most once in this many seconds, whoever asks for them.
+#: Points are read at most once in this many seconds, by any number of readers.
 READ_EVERY: Final = 1.0
 #: What the form for reading says at first, by its fields.
 _USUAL: Final[Mapping[str, str]] = {"area": "holding", "start": "0", "count": "10", "type": "", "swap": "none"}
@@ -69,7 +69,7 @@ class UnitPage:
         self._rights = rights
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [
             ("GET", "/units/{unit}", self.show, "page"),
             ("POST", "/units/{unit}/points", self.read_points, "page"),
@@ -115,16 +115,21 @@ class UnitPage:
         )
 
     async def read_points(self, request: web.Request) -> web.Response:
-        """Read all points, unless somebody has within a second, and return to the page."""
+        """Read all points, unless they were read within a second, and return to the page.
+
+        Raises:
+            WrongQuestion: there is no such unit, or nothing could be read.
+        """
         unit = unit_in(request, self._operator)
         await read_all(self._operator, unit, asker_of(request), READ_EVERY)
         return see_other(f"{path_of('units', unit)}#points")
 
     async def read_values(self, request: web.Request) -> web.Response:
-        """Read what the form asks for.
+        """Read what the form asks for; an exception of the unit is shown on the page.
 
         Raises:
-            ProblemError: the page of another site asks, or the unit has answered with an exception.
+            ProblemError: the page of another site asks, or there is no such area, address or count.
+            WrongQuestion: there is no such unit, or the type or swap does not fit.
         """
         if request.headers.get("Sec-Fetch-Site") == "cross-site":
             raise ProblemError(403, "pages of other sites get no answer")
@@ -192,7 +197,7 @@ def _shown(reading: Reading, age_ms: float | None) -> ShownPoint:
 
 
 def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble: Complaint | None) -> ShownPoint:
-    """Choose what is known of a point: what was read or what a mirror has, the newer of both."""
+    """Choose the newer one of what was read of a point and what a mirror has."""
     if kept is None or kept.age_ms is None:
         return was_read or ShownPoint(point, reference(point.area, point.address), "", None, trouble=trouble)
     if was_read is not None and was_read.age_ms is not None and was_read.age_ms < kept.age_ms:
@@ -217,7 +222,8 @@ def _asked_for(asked: Mapping[str, str]) -> tuple[Area, list[Point]]:
     """List the values that a form asks for.
 
     Raises:
-        ProblemError: there is no such area, address, type, or count.
+        ProblemError: there is no such area, address or count.
+        Malformed: there is no such type or swap, or it does not fit.
     """
     if asked["area"] not in set(Area):
         raise ProblemError(400, f"{asked['area']} is not an area; areas are {', '.join(Area)}")

@@ -25,17 +25,17 @@ class ShownState:
 
 
 def is_failing(use: UnitUse) -> bool:
-    """Whether so many requests had no answer: the one rule for the state of a unit and for its columns."""
+    """Return whether so many requests were unanswered: the one rule for the state of a unit and for its columns."""
     return bool(use.unanswered) and use.unanswered >= min(use.requests, max(_ENOUGH, MANY * use.requests))
 
 
 def rests_ms(unit: UnitPicture, status: Status) -> float:
-    """How long a unit is left alone from now on, because it has not answered."""
+    """Return for how many milliseconds a unit that has not answered is still left alone."""
     return next((each.rests_ms for each in status.units if (each.unit, each.name) == (unit.unit, unit.name)), 0.0)
 
 
 def states_of(units: Iterable[Any], past: Past) -> Mapping[str, ShownState]:
-    """The states of units by name."""
+    """Find the states of units, by name."""
     slots = [slot for slot in past.slots[-SLOTS:] if slot is not None]
     return {unit.name: _state(unit, [slot.units.get(unit.name, UnitUse()) for slot in slots]) for unit in units}
 

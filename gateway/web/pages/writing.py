@@ -1,7 +1,7 @@
-"""Writing from pages: a form, a page that shows old and new and asks, and what has become of it.
+"""Writing from pages: a form, a page that shows old and new and asks, and the result.
 
 What a user has confirmed is sent once, however often the form arrives: each question has an identifier of its own, and
-is answered once. All pages are the answers to GET, so that reloading one sends nothing.
+is answered once. All pages are answers to GET, so that reloading one sends nothing.
 """
 
 import asyncio
@@ -51,25 +51,25 @@ _Why = Complaint | str | None
 
 @dataclass(frozen=True, slots=True)
 class Writable:
-    """What a visitor may write at a unit. `could` tells that an operator might."""
+    """What a visitor may write at a unit; `could`: an operator might write there."""
 
     areas: tuple[Area, ...]
     could: bool
 
     def as_content(self) -> dict[str, Any]:
-        """Give it to templates."""
+        """Return it for templates."""
         return {"writable_areas": self.areas, "operators_may_write": self.could}
 
 
 class WriteRights:
-    """Who may write: operators, if `[web]` lets them, what [[access]] and the unit's profile allow."""
+    """Rights to write: those of operators, if `[web]` allows writes, within [[access]] and the unit's profile."""
 
     def __init__(self, operator: Operator, *, may_write: bool) -> None:
         self._operator = operator
         self.may_write = may_write
 
     def of(self, unit: UnitPicture, visitor: Visitor) -> Writable:
-        """Tell what this visitor may write."""
+        """Return what this visitor may write."""
         areas = tuple(
             area
             for area, (single, several, _) in WRITERS.items()
@@ -93,7 +93,7 @@ class WritePages:
         self._questions = Questions()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List method, path, handler, and what it needs."""
+        """List the routes: method, path, handler, and what it needs."""
         return [
             ("POST", "/units/{unit}/writes", self.ask, "operator"),
             ("GET", "/units/{unit}/writes/{id}", self.show, "page"),
@@ -104,7 +104,8 @@ class WritePages:
         """Take the form: the value of a point, or values from an address on. Nothing is written yet.
 
         Raises:
-            ProblemError: nothing may be written, or the values do not fit there.
+            ProblemError: nothing may be written, or a field is invalid.
+            WrongQuestion: there is no such unit or point, or the values do not fit there.
         """
         if not self._rights.may_write:
             raise ProblemError(403, "nothing is written over HTTP without write = true in [web]")
@@ -123,7 +124,7 @@ class WritePages:
         return see_other(f"{path_of('units', unit)}/writes/{identifier}")
 
     async def show(self, request: web.Request) -> web.Response:
-        """Show old and new with the question, or what has become of it."""
+        """Show old and new values with the question, or its result."""
         question = self._question(request)
         if question is None:
             page = await self._renderer.page(
@@ -146,7 +147,7 @@ class WritePages:
         )
 
     async def confirm(self, request: web.Request) -> web.Response:
-        """Send it, unless it was sent already; a second request waits for what becomes of the first."""
+        """Send it, unless it was sent already; a second request waits for the result of the first."""
         question = self._question(request)
         if question is not None and self._rights.may_write:
             waits = partial(is_there, request)
@@ -180,7 +181,7 @@ class WritePages:
         return Result(None, answer.elapsed_ms, tuple(after), why)
 
     def _is_as_asked(self, question: Question) -> bool:
-        """Tell whether the same unit still answers, and its points still mean the same."""
+        """Return whether the same unit still answers, and its points still mean the same."""
         number = question.unit.unit
         try:
             gateway = self._operator.gateway
@@ -196,7 +197,7 @@ class WritePages:
 
 
 async def _read(unit: UnitPicture, points: Sequence[Point], ask: Ask) -> tuple[list[bytes | None], _Why]:
-    """Read the items of the points, or tell why there are none."""
+    """Read the items of points, or return why there are none."""
     if any(point.write == "only" for point in points):
         return [None] * len(points), None
     try:
@@ -242,8 +243,8 @@ def _wanted(unit: UnitPicture, form: dict[str, str]) -> tuple[list[Point], list[
     """Find the points and values that a form names, as `modbus-gateway write` understands them.
 
     Raises:
-        ProblemError: a field makes no sense.
-        WrongQuestion: the unit has no such point.
+        ProblemError: a field is invalid.
+        WrongQuestion: the unit has no such point, or the type or swap does not fit.
     """
     value = form.get("value", "")
     if form.get("point"):

@@ -1,4 +1,4 @@
-"""The cookies of a request, and those that keep what a visitor has chosen."""
+"""Reads the cookies of a request, and sets those that keep a visitor's choices."""
 
 from typing import Final
 
@@ -9,7 +9,7 @@ _KEPT: Final = 365 * 24 * 3600
 
 
 def cookie(request: web.Request, name: str) -> str:
-    """The value of a cookie of ours, which needs no quotes; empty if there is none.
+    """Return the value of a cookie of ours, which needs no quotes; empty if there is none.
 
     (aiohttp's `cookies` take 25 ms for 8 KiB of them.)
     """

@@ -36,7 +36,7 @@ LANGUAGES: Final[Mapping[str, Language]] = {each.code: each for each in (ENGLISH
 
 
 def language_of(request: web.Request) -> Language:
-    """The language that its address asks for (`?lang=zh`), or its cookie, or what the browser prefers."""
+    """Choose the language that the address asks for (`?lang=zh`), or the cookie, or what the browser prefers."""
     for code in (request.query.get("lang", ""), cookie(request, COOKIE)):
         if code in LANGUAGES:
             return LANGUAGES[code]
@@ -51,7 +51,7 @@ def keep_language(request: web.Request, response: web.Response, *, is_encrypted:
 
 
 def preferred(header: str) -> Language:
-    """The language that an Accept-Language prefers among ours; English if it names none of them."""
+    """Choose the language that an Accept-Language prefers among ours; English if it names none of them."""
     best, weight = ENGLISH, 0.0
     for part in header.split(",", _MOST_PREFERRED)[:_MOST_PREFERRED]:
         tag, _, parameter = part.partition(";")
@@ -78,14 +78,14 @@ class Texts:
             self._table.update(json.loads(file.read_text(encoding="utf-8")))
 
     def text(self, english: str) -> str:
-        """A text of a template; what has no translation stays English."""
+        """Translate a text of a template; what has no translation stays English."""
         return self._table.get(english, english)
 
     def word(self, english: str) -> str:
-        """A word of the gateway, also with the code of an exception: `timeout`, `exception 0A`."""
+        """Translate a word of the gateway, also with the code of an exception: `timeout`, `exception 0A`."""
         name, space, code = english.partition(" ")
         return self.text(name) + space + code if name == "exception" else self.text(english)
 
     def counted(self, one: str, many: str, count: int) -> str:
-        """A text that differs with a number; the table has the plural."""
+        """Translate a text that differs with a number; the table has the plural."""
         return self._table.get(many, one if count == 1 else many)

@@ -14,7 +14,7 @@ DARK: Final[Mapping[str, str]] = {"auto": "(prefers-color-scheme: dark)", "light
 
 
 def theme_of(request: web.Request) -> str:
-    """The theme that the address asks for (`?theme=dark`), or the cookie; `auto` without either."""
+    """Choose the theme that the address asks for (`?theme=dark`), or the cookie; `auto` without either."""
     wanted = (request.query.get("theme", ""), cookie(request, COOKIE))
     return next((theme for theme in wanted if theme in DARK), "auto")
 
