@@ -200,7 +200,7 @@ def warn(problems: Iterable[Problem], emit: events.Emit) -> None:
 
 
 def warn_of_certificates(loaded: Mapping[Secured, LoadedTls], emit: events.Emit) -> None:
-    """Log which clients cannot connect with these certificates."""
+    """Log the warnings about peers that cannot connect with these certificates."""
     for said in find_warnings(loaded):
         emit(events.ConfigWarning(said, ""))
 

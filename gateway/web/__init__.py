@@ -1,4 +1,4 @@
-"""The gateway over HTTP: pages, API, metrics. Loaded only if the config has `[web]`; `users` also by its command.
+"""The gateway over HTTP: pages, API, metrics. Loaded only if the config has `[web]`.
 
 - front        connections, TLS, all routes, and what is common to them
 - access       logins, sessions, and who may do what

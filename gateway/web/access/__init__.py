@@ -1,6 +1,6 @@
 """Who may do what over HTTP.
 
-- guard        what each request passes first: who asks, and whether that is allowed
-- sessions     who is logged in, and who has failed to too often
+- guard        what each request passes first: which client it is, and whether it may do this
+- sessions     sessions, and failed logins
 - user_table   the users of the file, as it is now
 """

@@ -1,4 +1,4 @@
-"""The connections to the page: a bounded number, shared fairly by address, and none that costs anything for long.
+"""The connections to the page: a bounded number, shared fairly by address; none costs anything for long.
 
 A connection counts from when the system has accepted it, with or without TLS: a client that does not finish its
 handshake takes a place like any other.

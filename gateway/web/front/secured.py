@@ -1,4 +1,4 @@
-"""https:// connections: their handshakes are done as those of tls:// listeners, and then aiohttp serves them."""
+"""https:// connections: handshakes are done as for tls:// listeners, and then aiohttp serves them."""
 
 import ssl
 from collections.abc import Callable

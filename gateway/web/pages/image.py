@@ -1,4 +1,4 @@
-"""The page of an image or mirror: its registers as they are, how old they are, and who has written them."""
+"""The page of an image or mirror: its values, their ages, and their last writers."""
 
 import asyncio
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The page of a line, or of another server: what it has done in the last seconds."""
+"""The page of a line or upstream: its last transactions, its units, and its history of the last day."""
 
 import asyncio
 from collections.abc import Sequence

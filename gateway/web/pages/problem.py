@@ -1,4 +1,4 @@
-"""Problems as pages, for people whose browser has asked for one."""
+"""Problems as pages, for browsers."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The state of a unit as pages show it: that of the last minutes, which one failure among many does not change."""
+"""The state of a unit as pages show it: that of the last minutes; one failure among many does not change it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The languages of the pages: English, which the templates are written in, and tables of what it becomes in others.
+"""The languages of the pages: English, in which templates are written, and tables of translations.
 
 `translations/CODE/PAGE.json` has the texts of `templates/PAGE.html`. The other files there have words that come from
 the gateway, states and results; English has some of these too, for names that are no words, as `bad_frame`.
