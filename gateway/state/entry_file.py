@@ -1,8 +1,9 @@
 """A JSON file of one gateway in the state folder: entries by key, each written as soon as it changes.
 
-A change that cannot be written is tried again until it succeeds. A damaged file is moved aside, and its copy is used,
+A change that cannot be written is tried again until it succeeds. A damaged file is set aside, and its copy is used,
 else what can be read of both: without its entry, a device that moved is asked at its old address, where another one may
-be by now. Each entry has a checksum: with a flipped bit, an address could belong to another device.
+be by now. So the damaged file also stays where it is until a sound one takes its place: a copy alone is not used, as
+whoever deletes the file wants all to be forgotten. Each entry has a checksum: with a flipped bit, an address could belong to another device.
 """
 
 import json
@@ -58,6 +59,8 @@ class EntryFile:
         self._writer: Thread | None = None
         self._fails = False
         self._closing = False
+        #: Whether the damaged file, which is still there, has another name already.
+        self._is_set_aside = False
 
     def read(self) -> Entries:
         """Read all entries; none if there is no file, or it cannot be read, which is logged."""
@@ -65,11 +68,11 @@ class EntryFile:
         try:
             self._entries, damage = content = read_content(self.file, self._is_entry)
             if damage:
-                self._move_aside(content)
+                self._set_aside(content)
                 for key, entry in content.entries.items():
                     self.change(key, entry)
         except OSError as error:
-            what = f"{damage}; it cannot be moved aside" if damage else "it cannot be read"
+            what = f"{damage}; it cannot be set aside" if damage else "it cannot be read"
             self._emit(StateDamaged(str(self.file), f"{what}: {error.strerror}"))
         return dict(self._entries)
 
@@ -132,17 +135,32 @@ class EntryFile:
         content = read_content(self.file, self._is_entry)
         entries = content.entries
         if content.damage:
-            self._move_aside(content)
+            self._set_aside(content)
             entries = self._entries | entries
         self._entries = {key: entry for key, entry in (entries | changes).items() if entry is not None}
         sums = {_SUMS: {key: _check_sum(key, entry) for key, entry in self._entries.items()}} if self._entries else {}
         data = f"{json.dumps(self._entries | sums, indent=2)}\n".encode()
         for file in (_copy_of(self.file), self.file):  # in this order the copy is never older
             files.replace(file, data)
+        self._is_set_aside = False
 
-    def _move_aside(self, content: Content) -> None:
+    def _set_aside(self, content: Content) -> None:
+        """Keep a damaged file under another name, once. With entries left, it also stays until it is replaced.
+
+        Raises:
+            OSError: it cannot be renamed.
+        """
+        if self._is_set_aside:
+            return
         aside = self.file.with_name(f"{self.file.name}.{datetime.now(UTC):%Y%m%d-%H%M%S-%f}")
-        self.file.rename(aside)
+        try:
+            if content.entries or self._entries:
+                aside.hardlink_to(self.file)
+                self._is_set_aside = True
+            else:
+                self.file.rename(aside)
+        except PermissionError:  # a file system without links
+            self.file.rename(aside)
         left = f"{len(content.entries)} entries could be read"
         self._emit(StateDamaged(str(self.file), f"{content.damage}; {left}; it is now {aside}"))
 

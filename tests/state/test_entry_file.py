@@ -1,5 +1,6 @@
 """Files of entries in the state folder: what is written, what damage does, and who waits for how long."""
 
+import errno
 import json
 import os
 import threading
@@ -234,3 +235,36 @@ def test_an_entry_may_be_taken_out_by_hand(kept, told) -> None:
     kept.file.write_text(json.dumps(content))
     assert kept.read() == {"b": 2}
     assert told == []
+
+
+def test_a_damaged_file_is_not_forgotten_while_the_disk_is_full(kept, told, monkeypatch) -> None:
+    kept.change("a", 1)
+    kept.close()
+    kept.file.write_text("{")
+    with monkeypatch.context() as full:
+        full.setattr("os.fsync", _no_space)
+        again = EntryFile(kept.file, lambda entry: True, told.append)
+        assert again.read() == {"a": 1}
+        again.close()
+    assert EntryFile(kept.file, lambda entry: True, told.append).read() == {"a": 1}
+
+
+def test_what_was_known_stays_when_a_damaged_file_cannot_be_written_at_first(kept, told, monkeypatch) -> None:
+    monkeypatch.setattr(entry_file, "PAUSE", 0.02)
+    kept.change("a", 1)
+    kept.close()
+    kept.file.write_text("{")
+    with monkeypatch.context() as full:
+        full.setattr("os.fsync", _no_space)
+        kept.change("b", 2)
+        while StateNotKept not in map(type, told):
+            time.sleep(0.01)
+        time.sleep(0.1)
+    kept.close()
+    assert kept.read() == {"a": 1, "b": 2}
+    assert [type(event) for event in told] == [StateDamaged, StateNotKept, StateKeptAgain]
+    assert len(list(kept.file.parent.glob("entries.json.2*"))) == 1
+
+
+def _no_space(_: int) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
