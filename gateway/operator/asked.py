@@ -14,6 +14,8 @@ MOST_HOURS_OF_A_LINE: Final = LINE_SLOTS * STEP // 3600
 MOST_HOURS_OF_A_UNIT: Final = UNIT_SLOTS * STEP // 3600
 #: The longest age of shared values of points, in seconds.
 LONGEST_AGE: Final = 60
+#: Records may be looked for this many seconds back: longer than any machine runs.
+_LONGEST_LOOK_BACK: Final = 1e9
 
 #: A unit: the number that clients use, or its name.
 UnitNamed = Annotated[int | str, Within(0, 255), "a number from 0 to 255, or a name"]
@@ -59,7 +61,9 @@ class Traced:
     """
 
     after: Annotated[int | None, "a number: that of the first record, as `next` in the answer before"] = None
-    since: Annotated[float | None, "a number of seconds: records of that time before now"] = None
+    since: Annotated[
+        float | None, Within(0, _LONGEST_LOOK_BACK), "a number of seconds, not below 0: records of that time before now"
+    ] = None
     line: Annotated[str | None, "the name of a line"] = None
     unit: Annotated[int | str | None, "the number or name of a unit"] = None
     function: Annotated[int | None, "a function code"] = None

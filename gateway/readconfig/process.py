@@ -122,6 +122,7 @@ class ConfigProcess:
 
 def _explain(status: int, said: bytes) -> str:
     if status < 0:
-        return f"the process that reads it was ended by {Signals(-status).name}; is memory short?"
+        names = {each.value: each.name for each in Signals}  # real-time signals have none
+        return f"the process that reads it was ended by {names.get(-status, f'signal {-status}')}; is memory short?"
     last = said.decode(errors="replace").strip().rpartition("\n")[2][:_MOST_SAID]
     return f"the process that reads it has failed with status {status}{last and f': {last}'}"

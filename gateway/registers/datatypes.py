@@ -108,7 +108,10 @@ def swapped(data: bytes, swap: str) -> bytes:
 
 
 def _encode_text(text: str, length: int) -> bytes:
-    data = text.encode()
+    try:
+        data = text.encode()
+    except UnicodeEncodeError as error:  # JSON may name half of a pair
+        raise ValueError(f"text cannot have U+{ord(text[error.start]):04X} in it, which is no character") from None
     size = _REGISTER * length
     if len(data) > size:
         raise ValueError(f'"{text}" has {len(data)} bytes, and {length} registers hold {size}')

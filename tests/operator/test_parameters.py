@@ -7,7 +7,7 @@ import pytest
 
 from gateway.errors import Malformed
 from gateway.modbus.codes import Area
-from gateway.operator.asked import NamedValue, UnitNamed
+from gateway.operator.asked import Addresses, NamedValue, Traced, UnitNamed
 from gateway.operator.parameters import Filled, InBody, OneOf, Within, parameters_of, read_parameters
 
 
@@ -79,6 +79,18 @@ def test_what_a_parameter_cannot_be_is_refused_in_words(kind, given, said):
     with pytest.raises(Malformed) as wrong:
         read_parameters(kind, given)
     assert str(wrong.value) == said
+
+
+@pytest.mark.parametrize("since", [10**400, 1e300, float("nan"), float("inf"), -1])
+def test_a_time_that_no_clock_has_is_refused(since):
+    with pytest.raises(Malformed, match='"since" must be a number of seconds, not below 0'):
+        read_parameters(Traced, {"since": since})
+
+
+@pytest.mark.parametrize(("name", "one"), [("type", "float32"), ("swap", "words")])
+def test_what_a_value_can_be_encoded_as_is_named(name, one):
+    with pytest.raises(Malformed, match=f'"{name}" must be one of .*{one}'):
+        read_parameters(Addresses, {"unit": 1, "area": "holding", "start": 0, name: "unheard-of"})
 
 
 def test_what_comes_in_a_body_is_known():

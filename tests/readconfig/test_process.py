@@ -98,6 +98,7 @@ def test_it_keeps_what_it_compiles_where_we_do(tmp_path, monkeypatch):
     ("script", "reason"),
     [
         ("kill -KILL $$", "the process that reads it was ended by SIGKILL; is memory short?"),
+        ("kill -40 $$", "the process that reads it was ended by signal 40; is memory short?"),
         ("echo why; echo MemoryError >&2; exit 3", "the process that reads it has failed with status 3: MemoryError"),
         ("exit 1", "the process that reads it has failed with status 1"),
     ],

@@ -112,6 +112,7 @@ def test_what_is_too_great_for_a_float32_is_refused():
         ("ABCDE", 2, '"ABCDE" has 5 bytes, and 2 registers hold 4'),
         ("é" * 3, 2, "has 6 bytes"),
         ("A\0B", 2, "cannot have a NUL"),
+        ("A\ud800", 2, r"cannot have U\+D800 in it"),
     ],
 )
 def test_text_that_does_not_fit_is_refused(text, length, reason):

@@ -19,8 +19,8 @@ _Seconds = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class RecordsToFollow:
-    """Records as they come, and those of the last `seconds`; at most `per_second`, if set."""
+class RecordsToCapture:
+    """Records of the last `seconds`, for a file."""
 
     line: LineNamed | None = None
     unit: UnitNamed | None = None
@@ -29,12 +29,7 @@ class RecordsToFollow:
     result: Annotated[
         str | None, "ok, exception, failed (all others), or one of these: timeout, resting, queue_full, denied, ..."
     ] = None
-    seconds: _Seconds = 0
-    per_second: Annotated[
-        int | None,
-        Within(1, MOST_PER_SECOND),
-        f"a whole number from 1 to {MOST_PER_SECOND}; `clock` tells in `left_out` how many others there were",
-    ] = None
+    seconds: _Seconds = 30
 
     @property
     def traced(self) -> Traced:
@@ -50,8 +45,12 @@ class RecordsToFollow:
 
 
 @dataclass(frozen=True, slots=True)
-class RecordsToCapture(RecordsToFollow):
-    """Records of the last `seconds`, for a file."""
+class RecordsToFollow(RecordsToCapture):
+    """Records as they come, and those of the last `seconds`; at most `per_second`, if set."""
 
-    seconds: _Seconds = 30
-    per_second: None = None
+    seconds: _Seconds = 0
+    per_second: Annotated[
+        int | None,
+        Within(1, MOST_PER_SECOND),
+        f"a whole number from 1 to {MOST_PER_SECOND}; `clock` tells in `left_out` how many others there were",
+    ] = None

@@ -165,6 +165,12 @@ async def test_what_makes_no_sense_is_refused(bench, path, query, status):
     assert page.problem
 
 
+async def test_a_file_is_no_sample(bench):
+    page = await bench.browser().get(f"{CAPTURE}?per_second=5")
+    assert page.status == 400
+    assert "per_second: there are only line, unit" in page.problem
+
+
 @pytest.mark.parametrize("path", [TRACE, CAPTURE])
 async def test_without_a_ring_it_is_said_how_to_have_one(tmp_path, path):
     async with bench_of(CONFIG + '[trace]\nring = "0"\n', tmp_path) as bench:
