@@ -1,9 +1,10 @@
 """A JSON file of one gateway in the state folder: entries by key, each written as soon as it changes.
 
-A change that cannot be written is tried again until it succeeds. A damaged file is set aside, and its copy is used,
+A change that cannot be written is tried again until it succeeds. A damaged file is moved aside, and its copy is used,
 else what can be read of both: without its entry, a device that moved is asked at its old address, where another one may
-be by now. So the damaged file also stays where it is until a sound one takes its place: a copy alone is not used, as
-whoever deletes the file wants all to be forgotten. Each entry has a checksum: with a flipped bit, an address could belong to another device.
+be by now. So the damaged file also stays where it is until a sound one takes its place: a copy alone is not used,
+because deleting the file means that all is to be forgotten. Each entry has a checksum: with a flipped bit, an address
+could belong to another device.
 """
 
 import json
@@ -72,7 +73,7 @@ class EntryFile:
                 for key, entry in content.entries.items():
                     self.change(key, entry)
         except OSError as error:
-            what = f"{damage}; it cannot be set aside" if damage else "it cannot be read"
+            what = f"{damage}; it cannot be moved aside" if damage else "it cannot be read"
             self._emit(StateDamaged(str(self.file), f"{what}: {error.strerror}"))
         return dict(self._entries)
 
