@@ -130,9 +130,12 @@ class EntryFile:
         """Write the changes into the file; an entry that was removed from it by hand stays removed.
 
         Raises:
-            OSError: it cannot be read or written.
+            OSError: it cannot be read or written, or another gateway writes it now.
         """
-        self.file.parent.mkdir(parents=True, exist_ok=True)
+        with files.lock(self.file.with_name(f"{self.file.name}.lock")):
+            self._replace_alone(changes)
+
+    def _replace_alone(self, changes: Entries) -> None:
         content = read_content(self.file, self._is_entry)
         entries = content.entries
         if content.damage:

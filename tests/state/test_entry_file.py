@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gateway.events import StateDamaged, StateKeptAgain, StateNotKept
-from gateway.state import entry_file
+from gateway.state import entry_file, files
 from gateway.state.entry_file import EntryFile
 from kit.patient_clock import PatientClock
 from kit.process import PATIENCE
@@ -41,6 +41,19 @@ def test_entries_of_others_stay(kept, told) -> None:
         one.change(str(id(one)), 1)
         one.close()
     assert kept.read() == {str(id(kept)): 1, str(id(other)): 1}
+
+
+def test_a_file_that_another_gateway_writes_is_written_afterwards(kept, told, monkeypatch) -> None:
+    monkeypatch.setattr(entry_file, "PAUSE", 0.02)
+    with files.lock(kept.file.with_name("entries.json.lock")):
+        kept.change("a", 1)
+        while not told:
+            time.sleep(0.001)
+        assert not kept.file.exists()
+    while len(told) < 2:
+        time.sleep(0.001)
+    assert [type(each) for each in told] == [StateNotKept, StateKeptAgain]
+    assert kept.read() == {"a": 1}
 
 
 def test_a_change_behind_a_close_is_written_too(kept) -> None:
