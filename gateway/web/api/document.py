@@ -208,7 +208,7 @@ def _get(summary: str, ok: dict[str, Any], problems: Collection[int] = ()) -> di
 
 
 def _in_query(kind: type[Any]) -> list[dict[str, Any]]:
-    return [_parameter(each, kind, is_in_path=False) for each in parameters_of(kind) if each.types != (type(None),)]
+    return [_parameter(each, kind, is_in_path=False) for each in parameters_of(kind)]
 
 
 def _stream(what: str) -> dict[str, Any]:

@@ -203,6 +203,25 @@ async def test_what_makes_no_sense_is_refused(bench, path, status):
 
 
 @pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        (f"{UNITS}/200/holding/0?type=int33", '"type" must be one of uint16, int16, '),
+        (f"{UNITS}/200/holding/0?swap=sideways", '"swap" must be one of none, words, bytes, both; '),
+        (f"{UNITS}/200/holding/0?end=3", "end: there are only type and swap"),
+        ("/api/v1/trace.pcapng?per_second=3", "per_second: there are only line, unit, "),
+    ],
+)
+async def test_a_refusal_says_what_there_is(bench, path, said):
+    page = await bench.browser().get(path)
+    assert (page.status, page.problem[: len(said)]) == (400, said)
+
+
+async def test_a_value_that_is_none_is_called_as_in_json(anna):
+    page = await anna.put(f"{UNITS}/200/holding/0", [None])
+    assert page.problem == "expected a number, boolean or string, got null"
+
+
+@pytest.mark.parametrize(
     ("path", "values", "status"),
     [
         ("200/holding/0", [65536], 422),
