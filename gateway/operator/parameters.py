@@ -201,5 +201,14 @@ def _wrong(parameter: Parameter) -> Malformed:
 
 def fields_of(value: Any) -> dict[str, Any]:
     """Return the fields of a dataclass by name, except `if_known` ones that are None. Unlike `asdict`, copy nothing."""
-    told = ((field, getattr(value, field.name)) for field in fields(value))
-    return {field.name: each for field, each in told if each is not None or "if_known" not in field.metadata}
+    return {
+        name: each
+        for name, only_if_known in _fields_of(value.__class__)
+        if (each := getattr(value, name)) is not None or not only_if_known
+    }
+
+
+@cache
+def _fields_of(kind: Any) -> tuple[tuple[str, bool], ...]:
+    """List the fields of a dataclass, and which of them are told only if known."""
+    return tuple((field.name, "if_known" in field.metadata) for field in fields(kind))

@@ -11,8 +11,12 @@ from aiohttp import web
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import NotPermitted
 from gateway.modbus.codes import Area
+from gateway.operator.answers.lines import Lines
+from gateway.operator.answers.past import LinePast, UnitPast
 from gateway.operator.answers.running import Reloaded
 from gateway.operator.answers.status import Status
+from gateway.operator.answers.unit import Units
+from gateway.operator.answers.values import Cells
 from gateway.operator.operation import Operation
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import Parameter, fields_of, parameters_of
@@ -25,6 +29,8 @@ ROOT: Final = "/api/v1"
 #: Operations; those with a path have a route here.
 Operations = Sequence[Operation[Any, Any]]
 
+#: Answers that may be long are written in a thread. One costs more than most answers: others are written at once.
+_LONG: Final = (Status, Lines, LinePast, Units, UnitPast, Cells)
 _NAMED: Final = re.compile(r"\{(\w+)\}")
 #: The last parameter of a path, which may be left out with what joins it to the one before.
 _LAST: Final = re.compile(r"-\{(\w+)\}$")
@@ -91,7 +97,9 @@ def json_response(text: str) -> web.Response:
 
 
 async def _written(answer: object) -> str:
-    """Write an answer as JSON, in a thread: it may be long."""
+    """Write an answer as JSON."""
+    if not isinstance(answer, _LONG):
+        return json_of(answer)
     return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web API"), json_of, answer)
 
 

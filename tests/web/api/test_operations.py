@@ -42,6 +42,11 @@ async def test_it_is_there_over_http(bench):
     assert (await bench.browser("10.0.0.9").get("/api/v1/words/well")).status == 401
 
 
+async def test_a_short_answer_is_written_without_a_thread(bench, monkeypatch):
+    monkeypatch.setattr("gateway.web.api.operations.ThreadPerCall", None)
+    assert (await bench.browser().get("/api/v1/words/well")).json["words"] == ["well", "well"]
+
+
 @pytest.mark.parametrize(
     ("path", "status", "problem"),
     [
