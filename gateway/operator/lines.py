@@ -1,8 +1,7 @@
 """The operations `lines` and `line`."""
 
 from gateway.errors import WrongQuestion
-from gateway.operator.answers.lines import Lines
-from gateway.operator.answers.status import AnyLine
+from gateway.operator.answers.status import AnyLine, Lines
 from gateway.operator.asked import OneLine
 from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator

@@ -34,14 +34,12 @@ from gateway.operator.operation import Nothing, Operation
 if TYPE_CHECKING:
     from gateway.operator.answers.bench import BenchStep
     from gateway.operator.answers.doctor import Examination
-    from gateway.operator.answers.fleet import Sites
     from gateway.operator.answers.forgotten import Forgotten
-    from gateway.operator.answers.lines import Lines
     from gateway.operator.answers.measured import Measured
     from gateway.operator.answers.past import LinePast, UnitPast
     from gateway.operator.answers.running import Reloaded, Which
     from gateway.operator.answers.scan import ScanStep
-    from gateway.operator.answers.status import AnyLine, Status
+    from gateway.operator.answers.status import AnyLine, Lines, Sites, Status
     from gateway.operator.answers.trace import Stories, TracePage
     from gateway.operator.answers.unit import RequestAnswer, UnitPicture, Units
     from gateway.operator.answers.unit_status import UnitWithStatus
@@ -73,7 +71,7 @@ WHICH: Final[Operation[Nothing, "Which"]] = Operation(
 FLEET: Final[Operation[Nothing, "Sites"]] = Operation(
     "fleet",
     Nothing,
-    "gateway.operator.answers.fleet:Sites",
+    "gateway.operator.answers.status:Sites",
     "reading",
     "The sites of the fleet",
     by="gateway.operator.running:tell_sites",
@@ -92,7 +90,7 @@ RELOAD: Final[Operation[Nothing, "Reloaded"]] = Operation(
 LINES: Final[Operation[Nothing, "Lines"]] = Operation(
     "lines",
     Nothing,
-    "gateway.operator.answers.lines:Lines",
+    "gateway.operator.answers.status:Lines",
     "reading",
     "Lines, lines where the gateway is the server, other servers",
     by="gateway.operator.lines:tell_lines",

@@ -5,8 +5,8 @@ from dataclasses import asdict
 from typing import Final
 
 from gateway.errors import FleetError, Unready, WrongQuestion
-from gateway.operator.answers.fleet import Sites
 from gateway.operator.answers.running import Reloaded, Which
+from gateway.operator.answers.status import Sites
 from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
 

@@ -5,7 +5,7 @@ from typing import Final
 from gateway.cli.kit.table import Table
 from gateway.config.values.duration import show_age
 from gateway.fleet.status import SiteStatus
-from gateway.operator.answers.fleet import Sites
+from gateway.operator.answers.status import Sites
 
 SITES: Final = Table[Sites, SiteStatus](
     "Sites",

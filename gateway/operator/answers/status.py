@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from gateway.fleet.status import FleetStatus
+from gateway.fleet.status import FleetStatus, SiteStatus
 from gateway.lines.counts import Counts
 from gateway.listeners.sessions.server_counts import ServerCounts
 from gateway.plant.status import BrokerStatus
@@ -153,6 +153,22 @@ class UpstreamStatus:
 
 #: A client line, a server line, or an upstream.
 AnyLine = LineStatus | ServerStatus | UpstreamStatus
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """All lines and upstreams, in the order of the config."""
+
+    lines: tuple[LineStatus, ...]
+    servers: tuple[ServerStatus, ...]
+    upstreams: tuple[UpstreamStatus, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Sites:
+    """The sites of a fleet, by name."""
+
+    sites: tuple[SiteStatus, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,9 +6,8 @@ The schemas are those that pydantic makes of the types of operations. A running 
 """
 
 import json
-import re
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from typing import Any, Final, get_type_hints
 
 from gateway.errors import ExceptionReceived, WrongQuestion
@@ -25,12 +24,11 @@ from gateway.operator.asked import PointsToWrite, PointToWrite, ValuesToWrite
 from gateway.operator.operation import Operation
 from gateway.operator.operations import OPERATIONS
 from gateway.operator.parameters import Parameter, parameters_of
+from gateway.web.api.operations import NAMED, ROOT, Operations
 from gateway.web.api.schemas import PLACE, Schema, reference_to, schema_of, schemas_of, without_null
 from gateway.web.api.session import Session
 from gateway.web.api.trace import RecordsToCapture, RecordsToFollow
 from gateway.web.front.problems import OF_EXCEPTIONS, STATUSES, Problem
-
-Operations = Sequence[Operation[Any, Any]]
 
 #: Types that have a shorter name here than in the program.
 _NAMES: Final[Mapping[type, str]] = {
@@ -68,7 +66,6 @@ _OF_ALL: Final = frozenset({401, 403})
 _OF_CHANGES: Final = frozenset({408, 411, 413, 415})
 _OF_STREAMS: Final = frozenset({400, 404, 503})
 _CSRF: Final = {"name": "X-CSRF-Token", "in": "header", "required": True, "schema": {"type": "string"}}
-_NAMED: Final = re.compile(r"\{(\w+)\}")
 
 
 def document(operations: Operations = OPERATIONS) -> dict[str, Any]:
@@ -114,12 +111,12 @@ def _renamed(document: dict[str, Any]) -> dict[str, Any]:
 def _paths(operations: Operations) -> dict[str, Any]:
     paths: dict[str, Any] = {}
     for each in operations:
-        paths.setdefault(f"/api/v1{each.path}", {})[each.method.lower()] = _operation(each)
+        paths.setdefault(f"{ROOT}{each.path}", {})[each.method.lower()] = _operation(each)
     return paths
 
 
 def _operation(operation: Operation[Any, Any]) -> dict[str, Any]:
-    in_path = set(_NAMED.findall(operation.path or ""))
+    in_path = set(NAMED.findall(operation.path or ""))
     known = parameters_of(operation.parameters)
     told: dict[str, Any] = {"summary": operation.summary, "operationId": operation.name}
     parameters = [
@@ -181,18 +178,18 @@ def _other_paths() -> dict[str, Any]:
         "of records that were gone before they could be sent"
     )
     return {
-        "/api/v1/openapi.json": {"get": _get("This document", _ok({"type": "object"}))},
-        "/api/v1/session": {
+        f"{ROOT}/openapi.json": {"get": _get("This document", _ok({"type": "object"}))},
+        f"{ROOT}/session": {
             "get": _get("Who has logged in, and the token for X-CSRF-Token", _ok(schema_of(Session))),
         },
-        "/api/v1/events": {
+        f"{ROOT}/events": {
             "get": _get("Events as they come", _stream("An event in JSON on each `data:` line"), {503}),
         },
-        "/api/v1/trace": {
+        f"{ROOT}/trace": {
             "parameters": _in_query(RecordsToFollow),
             "get": _get("What happens on the lines, as it happens", _stream(record), _OF_STREAMS),
         },
-        "/api/v1/trace.pcapng": {
+        f"{ROOT}/trace.pcapng": {
             "parameters": _in_query(RecordsToCapture),
             "get": _get(
                 "What has happened on the lines, for Wireshark",

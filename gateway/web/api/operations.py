@@ -11,10 +11,9 @@ from aiohttp import web
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import NotPermitted
 from gateway.modbus.codes import Area
-from gateway.operator.answers.lines import Lines
 from gateway.operator.answers.past import LinePast, UnitPast
 from gateway.operator.answers.running import Reloaded
-from gateway.operator.answers.status import Status
+from gateway.operator.answers.status import Lines, Status
 from gateway.operator.answers.unit import Units
 from gateway.operator.answers.values import Cells
 from gateway.operator.operation import Operation
@@ -31,7 +30,8 @@ Operations = Sequence[Operation[Any, Any]]
 
 #: Answers that may be long are written in a thread. One costs more than most answers: others are written at once.
 _LONG: Final = (Status, Lines, LinePast, Units, UnitPast, Cells)
-_NAMED: Final = re.compile(r"\{(\w+)\}")
+#: A parameter in the path of an operation.
+NAMED: Final = re.compile(r"\{(\w+)\}")
 #: The last parameter of a path, which may be left out with what joins it to the one before.
 _LAST: Final = re.compile(r"-\{(\w+)\}$")
 
@@ -58,7 +58,7 @@ class _Handler:
         self.operation = operation
         self._operator = operator
         self._may_write = may_write
-        self._in_path = frozenset(_NAMED.findall(operation.path or ""))
+        self._in_path = frozenset(NAMED.findall(operation.path or ""))
         #: The status that was written last, and its text: it is the same for all who ask within a second.
         self._status: Status | None = None
         self._text = ""
@@ -115,7 +115,7 @@ def _paths(operation: Operation[Any, Any]) -> Iterator[str]:
     path = f"{ROOT}{operation.path}"
     last = _LAST.search(path)
     for each in (path, path[: last.start()]) if last and not known[last[1]].is_required else (path,):
-        yield _NAMED.sub(lambda named: f"{{{named[1]}{_pattern(known[named[1]])}}}", each)
+        yield NAMED.sub(lambda named: f"{{{named[1]}{_pattern(known[named[1]])}}}", each)
 
 
 def _pattern(parameter: Parameter) -> str:
