@@ -76,14 +76,6 @@ async def serve(
         running.emit(events.Stopped())
 
 
-@asynccontextmanager
-async def keep_lines_open(running: Running) -> AsyncIterator[None]:
-    """Open the port of every line and keep it open; each was tried once on entry. All are closed at the end."""
-    async with running.lines_open():
-        await running.tried()
-        yield
-
-
 async def _serve_until(stop: Stop, running: Running, systemd: Notifier, control: str) -> None:
     parts = running.gateway.parts
     up = sum(part.reconnector.error is None for part in parts)

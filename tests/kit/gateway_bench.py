@@ -19,7 +19,6 @@ from gateway.runtime.gateway import Gateway
 from gateway.runtime.kept_state import KeptState
 from gateway.runtime.overdue import LeftBehind
 from gateway.runtime.running import Running
-from gateway.service.supervisor import keep_lines_open
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.paced_line import PacedLine
 from gateway.state.memory import Memory
@@ -193,6 +192,14 @@ class GatewayBench:
         self.opened[name] = settings
         has_arrived = (lambda: name not in self.holding_back) if isinstance(settings, TcpSettings) else None
         return self.lines.setdefault(name, MemoryLine(settings.port, latency, has_arrived=has_arrived)).open_port
+
+
+@asynccontextmanager
+async def keep_lines_open(running: Running):
+    """Open the port of every line and keep it open; each was tried once on entry. All are closed at the end."""
+    async with running.lines_open():
+        await running.tried()
+        yield
 
 
 @asynccontextmanager

@@ -23,11 +23,10 @@ from gateway.modbus.pdu import exception_response
 from gateway.operator.status import status
 from gateway.profiles.profile import Profile
 from gateway.routing.access import EVERYTHING, AccessRow, Rights
-from gateway.service.supervisor import keep_lines_open
 from gateway.timing.characters import LineTiming
 from kit.configs import accepted_configs
 from kit.device import Answer
-from kit.gateway_bench import Client, GatewayBench
+from kit.gateway_bench import Client, GatewayBench, keep_lines_open
 from kit.memory import MemoryLine
 from kit.virtual_time import VirtualTimeLoop
 

@@ -19,9 +19,8 @@ from gateway.modbus.frame import Frame
 from gateway.operator.status import status
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
 from gateway.request import Caller
-from gateway.service.supervisor import keep_lines_open
 from kit.faulty import Fault, FaultyDevice, FaultyLine
-from kit.gateway_bench import GatewayBench
+from kit.gateway_bench import GatewayBench, keep_lines_open
 from kit.memory import MemoryLine
 from kit.other_client import Adapter, OtherClient
 from soak.kinds_of_lines import CONFIG, LINES, NUMBERS, SLOW, UNITS, LineKind

@@ -3,10 +3,9 @@
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from gateway.service.supervisor import keep_lines_open
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.faulty import FaultyLine
-from kit.gateway_bench import GatewayBench
+from kit.gateway_bench import GatewayBench, keep_lines_open
 from soak.dated_world import DatedWorld, keep_asking
 from soak.faulty_server import FaultyServer
 from soak.judge import Served

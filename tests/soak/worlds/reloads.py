@@ -18,10 +18,9 @@ from gateway.readconfig.process import ConfigRead
 from gateway.runtime.build import Builder
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.reload import Reloader
-from gateway.service.supervisor import keep_lines_open
 from gateway.service.systemd import Notifier
 from kit.faulty import FaultyLine
-from kit.gateway_bench import GatewayBench
+from kit.gateway_bench import GatewayBench, keep_lines_open
 from soak.changing_config import LATE_WINDOW, NUMBERS, PLACES, SERVER, TIMINGS, UNITS, ChangingConfig, Spot
 from soak.dated_world import DatedWorld, keep_asking
 from soak.faulty_server import FaultyServer

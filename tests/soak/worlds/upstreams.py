@@ -2,8 +2,7 @@
 
 from typing import Final
 
-from gateway.service.supervisor import keep_lines_open
-from kit.gateway_bench import GatewayBench
+from kit.gateway_bench import GatewayBench, keep_lines_open
 from soak.dated_world import DatedWorld, keep_asking
 from soak.faulty_server import TIMEOUT, FaultyServer
 from soak.judge import Served

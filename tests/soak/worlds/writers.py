@@ -2,10 +2,9 @@
 
 from typing import Final
 
-from gateway.service.supervisor import keep_lines_open
 from gateway.timing.characters import CharacterFormat, LineTiming
 from kit.faulty import FaultyLine
-from kit.gateway_bench import GatewayBench
+from kit.gateway_bench import GatewayBench, keep_lines_open
 from soak.dated_world import DatedWorld, keep_asking
 from soak.judge import Served
 from soak.tally import Tally
