@@ -28,6 +28,9 @@ _ENDING_TIME: Final = 1.0
 #: The last line of its standard error goes to the log, up to this many characters.
 _MOST_SAID: Final = 200
 
+#: What an answer raises that modules of the same version, but with other content, have made.
+_OF_OTHER_MODULES: Final = (pickle.UnpicklingError, EOFError, TypeError, AttributeError, ImportError, ValueError)
+_CHANGED: Final = "modbus-gateway has been changed since its start; restart it"
 #: Imports from this process's `sys.path`, its last argument; the modules there may be newer by now. It ends before
 #: collecting garbage would be worth its time.
 _PROGRAM: Final = f"""\
@@ -36,7 +39,7 @@ gc.disable()
 sys.path[:] = sys.argv.pop().split(":")
 from gateway import __version__
 if __version__ != {__version__!r}:
-    sys.exit("modbus-gateway has been changed since its start; restart it")
+    sys.exit("{_CHANGED}")
 from gateway.readconfig.reader import main
 main()
 """
@@ -116,7 +119,10 @@ class ConfigProcess:
                 process.communicate(timeout=_ENDING_TIME)
         if process.returncode:
             raise ConfigError(f"{self._file} was not read: {_explain(process.returncode, said)}")
-        read: ConfigRead = pickle.loads(answer)  # noqa: S301 - from our own process, through its pipe
+        try:
+            read: ConfigRead = pickle.loads(answer)  # noqa: S301 - from our own process, through its pipe
+        except _OF_OTHER_MODULES as error:
+            raise ConfigError(f"{self._file} was not read: {_CHANGED} ({error!r})") from error
         return read
 
 

@@ -12,10 +12,12 @@ import pytest
 from gateway import __version__
 from gateway.errors import ConfigError
 from gateway.readconfig import process
-from gateway.readconfig.process import ConfigProcess, read_config
+from gateway.readconfig.process import ConfigProcess, ConfigRead, read_config
 from gateway.readconfig.reader import packed, read_here
 
 EXAMPLES = sorted(Path("deploy/examples").glob("*.toml"))
+
+NOTHING = ConfigRead(None, ())
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
@@ -113,6 +115,24 @@ def test_a_process_that_dies_is_a_sentence(monkeypatch, tmp_path, script, reason
 def test_what_another_version_of_the_gateway_would_read_is_not_taken_over(monkeypatch):
     monkeypatch.setattr(process, "_PROGRAM", process._PROGRAM.replace(repr(__version__), "'0.0.1'"))
     with pytest.raises(ConfigError, match="failed with status 1: modbus-gateway has been changed since its start"):
+        read_config(Path("/etc/gateway.toml"))
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"hello\n" + packed(NOTHING),
+        packed(NOTHING)[:-9],
+        packed(NOTHING).replace(b"problems", b"troubles"),
+        packed(NOTHING).replace(b"ConfigRead", b"ConfigText"),
+    ],
+    ids=["nothing", "printed", "cut", "field", "class"],
+)
+def test_an_answer_of_other_modules_is_a_sentence(monkeypatch, tmp_path, answer):
+    (tmp_path / "answer").write_bytes(answer)
+    _fake(monkeypatch, tmp_path, f"cat {tmp_path}/answer")
+    with pytest.raises(ConfigError, match="was not read: modbus-gateway has been changed since its start; restart it"):
         read_config(Path("/etc/gateway.toml"))
 
 
