@@ -226,13 +226,20 @@ def _problems(statuses: set[int]) -> dict[str, Any]:
 
 
 def _components(operations: Operations) -> dict[str, Schema]:
-    """Make the schemas of all types by their names."""
+    """Make the schemas of all types by their names.
+
+    Raises:
+        ValueError: two types have the same name.
+    """
     types: list[Any] = [Problem, Session, *(each.result for each in operations)]
     asked = [each.parameters for each in operations]
     types += [part for kind in asked for part in _types_in_body(kind).values()]
     bodies = {_BODIES[kind]: _body_schema(kind) for kind in asked if kind in _BODIES}
-    found = {name: schema for kind in types for name, schema in schemas_of(kind)[1].items()}
-    return dict(sorted((found | bodies).items()))
+    found = dict(bodies)
+    for name, schema in (each for kind in types for each in schemas_of(kind)[1].items()):
+        if found.setdefault(name, schema) != schema:
+            raise ValueError(f"two types have the name {name}")
+    return dict(sorted(found.items()))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 """An operation is added in one place: it is at the control socket, over HTTP, and in the document."""
 
+from dataclasses import dataclass, replace
+
 import pytest
 
 from gateway.control.server import carry_out
@@ -60,6 +62,19 @@ async def test_a_short_answer_is_written_without_a_thread(bench, monkeypatch):
 async def test_what_cannot_be_answered_is_a_problem(bench, path, status, problem):
     page = await bench.browser().get(f"/api/v1/words/{path}")
     assert (page.status, page.problem) == (status, problem)
+
+
+@dataclass(frozen=True, slots=True)
+class Repeated:
+    """Another type with the name of one that there is."""
+
+    words: int
+
+
+def test_two_types_of_one_name_make_no_document():
+    other = replace(REPEAT, name="other", path="/other/{word}", result_at=f"{__name__}:Repeated")
+    with pytest.raises(ValueError, match="two types have the name Repeated"):
+        document([REPEAT, other])
 
 
 def test_it_is_in_the_document():
