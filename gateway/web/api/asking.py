@@ -16,6 +16,7 @@ from gateway.operator.parameters import parameters_of, read_parameters
 from gateway.operator.units import picture
 from gateway.web.access.guard import VISITOR, Visitor
 from gateway.web.front.problems import ProblemError
+from gateway.web.front.turns import is_there
 
 P = TypeVar("P")
 
@@ -28,11 +29,6 @@ def asker_of(request: web.Request) -> Asker:
 def asker_for(visitor: Visitor, waits: IsThere) -> Asker:
     """Make the asker for a visitor; `waits` returns whether it is still there."""
     return Asker(visitor.caller, waits, visitor.host, "web")
-
-
-def is_there(request: web.Request) -> bool:
-    """Return whether the client still waits."""
-    return request.transport is not None and not request.transport.is_closing()
 
 
 async def parameters_in(request: web.Request, kind: Callable[..., P], in_path: Collection[str] = ()) -> P:

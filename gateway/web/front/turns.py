@@ -25,11 +25,11 @@ class Turns:
             HTTPServiceUnavailable: its client has gone meanwhile.
         """
         async with self._lock:
-            if has_gone(request):
+            if not is_there(request):
                 raise web.HTTPServiceUnavailable(text="the client has gone")
             yield
 
 
-def has_gone(request: web.Request) -> bool:
-    """Return whether the client has disconnected."""
-    return request.transport is None or request.transport.is_closing()
+def is_there(request: web.Request) -> bool:
+    """Return whether the client still waits."""
+    return request.transport is not None and not request.transport.is_closing()

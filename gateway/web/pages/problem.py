@@ -10,7 +10,7 @@ from aiohttp.typedefs import Middleware
 
 from gateway.web.access.guard import VISITOR, Visitor
 from gateway.web.front.problems import Handler
-from gateway.web.front.turns import has_gone
+from gateway.web.front.turns import is_there
 from gateway.web.pages.renderer import Renderer
 
 #: What only programs ask for.
@@ -28,7 +28,7 @@ def problem_pages(renderer: Renderer, visitor_of: Callable[[web.Request], Visito
         response = await handler(request)
         if not isinstance(response, web.Response) or response.content_type != "application/problem+json":
             return response
-        if has_gone(request):
+        if not is_there(request):
             return response
         if "text/html" not in request.headers.get("Accept", "") or request.path.startswith(_OF_PROGRAMS):
             return response

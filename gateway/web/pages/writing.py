@@ -28,8 +28,9 @@ from gateway.profiles.point import Point
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import WRITERS, reference
 from gateway.web.access.guard import VISITOR, Need, Visitor
-from gateway.web.api.asking import asker_for, asker_of, is_there, unit_in
+from gateway.web.api.asking import asker_for, asker_of, unit_in
 from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.front.turns import is_there
 from gateway.web.pages.addresses import page_of, path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
