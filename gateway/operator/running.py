@@ -10,7 +10,7 @@ from gateway.operator.answers.status import Sites
 from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
 
-#: A reload takes no longer than this, in seconds.
+#: How long a reload is waited for, in seconds: clients wait for 90. It goes on afterwards.
 RELOAD_TIME: Final = 85.0
 
 
@@ -35,12 +35,12 @@ async def reload(operator: Operator, _asked: Nothing, _asker: Asker) -> Reloaded
     """Read the config again, and apply it.
 
     Raises:
-        Unready: the gateway is starting or stopping, and does not reload within RELOAD_TIME.
+        Unready: the reload has not ended within RELOAD_TIME; it goes on.
     """
     try:
         async with asyncio.timeout(RELOAD_TIME):
             outcome = await asyncio.shield(operator.reloader.order())
     except TimeoutError:
-        raise Unready("the gateway is not ready") from None
+        raise Unready(f"the reload has not ended within {RELOAD_TIME:g} s; the log says what becomes of it") from None
     is_done = not (outcome.problems or outcome.defect)
     return Reloaded(**asdict(outcome), ok=is_done, file=str(operator.reloader.file.absolute()))

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
-from gateway.errors import ListenError
+from gateway.errors import ListenError, Unready
 from gateway.events import ConfigApplied, ConfigRejected, ConfigWarning, LineLost, LineUp, PartFailed
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
@@ -162,6 +162,16 @@ async def test_who_reloads_is_told_which_file(serving):
     async with serving(LISTEN + HALL_A) as service:
         answer = await ask(service.running, "reload", reloader=service.reloader)
         assert (answer["ok"], answer["file"]) == (True, str(service.file.absolute()))
+
+
+async def test_a_reload_that_takes_long_is_not_waited_for_and_goes_on(serving):
+    async with serving(LISTEN + HALL_A) as service:
+        service.running.ready.clear()
+        with pytest.raises(Unready, match="the reload has not ended within 85 s; the log says what becomes of it"):
+            await ask(service.running, "reload", reloader=service.reloader)
+        service.running.ready.set()
+        await asyncio.sleep(1.0)
+        assert service.reloader.last.outcome == Outcome()
 
 
 async def test_a_file_that_means_the_same_changes_nothing(serving):
