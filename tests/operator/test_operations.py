@@ -23,3 +23,7 @@ def test_the_type_of_a_result_is_the_one_that_is_loaded(operation):
 def test_each_operation_that_is_described_is_in_the_table():
     described = {each.name for each in vars(operations).values() if isinstance(each, Operation)}
     assert described == set(BY_NAME) == {each.name for each in OPERATIONS}
+
+
+def test_over_http_an_operation_has_one_answer():
+    assert [each.name for each in OPERATIONS if each.is_repeated and each.path is not None] == []
