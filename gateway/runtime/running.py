@@ -163,8 +163,8 @@ class Running:
             await each.connect(self.gateway)
 
     async def start_add_ons(self) -> None:
-        """Let each add-on do what the plan says."""
-        for each in self.add_ons:
+        """Let each add-on do what the plan says; other sites do not wait for a broker that is left, for a second."""
+        for each in reversed(self.add_ons):
             await each.serve(self.gateway)
 
     async def drain(self, is_urgent: Callable[[], bool]) -> None:
