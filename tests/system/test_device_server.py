@@ -513,9 +513,7 @@ def test_a_server_that_closes_idle_connections_costs_no_request_and_no_word(tmp_
     table = {asked: answer}
     if way == "tcp":
         table = {number.to_bytes(2) + READ[2:]: number.to_bytes(2) + ANSWER[2:] for number in range(1, 50)}
-    with ClosesIdle(
-        table, idle=1.0
-    ) as server:  # a busy machine needs tenths from connecting to asking
+    with ClosesIdle(table, idle=1.0) as server:  # a busy machine needs tenths from connecting to asking
         where = f"{way}://127.0.0.1:{server.number}"
         config = LINE.format(scheme="rtu", number=1).replace("rtu+tcp://127.0.0.1:1", where)
         if way == "tcp":
