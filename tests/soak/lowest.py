@@ -20,8 +20,15 @@ TESTS = (
     *(f"tests/{each}" for each in ("cli", "config", "modbus", "observe", "oracle", "plant", "ports")),
     *(f"tests/fleet/test_{each}.py" for each in ("bucket", "connection", "serving")),
     *(
-        f"tests/web/test_{each}.py"
-        for each in ("access", "api", "connections", "hostile_requests", "streams", "writing")
+        f"tests/web/{each}.py"
+        for each in (
+            "access/test_access",
+            "api/test_api",
+            "front/test_connections",
+            "front/test_hostile_requests",
+            "front/test_streams",
+            "pages/test_writing",
+        )
     ),
 )
 REAL_TIME = tuple(
