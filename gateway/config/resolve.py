@@ -27,7 +27,7 @@ def resolve(config: Config) -> Plan:
 def _without_add_ons(config: Config) -> Plan:
     profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
     lines = tuple(line_plan(line, profiles, config) for line in client_lines(config))
-    upstreams = tuple(upstream_plan(upstream, config) for upstream in config.upstream)
+    upstreams = tuple(upstream_plan(upstream, profiles, config) for upstream in config.upstream)
     owners: tuple[LinePlan | UpstreamPlan, ...] = (*lines, *upstreams)
     devices = {device.name: device for owner in owners for device in owner.devices}
     images = tuple(image_settings(image, profiles) for image in config.image if image.of is None)

@@ -22,7 +22,10 @@ _NEVER_ANSWERED: Final = AnswerTime(TimingTable(), margin=0.0, timeout=0.0)
 
 @dataclass(frozen=True, slots=True)
 class DeviceSettings:
-    """One device of a line: `unit` on the wire, `known_as` for clients. `source` is its place in the config."""
+    """One device of a line or upstream: `unit` on the wire, `known_as` for clients.
+
+    It sleeps after `wake` seconds without a request; 0 for never. `source` is its place in the config.
+    """
 
     name: str
     unit: int
@@ -30,6 +33,7 @@ class DeviceSettings:
     profile: Profile
     answer_time: AnswerTime
     priority: Literal["normal", "high"] = "normal"
+    wake: float = 0.0
     source: str = field(default="", compare=False)
 
 

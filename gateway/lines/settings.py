@@ -17,7 +17,8 @@ class LineSettings:
     `idle_chars` is the silence that ends an RTU frame, in characters. `gap` is the silence before each request, None
     for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a late response may
     come, None for the device's answer times. A read and its repeats take at most `retry_within`; None for
-    `time_for_repeats`. `rest` is the longest rest of a unit, None for the default, 0 for none.
+    `time_for_repeats`. `rest` is the longest rest of a unit, None for the default, 0 for none. A
+    connection is closed after `idle` seconds without a request, 0 for never.
     """
 
     name: str
@@ -31,6 +32,7 @@ class LineSettings:
     retries: int = 0
     retry_within: float | None = None
     rest: float | None = None
+    idle: float = 0.0
     echo: bool = False
     wire: Wire = "auto"
     coalesce: bool = True

@@ -105,7 +105,8 @@ class TcpSettings:
 
     `latency` is what network and server may add to a response, in seconds. `tls` secures the connection.
     Written bytes arrive within `arrives_within` seconds, or the connection ends. With `drops_early`, bytes received
-    within the latency after connecting are dropped, because their age is unknown.
+    within the latency after connecting are dropped, because their age is unknown. Nothing is sent for `after_connect`
+    seconds after connecting.
     """
 
     port: str
@@ -115,6 +116,7 @@ class TcpSettings:
     tls: ClientTls | None = None
     arrives_within: float = 20.0
     drops_early: bool = False
+    after_connect: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,8 @@ class Profile:
 
     `functions` None allows all; `limits` is the most items for a function; `areas` are the addresses that exist; an
     area that is not named has all. `idle_chars` is the silence that ends a frame for this device. With `any_coil`, 05
-    may have other values than FF00 and 0000. `quirks` are its other deviations from the protocol.
+    may have other values than FF00 and 0000. `quirks` are its other deviations from the protocol. It sleeps after
+    `wake` seconds without a request; 0 for never.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Profile:
     timeout: float = 1.0
     any_coil: bool = False
     quirks: frozenset[str] = frozenset()
+    wake: float = 0.0
 
     def check(self, pdu: bytes) -> RequestPdu:
         """Parse `pdu`, and check that this kind of device accepts it.

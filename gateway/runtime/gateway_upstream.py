@@ -5,7 +5,7 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from gateway.config.plan.forecast import longest_wait_behind
+from gateway.config.plan.forecast import longest_waits_behind
 from gateway.config.plan.settings import UpstreamPlan
 from gateway.devices.device import Device
 from gateway.events import Emit
@@ -60,7 +60,7 @@ class GatewayUpstream:
         """Take over `plan`, which differs only in its place in the file or in the listeners that lead to it."""
         self.plan = plan
         self.unnamed = self.unnamed_of(plan)
-        self.longest_wait = {each.name: longest_wait_behind(plan) for each in (*plan.devices, *plan.unnamed)}
+        self.longest_wait = longest_waits_behind(plan)
         for each in plan.devices:
             self.devices[each.known_as].source = each.source
         for each in plan.unnamed:

@@ -13,10 +13,14 @@ For that, a device is assumed that answers every request, in the largest form th
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 from gateway.modbus.pdu import RequestPdu
 from gateway.timing.characters import LineTiming
 from gateway.timing.table import TimingTable
+
+#: What network and server add to a device's answer time, in seconds.
+NETWORK_LATENCY: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,16 @@ class AnswerTime:
     def slowest(self) -> float:
         """The longest time for any request to the device."""
         return max(self.timeout, self.margin * self.table.slowest)
+
+
+def limit_behind_server(asked: RequestPdu, answer_time: AnswerTime) -> float:
+    """Compute the seconds until a request to another server fails.
+
+    A time-out is meant as it is written; to a time of a device's table, network and server add their own.
+    """
+    allowed = answer_time.allowed(asked)
+    has_time = not answer_time.fixed and answer_time.table.time(asked.function, asked.items) is not None
+    return allowed + NETWORK_LATENCY if has_time else allowed
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ finishes its own state before it answers requests, because an answer may cause t
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Literal
 
 from gateway import errors
 from gateway.errors import RequestError
@@ -24,6 +24,7 @@ from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import NO_UNIT, TcpFrame, encode
 from gateway.ports.port import OpenAgain
+from gateway.timing.budget import limit_behind_server
 from gateway.trace.ring import Ring
 
 #: After this many requests without a response, a new connection is opened: late responses cannot come on it.
@@ -39,14 +40,22 @@ _IDENTIFIERS: Final = 0x10000
 class UpstreamSettings:
     """The settings of one upstream; times in seconds.
 
-    At most `in_flight` requests are under way and `queue` more wait, each for at most `max_wait`.
+    At most `in_flight` requests are under way and `queue` more wait, each for at most `max_wait`. `gap` is the silence
+    between a response and the next request. The connection is closed after `idle` seconds without a request, 0 for
+    never. `rest` is the longest rest of a unit, None for the default, 0 for none. With `transaction_id` "zero", the
+    server may answer with identifier 0.
     """
 
     name: str
-    timeout: float = 1.0
     in_flight: int = 16
+    gap: float = 0.0
+    idle: float = 0.0
+    coalesce: bool = True
+    retries: int = 0
+    rest: float | None = None
     queue: int = 64
     max_wait: float = 2.0
+    transaction_id: Literal["checked", "zero"] = "checked"
     source: str = field(default="", compare=False)
 
 
@@ -63,7 +72,7 @@ class Upstream:
         self.unasked_frames = 0
         self._telling = Telling(settings.name, settings.source, emit, "tcp", ring)
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=False)
-        self._reopening = Reopening(self._queue, settings.max_wait, lambda _: settings.timeout)
+        self._reopening = Reopening(self._queue, settings.max_wait, _limit_of)
         self._send_request: Send | None = None
         #: By identifier: requests under way, oldest first; bytes received instead of responses; requests past their
         #: limits.
@@ -306,7 +315,7 @@ class Upstream:
             self._refuse([transaction], errors.UnitResting(), now)
             return
         transaction.sent_at = transaction.ends_at = now
-        transaction.limit = self.settings.timeout
+        transaction.limit = _limit_of(transaction)
         identifier = self._free_identifier()
         transaction.count_sent(now)
         if transaction.expects_answer:
@@ -344,6 +353,10 @@ class Upstream:
         if self._send_request is None:
             state = "closed" if self.is_closed else "down"
         return f"<Upstream {self.settings.name} {state} waiting={self.waiting}>"
+
+
+def _limit_of(transaction: Transaction) -> float:
+    return limit_behind_server(transaction.asked, transaction.device.answer_time)
 
 
 def _answers(frame: TcpFrame, asked: Transaction) -> bool:

@@ -381,7 +381,7 @@ def test_all_settings_of_an_upstream():
         """
     ).upstreams
     assert upstream.port == TcpSettings("tcp://10.1.0.5:502", "10.1.0.5", 502, latency=0.0)
-    assert upstream.upstream == UpstreamSettings("plant-1", 0.3, in_flight=4, source="gateway.toml:1")
+    assert upstream.upstream == UpstreamSettings("plant-1", in_flight=4, source="gateway.toml:1")
     assert [(one.name, one.unit, one.known_as) for one in upstream.devices] == [
         ("plant-1/37", 0, 37),
         ("plant-1/38", 255, 38),

@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 
 from gateway.config.checks.units import served_units
 from gateway.config.load import parse
-from gateway.config.plan.names import all_device_names, unit_names
+from gateway.config.plan.names import all_device_names, device_names
 from gateway.config.problem import Path
 from gateway.config.schema.config import Config
+from gateway.config.schema.device import Device
 from gateway.config.schema.image import Image
-from gateway.config.schema.line import Device, Line
+from gateway.config.schema.line import Line
 from gateway.config.schema.listen import Listen
 from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.config.schema.table import Table
@@ -84,7 +85,7 @@ def accepted_configs(draw: st.DrawFn) -> str:
     config = _accepted(document)
     names = [name for line in config.line for name in all_device_names(line)]
     rows = [(upstream, row) for upstream in config.upstream for row in upstream.units or ()]
-    names += [name for upstream, row in rows for name in unit_names(upstream, row)]
+    names += [name for upstream, row in rows for name in device_names(upstream, row)]
     units = sorted(served_units(config))
     if names:
         mirrors = _tables(Image, of=st.sampled_from(names), read=st.lists(_POLLED, min_size=1, max_size=2))

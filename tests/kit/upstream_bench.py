@@ -32,8 +32,9 @@ class Sent(NamedTuple):
 class UpstreamBench:
     """An Upstream that is connected. Unit 37 of clients is unit 7 behind it, 38 is 8, and so on."""
 
-    def __init__(self, **settings: object) -> None:
-        self.settings = UpstreamSettings("plant-1", **{"timeout": TIMEOUT, **settings})
+    def __init__(self, timeout: float = TIMEOUT, **settings: object) -> None:
+        self.timeout = timeout
+        self.settings = UpstreamSettings("plant-1", **settings)
         self.events: list[Event] = []
         self.upstream = Upstream(self.settings, self.events.append)
         self.sent: list[Sent] = []
@@ -58,7 +59,7 @@ class UpstreamBench:
 
     def device(self, unit: int) -> Device:
         if unit not in self._devices:
-            answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=self.settings.timeout, fixed=True)
+            answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=self.timeout, fixed=True)
             settings = DeviceSettings(f"plant-1/{unit}", unit - 30, unit, Profile("upstream"), answer_time)
             self._devices[unit] = Device(settings, self.upstream)
         return self._devices[unit]

@@ -41,12 +41,12 @@ class Driven:
     def __init__(self) -> None:
         self.loop = asyncio.get_running_loop()
         self.events: list[Event] = []
-        self.upstream = Upstream(UpstreamSettings("plant-1", timeout=0.5), self.events.append)
+        self.upstream = Upstream(UpstreamSettings("plant-1"), self.events.append)
         self.driver = TcpDriver(self.upstream, self.loop, self.events.append)
         self.port = FakePort()
         self.driver.port_up(self.port)
         self.client = Asker()
-        self.device = Device(UpstreamBench().device(37).settings, self.driver)
+        self.device = Device(UpstreamBench(timeout=0.5).device(37).settings, self.driver)
 
     def ask(self, pdu: str = READ, client: Asker | None = None) -> None:
         now = self.loop.time()

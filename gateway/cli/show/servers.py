@@ -9,8 +9,8 @@ from gateway.cli.show.listeners import ON_FAILURE_SILENT, listeners_for, through
 from gateway.cli.show.sites import timeout_advice
 from gateway.config.machine.port_trouble import predict_wire
 from gateway.config.plan.forecast import (
-    longest_wait_behind,
     longest_wait_outside,
+    longest_waits_behind,
     waits_behind,
 )
 from gateway.config.plan.settings import Plan, ServerPlan, UpstreamPlan
@@ -19,13 +19,14 @@ from gateway.config.values.duration import show_duration
 
 def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
     """Show an upstream and the units behind it."""
-    settings, wait = plan.upstream, round_up(longest_wait_behind(plan))
-    rows = [(str(device.known_as), str(device.unit), wait) for device in plan.devices]
+    settings, waits = plan.upstream, longest_waits_behind(plan)
+    wait = round_up(max(waits.values()))
+    rows = [(str(device.known_as), str(device.unit), round_up(waits[device.name])) for device in plan.devices]
     names = through(listeners_for(settings.name, whole), is_shared=bool(rows))
     return "\n".join(
         [
             f"Upstream {settings.name}: {plan.port.port}",
-            f"  timeout {show_duration(settings.timeout)}, {settings.in_flight} in flight",
+            f"  {settings.in_flight} in flight",
             *([align([("UNIT", "BEHIND THE SERVER", "LONGEST WAIT"), *rows], "  ")] if rows else []),
             *([f"{names}: 0-255, as behind the server; longest wait {wait}."] if names else []),
             *timeout_advice(plan),
@@ -53,18 +54,18 @@ def server_as_text(server: ServerPlan, plan: Plan) -> str:
 
 def upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
     """Make an upstream for programs."""
+    waits = longest_waits_behind(plan)
     return {
         "name": plan.upstream.name,
         "to": plan.port.port,
-        "timeout_ms": milliseconds(plan.upstream.timeout),
         "in_flight": plan.upstream.in_flight,
         "own_listeners": listeners_for(plan.upstream.name, whole),
-        "longest_wait_ms": milliseconds(longest_wait_behind(plan)),
+        "longest_wait_ms": milliseconds(max(waits.values())),
         "units": [
             {
                 "unit": str(device.known_as),
                 "behind_the_server": str(device.unit),
-                "longest_wait_ms": milliseconds(longest_wait_behind(plan)),
+                "longest_wait_ms": milliseconds(waits[device.name]),
             }
             for device in plan.devices
         ],

@@ -8,7 +8,6 @@ from select import select
 from typing import Final
 
 from gateway.cli.kit.daemon import Conversation, Meant
-from gateway.config.plan.settings import NETWORK_LATENCY
 from gateway.config.values.address import Address
 from gateway.config.values.port import parse_port
 from gateway.control.path import SYSTEM_SOCKET
@@ -17,6 +16,7 @@ from gateway.operator.operation import Nothing
 from gateway.operator.operations import STATUS
 from gateway.operator.results import read_result
 from gateway.ports.tcp import CLOSED_AT_ONCE, READ_SIZE
+from gateway.timing.budget import NETWORK_LATENCY
 
 _TAKEN: Final = (
     "{port} is the port of line {line} of the running gateway ({gateway})\n  help: leave out --port to go through it"

@@ -9,7 +9,7 @@ from pathlib import Path
 from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.device_server import refuse_port_of_gateway
-from gateway.config.plan.settings import NETWORK_LATENCY, LinePlan
+from gateway.config.plan.settings import LinePlan
 from gateway.config.problem import WrongValue
 from gateway.config.values.address import Address
 from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
@@ -23,6 +23,7 @@ from gateway.ports.opener import make_opener
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.state.memory import Memory
+from gateway.timing.budget import NETWORK_LATENCY
 from gateway.timing.characters import LineTiming
 from gateway.tools.scan import Scan, Steps, opened, scan_speeds
 from gateway.trace.ring import Ring

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Hashable, Iterable, Iterator
 
-from gateway.config.plan.names import all_device_names, device_names, unit_names, unlisted_units
+from gateway.config.plan.names import Owner, all_device_names, device_names, owners, rows_of, unlisted_units
 from gateway.config.plan.reach import client_lines, listeners_for
 from gateway.config.problem import Path, Problem, dotted, error
 from gateway.config.schema.config import Config
-from gateway.config.schema.line import Device, Line
+from gateway.config.schema.device import Device
+from gateway.config.schema.line import Line
 from gateway.config.schema.listen import Listen
 from gateway.config.schema.table import Table
-from gateway.config.schema.upstream import Upstream
 from gateway.config.values.reserved_names import RESERVED
 from gateway.images.self_image import NAME
 
@@ -18,7 +18,7 @@ def check_names(config: Config, misplaced: set[Path]) -> Iterator[Problem]:
     """Find names that are used twice, or are reserved. `misplaced` are tables whose port or address is used twice."""
     servers = [line for line in config.line if line.role == "server"]
     listeners: tuple[Listen | Line, ...] = (*config.listen, *servers)
-    kept_open: tuple[Line | Upstream, ...] = (*config.line, *config.upstream)
+    kept_open: tuple[Owner, ...] = (*config.line, *config.upstream)
     for listener in listeners:
         if listener.name is not None and listener.name in RESERVED:
             what = f'"{listener.name}" is what [[access]] calls {RESERVED[listener.name]}'
@@ -33,19 +33,18 @@ def _generate_names(config: Config) -> dict[str, Table]:
     """Make the default names of units. Duplicates among them come from duplicate lines or units."""
     lines = client_lines(config)
     made: dict[str, Table] = {name: line for line in lines if line.devices is None for name in all_device_names(line)}
-    rows = [(line, row) for line in lines for row in line.devices or () if row.name is None]
-    made |= {name: row for line, row in rows for name in device_names(line, row)}
+    rows = [(owner, row) for owner in owners(config) for row in rows_of(owner) if row.name is None]
+    made |= {name: row for owner, row in rows for name in device_names(owner, row)}
     for upstream in config.upstream:
-        made |= {name: row for row in upstream.units or () for name in unit_names(upstream, row)}
         made |= dict.fromkeys(unlisted_units(upstream).values() if listeners_for(upstream, config) else (), upstream)
     return made
 
 
 def _list_names(config: Config) -> Iterator[tuple[str, Table]]:
-    for line in config.line:
-        for row in line.devices or ():
+    for owner in owners(config):
+        for row in rows_of(owner):
             if row.name is not None:
-                yield from ((name, row) for name in device_names(line, row))
+                yield from ((name, row) for name in device_names(owner, row))
     if config.own is not None:
         yield NAME, config.own
     yield from ((image.label, image) for image in config.image)

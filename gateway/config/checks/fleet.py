@@ -29,8 +29,8 @@ def check_fleet(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             if line.lease is not None:
                 yield error((*line.path, "lease"), "needs [fleet], where NATS keeps the lease", _ADD)
     for upstream in config.upstream:
-        if isinstance(upstream.to, Site):
-            yield from _check_upstream(upstream, upstream.to, config, failed)
+        if isinstance(upstream.to[0], Site):
+            yield from _check_upstream(upstream, upstream.to[0], config, failed)
     for row in config.access if not failed & {"listen", "line"} else ():
         yield from _check_access(row)
 
@@ -42,7 +42,7 @@ def _check_upstream(upstream: Upstream, other: Site, config: Config, failed: fro
         yield error(path, f"{other} needs [fleet]", _ADD)
     if other.name == config.site:
         yield error(path, f"leads back to this gateway: {config.site} is its own site", "name another site")
-    if upstream.timeout < _SHORTEST_TO_SITE:
+    if upstream.timeout is not None and upstream.timeout < _SHORTEST_TO_SITE:
         what = "is short for another site: heartbeat, request and response take their way, and 50 ms are kept"
         yield warning((*upstream.path, "timeout"), what, 'write "250 ms" or more')
 

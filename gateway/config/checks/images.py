@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from gateway.config.checks.units import claims, profile_of_row
 from gateway.config.plan.areas import initial_values, ranges_in
-from gateway.config.plan.names import device_names, unit_names
+from gateway.config.plan.names import device_names, owners, rows_of
 from gateway.config.plan.reach import client_lines, units_without_devices
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema.config import Config
@@ -53,17 +53,15 @@ def _name_of_unit(text: str, config: Config) -> str:
 
 
 def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
-    """Find the profile of each device, by its name; None if it is not known, as behind other servers."""
+    """Find the profile of each device, by its name; None if it does not exist."""
     profiles: dict[str, ProfileTable | None] = {}
     for line in client_lines(config):
         if line.devices is None:
             names = (f"{line.label}/{unit}" for unit in units_without_devices(line, config))
             profiles |= dict.fromkeys(names, config.profile.get(line.profile))
-        for row in line.devices or ():
-            profiles |= dict.fromkeys(device_names(line, row), profile_of_row(config, line, row))
-    for upstream in config.upstream:
-        for units in upstream.units or ():
-            profiles |= dict.fromkeys(unit_names(upstream, units))
+    for owner in owners(config):
+        for row in rows_of(owner):
+            profiles |= dict.fromkeys(device_names(owner, row), profile_of_row(config, owner, row))
     return profiles
 
 

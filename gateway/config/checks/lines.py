@@ -15,7 +15,9 @@ from gateway.config.values.character_format import fits_mode
 _CLIENT_KEYS: Final = (
     *("devices", "profile", "timeout", "turnaround", "late_window"),
     *("queue", "max_wait", "retries", "retry_within", "rest", "coalesce", "broadcast", "lease"),
+    *("idle", "after_connect", "wake"),
 )
+_CONNECTION_KEYS: Final = ("idle", "after_connect")
 _SERVER_KEYS: Final = ("serves", "on_failure", "answer_within", "broadcast_to")
 
 
@@ -36,6 +38,8 @@ def other_mode(line: Line) -> str:
 def _check_device_server(line: Line) -> Iterator[Problem]:
     """Find keys without effect on a device server: its address sets the mode, and it drives its own serial line."""
     if not isinstance(line.port, Address):
+        for key in filter(line.has, _CONNECTION_KEYS):
+            yield error((*line.path, key), "is for lines behind a device server", "take it out")
         return
     if line.has("mode") and line.mode != spoken_on(line):
         remedy = f'leave mode out, or write port = "{replace(line.port, scheme=f"{line.mode}+tcp")}"'

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from gateway.config.checks.units import profile_of_row
 from gateway.config.plan.areas import places_of
+from gateway.config.plan.names import owners, rows_of
 from gateway.config.plan.points import is_range, names_of, size_of, type_of
 from gateway.config.problem import Path, Problem, error
 from gateway.config.schema.config import Config
@@ -22,9 +23,9 @@ def check_points(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     for profile in config.profile.values():
         yield from _check_tables(profile.points, profile)
         yield from _check_names(profile.points, {})
-    for line in config.line:
-        for row in line.devices or ():
-            named = None if "profile" in failed else profile_of_row(config, line, row)
+    for owner in owners(config):
+        for row in rows_of(owner):
+            named = None if "profile" in failed else profile_of_row(config, owner, row)
             yield from _check_tables(row.points, named)
             yield from _check_names(row.points, _names(named.points) if named is not None and row.points else {})
 

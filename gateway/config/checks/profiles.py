@@ -5,10 +5,12 @@ from itertools import groupby, pairwise
 
 from gateway.config.checks.lines import other_mode
 from gateway.config.plan.lines import spoken_on
+from gateway.config.plan.names import Owner, owners, rows_of
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema.config import Config
+from gateway.config.schema.device import Device
 from gateway.config.schema.image import Image
-from gateway.config.schema.line import Device, Line
+from gateway.config.schema.line import Line
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.values.duration import show_duration
 
@@ -21,8 +23,8 @@ def check_profiles(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         yield from _check_timing(profile)
     if "profile" in failed:
         return
-    rows = [row for line in config.line for row in line.devices or ()]
-    tables: tuple[Line | Device | Image, ...] = (*config.line, *rows, *config.image)
+    rows = [row for owner in owners(config) for row in rows_of(owner)]
+    tables: tuple[Owner | Device | Image, ...] = (*config.line, *config.upstream, *rows, *config.image)
     for table in tables:
         if table.profile is not None and table.profile not in config.profile:
             remedy = did_you_mean(table.profile, config.profile)
@@ -59,9 +61,9 @@ def _check_mode(config: Config) -> Iterator[Problem]:
 
 def _check_timeouts(config: Config) -> Iterator[Problem]:
     """Find devices with a shorter time-out than the times of their profile, which it replaces."""
-    for line in config.line:
-        for row in line.devices or ():
-            profile = config.profile.get(row.profile or line.profile or "")
+    for owner in owners(config):
+        for row in rows_of(owner):
+            profile = config.profile.get(row.profile or owner.profile)
             if row.timeout is None or profile is None:
                 continue
             slowest = max(profile.timing, key=lambda point: point.time, default=None)

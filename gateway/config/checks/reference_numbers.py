@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from gateway.config.plan.areas import places_of, ranges_in
-from gateway.config.plan.names import device_names
+from gateway.config.plan.names import device_names, owners, rows_of
 from gateway.config.problem import Path, Problem, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.profile import PointTable, ProfileTable
@@ -25,9 +25,9 @@ def check_addresses(config: Config) -> Iterator[Problem]:
     """Warn of such addresses of images, mirrors, profiles and points."""
     of_profiles = [(profile, _Known(profile)) for profile in config.profile.values()]
     rows = [
-        (device_names(line, row), row, _Known(config.profile.get(row.profile or line.profile), row.points))
-        for line in config.line
-        for row in line.devices or ()
+        (device_names(owner, row), row, _Known(config.profile.get(row.profile or owner.profile), row.points))
+        for owner in owners(config)
+        for row in rows_of(owner)
     ]
     of_devices = {name: known for names, _, known in rows for name in names}
     for area in MANUAL_BASES:

@@ -25,7 +25,8 @@ def check_tls(config: Config) -> Iterator[Problem]:
     for listen in config.listen:
         yield from _check_keys(listen, ("bind", listen.bind.scheme), ("certificate", "key", "clients_ca"), ("crl",))
     for upstream in config.upstream:
-        scheme = upstream.to.scheme
+        schemes = {to.scheme for to in upstream.to}
+        scheme = "tls" if "tls" in schemes else schemes.pop()
         yield from _check_keys(upstream, ("to", scheme), ("certificate", "key", "ca"), ("server_name",))
     for row in config.access:
         yield from _check_role(row, config)

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway.config.plan.lines import ASKED_AT_ZERO
-from gateway.config.plan.names import all_device_names, device_names, unit_names
+from gateway.config.plan.names import Owner, all_device_names, device_names, owners, rows_of
 from gateway.config.plan.reach import client_lines, is_apart, leads_everywhere, listeners_for, only_part, passing_units
 from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.schema.config import Config
-from gateway.config.schema.line import Device, Line
+from gateway.config.schema.device import Device
+from gateway.config.schema.line import Line
 from gateway.config.schema.profile import ProfileTable
-from gateway.config.schema.upstream import Upstream
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 
@@ -33,30 +33,30 @@ class Claim:
 _MOST_TOLD: Final = 5
 
 
-def profile_of_row(config: Config, line: Line, row: Device) -> ProfileTable | None:
-    """Find the profile of a row; None if it does not exist. At address 0, only holding registers can be read."""
-    profile = config.profile.get(row.profile or line.profile)
-    if profile is not None and BROADCAST_UNIT in row.units:
+def profile_of_row(config: Config, owner: Owner, row: Device) -> ProfileTable | None:
+    """Find the profile of a row; None if it does not exist.
+
+    At address 0 of a line, only holding registers can be read.
+    """
+    profile = config.profile.get(row.profile or owner.profile)
+    if profile is not None and BROADCAST_UNIT in row.units and isinstance(owner, Line):
         return profile.model_copy(update={"functions": tuple(ASKED_AT_ZERO)})
     return profile
 
 
 def claims(config: Config) -> Iterator[Claim]:
     """Collect the claims of all tables except pass-through lines, which get the remaining units."""
-    for line in client_lines(config):
-        for row in line.devices or ():
+    remedy = 'give one of them another unit ID for clients with "as"'
+    for part in owners(config):
+        owner = f'of {"line" if isinstance(part, Line) else "upstream"} "{part.label}"'
+        for row in rows_of(part):
             path = (*row.path, "unit" if row.known_as is None else "as")
-            owner, remedy = f'of line "{line.label}"', 'give one of them another unit ID for clients with "as"'
-            yield Claim(row.client_units, owner, path, row.source, remedy, tuple(device_names(line, row)))
+            yield Claim(row.client_units, owner, path, row.source, remedy, tuple(device_names(part, row)))
     for image in config.image:
         owner = f'of image "{image.label}"'
         yield Claim((image.unit,), owner, (*image.path, "unit"), image.source, names=(image.label,))
     if config.own is not None:
         yield Claim((config.own.unit,), "of the gateway itself", (*config.own.path, "unit"), config.own.source)
-    for upstream in config.upstream:
-        for units in upstream.units or ():
-            owner, names = f'of upstream "{upstream.label}"', tuple(unit_names(upstream, units))
-            yield Claim(units.known_as, owner, (*units.path, "as"), units.source, names=names)
 
 
 def not_configured(units: Iterable[int]) -> str:
@@ -123,8 +123,7 @@ def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     if leads_everywhere(config) or failed & {"listen", "line", "image"}:
         return
     served, mirrored = _served_to_outside_clients(config), _mirrored(config)
-    parts: tuple[Line | Upstream, ...] = (*client_lines(config), *config.upstream)
-    own = {part.path for part in parts if listeners_for(part, config)}
+    own = {part.path for part in owners(config) if listeners_for(part, config)}
     for claim in claims(config):
         polled = {unit for unit, name in zip(claim.units, claim.names, strict=False) if name in mirrored}
         unasked = set(claim.units) - served - polled
@@ -135,10 +134,11 @@ def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 
 def check_device_rows(config: Config) -> Iterator[Problem]:
     """Find rows of devices that are ambiguous."""
+    for owner in owners(config):
+        for row in rows_of(owner):
+            yield from _check_row(row, owner)
+        yield from _check_wire_units(owner)
     for line in client_lines(config):
-        for row in line.devices or ():
-            yield from _check_row(row)
-        yield from _check_wire_units(line)
         yield from _check_reserved(line)
         yield from _check_lone_device(line)
 
@@ -184,27 +184,34 @@ def _mirrored(config: Config) -> frozenset[str]:
     return frozenset(image.of for image in config.image if image.of is not None)
 
 
-def _check_row(row: Device) -> Iterator[Problem]:
+def _check_row(row: Device, owner: Owner) -> Iterator[Problem]:
     if len(row.client_units) != len(row.units):
         yield error(
             (*row.path, "as"),
-            f"names {len(row.client_units)} units for clients, but there are {len(row.units)} on the wire",
+            f"names {len(row.client_units)} units for clients, but there are {len(row.units)} {_where(owner)}",
             f'as many as in unit = "{show_units(row.units)}" are needed',
         )
     if len(row.units) > 1 and row.name is not None and "*" not in row.name:
         remedy = f'write "{row.name}-*": * becomes the unit that clients use'
         yield error((*row.path, "name"), f"{len(row.units)} devices cannot have one name", remedy)
     if 0 in row.client_units:
-        yield error((*row.path, "unit"), "unit 0 stands for every device", "name the unit that clients use: as = 50")
+        what = "unit 0 stands for every device" if isinstance(owner, Line) else "clients cannot ask for unit 0"
+        yield error((*row.path, "unit"), what, "name the unit that clients use: as = 50")
 
 
-def _check_wire_units(line: Line) -> Iterator[Problem]:
+def _where(owner: Owner) -> str:
+    """Say where a device has its unit."""
+    return "on the wire" if isinstance(owner, Line) else "behind the server"
+
+
+def _check_wire_units(owner: Owner) -> Iterator[Problem]:
     asked_as: dict[int, int] = {}
-    for row in line.devices or ():
+    for row in rows_of(owner):
         for unit, known_as in zip(row.units, row.client_units, strict=False):
             if asked_as.setdefault(unit, known_as) != known_as:
                 yield warning(
-                    (*row.path, "unit"), f"unit {unit} on the wire already has the unit ID {asked_as[unit]} for clients"
+                    (*row.path, "unit"),
+                    f"unit {unit} {_where(owner)} already has the unit ID {asked_as[unit]} for clients",
                 )
 
 

@@ -1,24 +1,32 @@
 """Cross-checks of the servers that the gateway itself connects to."""
 
 from collections.abc import Iterator
+from typing import Final
 
 from gateway.config.plan.reach import listeners_for, listening
 from gateway.config.problem import Path, Problem, error
 from gateway.config.schema.config import Config
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.address import Address
-from gateway.config.values.unitset import show_units
+from gateway.config.values.site import Site
+
+#: Keys that are for connections to servers.
+_ONLY_TCP: Final = ("gap", "after_connect", "idle", "transaction_id")
 
 
 def check_upstreams(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     """Find servers with an address that is of no use, or this gateway's, and upstreams without units."""
     for upstream in config.upstream:
-        if isinstance(upstream.to, Address):
-            yield from _check_server((*upstream.path, "to"), upstream.to, config)
+        for index, to in enumerate(upstream.to):
+            path = (*upstream.path, "to", index) if len(upstream.to) > 1 else (*upstream.path, "to")
+            if isinstance(to, Address):
+                yield from _check_server(path, to, config)
         if upstream.units is None and "listen" not in failed and not listeners_for(upstream, config):
             remedy = f'name its units, or give it its own [[listen]] with upstream = "{upstream.label}"'
             yield error(upstream.path, "units is missing", remedy)
-        yield from _check_units(upstream)
+        if upstream.units == ():
+            yield error((*upstream.path, "units"), "is empty", "write units = [{ as = 37, unit = 37 }]")
+        yield from _check_keys(upstream)
     for line in config.line:
         if isinstance(line.port, Address):
             yield from _check_server((*line.path, "port"), line.port, config)
@@ -35,13 +43,13 @@ def _check_server(path: Path, address: Address, config: Config) -> Iterator[Prob
             yield error(path, f"leads back to this gateway ({source})", "name another server")
 
 
-def _check_units(upstream: Upstream) -> Iterator[Problem]:
-    if upstream.units == ():
-        yield error((*upstream.path, "units"), "is empty", "write units = [{ as = 37, unit = 37 }]")
-    for row in upstream.units or ():
-        if len(row.known_as) != len(row.units):
-            yield error(
-                (*row.path, "as"),
-                f"names {len(row.known_as)} units for clients, but there are {len(row.units)} behind the server",
-                f'as many as in unit = "{show_units(row.units)}" are needed',
-            )
+def _check_keys(upstream: Upstream) -> Iterator[Problem]:
+    """Find keys that do not fit together, or do not fit the gateway of another site."""
+    if upstream.has("in_flight") and upstream.in_flight > 1:
+        for key, means in (("gap", upstream.gap > 0), ("transaction_id", upstream.transaction_id == "zero")):
+            if means:
+                path = (*upstream.path, "in_flight")
+                yield error(path, f"{key} lets only one request at a time", "leave it out, or write in_flight = 1")
+    if isinstance(upstream.to[0], Site):
+        for key in filter(upstream.has, _ONLY_TCP):
+            yield error((*upstream.path, key), "is for connections, and a site has none", "take it out")

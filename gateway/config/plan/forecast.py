@@ -1,6 +1,6 @@
 """The time limits that follow from a plan, and how long a client may have to wait for each unit."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -21,7 +21,7 @@ from gateway.modbus.functions import (
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.ports.port import TcpSettings
 from gateway.profiles.profile import Profile
-from gateway.timing.budget import AnswerTime, Budget
+from gateway.timing.budget import AnswerTime, Budget, limit_behind_server
 from gateway.timing.characters import LineTiming
 
 #: A guard is longer than the transaction by this many seconds: the delay that the operating system may add.
@@ -127,15 +127,34 @@ def times_for_repeats(plan: LinePlan) -> tuple[float, float]:
     return min(times, default=0.0), max(times, default=0.0)
 
 
-def longest_wait_behind(plan: UpstreamPlan) -> float:
-    """Compute the longest wait for a unit behind another server: until the request is sent, and for the response."""
-    return plan.upstream.max_wait + plan.upstream.timeout
+def longest_waits_behind(plan: UpstreamPlan) -> dict[str, float]:
+    """Compute the longest wait for each unit behind another server, by its name: for its turn, and for the response.
+
+    Reads are repeated at once. The first requests wait for the connection, and for what has to pass after it.
+    """
+    settings = plan.upstream
+    before = settings.max_wait + settings.gap + (plan.port.after_connect if isinstance(plan.port, TcpSettings) else 0.0)
+    waits: dict[Hashable, float] = {}
+    for device in (*plan.devices, *plan.unnamed):
+        kind = _limiting(device)
+        if kind not in waits:
+            waits[kind] = before + (1 + settings.retries) * _longest_limit_behind(device)
+    return {device.name: waits[_limiting(device)] for device in (*plan.devices, *plan.unnamed)}
+
+
+def _longest_limit_behind(device: DeviceSettings) -> float:
+    profile = device.profile
+    requests = (
+        request_for(each, most_items(each, profile)) if each in TABLE_FUNCTIONS else _largest_request(each)
+        for each in _functions(profile)
+    )
+    return max(limit_behind_server(asked, device.answer_time) for asked in requests)
 
 
 def least_timeouts_at_other_sites(plan: Plan) -> dict[str, float]:
     """Compute the shortest `timeout` of an upstream at another site, for each line and upstream here by its name."""
     waits = {line.line.name: [longest_wait(line, device) for device in line.shared] for line in plan.lines}
-    waits |= {one.upstream.name: [longest_wait_behind(one)] for one in plan.upstreams}
+    waits |= {one.upstream.name: [*longest_waits_behind(one).values()] for one in plan.upstreams}
     return {name: _TIMEOUT_AT_OTHER_SITES * max(each) for name, each in waits.items() if each}
 
 
@@ -151,7 +170,7 @@ def most_items(function: int, profile: Profile) -> int:
 def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
     """Find the name of the destination of each unit of a server line, and the longest wait for it."""
     behind = {name: wait for line in plan.lines for name, wait in longest_waits(line).items()}
-    behind |= {device.name: longest_wait_behind(upstream) for upstream in plan.upstreams for device in upstream.devices}
+    behind |= {name: wait for upstream in plan.upstreams for name, wait in longest_waits_behind(upstream).items()}
     shared = [device for line in plan.lines for device in line.shared]
     shared += [device for upstream in plan.upstreams for device in upstream.devices]
     waits = {device.known_as: (device.name, behind[device.name]) for device in shared}

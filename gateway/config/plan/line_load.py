@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from gateway.config.plan.forecast import most_items, one_of_each_kind
-from gateway.config.plan.settings import NETWORK_LATENCY, LinePlan, Plan
+from gateway.config.plan.settings import LinePlan, Plan
 from gateway.config.values.reserved_names import MQTT
 from gateway.devices.device import DeviceSettings
 from gateway.images.polls import joined
@@ -16,7 +16,7 @@ from gateway.ports.port import SerialSettings
 from gateway.profiles.profile import Profile
 from gateway.profiles.published import timed_batches
 from gateway.registers.items import read_request
-from gateway.timing.budget import Pace
+from gateway.timing.budget import NETWORK_LATENCY, Pace
 
 #: From this share on a line has little time left for anything but its polls.
 FULL: Final = 0.9

@@ -5,17 +5,17 @@ from dataclasses import replace
 from typing import Final, Literal
 
 from gateway.config.plan.fleet import lease_of
-from gateway.config.plan.names import device_names, unit_names, unlisted_units
+from gateway.config.plan.names import Owner, device_names, rows_of, unlisted_units
 from gateway.config.plan.reach import listeners_for, own_units, units_without_devices
 from gateway.config.plan.settings import (
-    NETWORK_LATENCY,
     SHARED_ARRIVES_WITHIN,
     LinePlan,
     ServerPlan,
     UpstreamPlan,
 )
 from gateway.config.schema.config import Config
-from gateway.config.schema.line import Device, Line
+from gateway.config.schema.device import Device
+from gateway.config.schema.line import Line
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.address import Address
 from gateway.config.values.character_format import DEFAULT_FORMATS
@@ -27,9 +27,8 @@ from gateway.listeners.sessions.server_line import ServerSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FunctionCode
 from gateway.ports.port import PortSettings, SerialSettings, SiteSettings, TcpSettings
 from gateway.profiles.profile import Profile
-from gateway.timing.budget import AnswerTime
+from gateway.timing.budget import NETWORK_LATENCY, AnswerTime
 from gateway.timing.characters import LineTiming
-from gateway.timing.table import TimingTable
 from gateway.tls.settings import ClientTls
 from gateway.upstreams.upstream import UpstreamSettings
 
@@ -71,20 +70,29 @@ def server_plan(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
     return ServerPlan(port, settings, line.broadcast_to)
 
 
-def upstream_plan(upstream: Upstream, config: Config) -> UpstreamPlan:
+def upstream_plan(upstream: Upstream, profiles: dict[str, Profile], config: Config) -> UpstreamPlan:
     """Plan the way to another server, or to the gateway of another site."""
+    is_one_by_one = upstream.gap > 0 or upstream.transaction_id == "zero"
     settings = UpstreamSettings(
-        name=upstream.label, timeout=upstream.timeout, in_flight=upstream.in_flight, source=upstream.source
+        name=upstream.label,
+        in_flight=1 if is_one_by_one else upstream.in_flight,
+        gap=upstream.gap,
+        idle=upstream.idle,
+        coalesce=upstream.coalesce,
+        retries=upstream.retries,
+        rest=upstream.rest,
+        queue=upstream.queue,
+        max_wait=upstream.max_wait,
+        transaction_id=upstream.transaction_id,
+        source=upstream.source,
     )
-    named = (
-        (unit, known_as, name, row.source)
-        for row in upstream.units or ()
-        for unit, known_as, name in zip(row.units, row.known_as, unit_names(upstream, row), strict=True)
-    )
-    others = unlisted_units(upstream).items() if listeners_for(upstream, config) else ()
-    unnamed = ((unit, unit, name, upstream.source) for unit, name in others)
+    port, *others = (_other_server(upstream, to) for to in upstream.to)
     return UpstreamPlan(
-        _other_server(upstream), settings, tuple(_behind(upstream, named)), tuple(_behind(upstream, unnamed))
+        port,
+        settings,
+        devices=tuple(one for row in rows_of(upstream) for one in _of_row(upstream, row, profiles)),
+        others=tuple(other for other in others if isinstance(other, TcpSettings)),
+        unnamed=tuple(_unnamed(upstream, profiles)) if listeners_for(upstream, config) else (),
     )
 
 
@@ -101,6 +109,7 @@ def _timing(line: Line) -> LineTiming:
 def _port(line: Line, timing: LineTiming) -> PortSettings:
     if isinstance(line.port, Address):
         server = _server(line.port, NETWORK_LATENCY if line.latency is None else line.latency)
+        server = replace(server, after_connect=line.after_connect)
         return server if line.lease is None else replace(server, arrives_within=SHARED_ARRIVES_WITHIN)
     return SerialSettings(line.port, line.baud, timing.format, line.rs485, line.latency)
 
@@ -120,6 +129,7 @@ def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings
         retries=line.retries,
         retry_within=line.retry_within,
         rest=line.rest,
+        idle=line.idle,
         echo=line.echo,
         wire=line.wire,
         coalesce=line.coalesce,
@@ -148,12 +158,12 @@ def _devices(line: Line, profiles: dict[str, Profile], config: Config) -> Iterat
     return (one for row in line.devices for one in _of_row(line, row, profiles))
 
 
-def _of_row(line: Line, row: Device, profiles: dict[str, Profile]) -> Iterator[DeviceSettings]:
-    profile = profiles[row.profile or line.profile]
-    if BROADCAST_UNIT in row.units:
+def _of_row(owner: Owner, row: Device, profiles: dict[str, Profile]) -> Iterator[DeviceSettings]:
+    profile = profiles[row.profile or owner.profile]
+    if BROADCAST_UNIT in row.units and isinstance(owner, Line):
         profile = replace(profile, functions=ASKED_AT_ZERO)
-    answer_time = _answer_time(line, row, profile)
-    for unit, known_as, name in zip(row.units, row.client_units, device_names(line, row), strict=True):
+    answer_time, wake = _answer_time(owner, row, profile), _wake(owner, row, profile)
+    for unit, known_as, name in zip(row.units, row.client_units, device_names(owner, row), strict=True):
         yield DeviceSettings(
             name=name,
             unit=unit,
@@ -161,39 +171,44 @@ def _of_row(line: Line, row: Device, profiles: dict[str, Profile]) -> Iterator[D
             profile=profile,
             answer_time=answer_time,
             priority=row.priority,
+            wake=wake,
             source=row.source,
         )
 
 
-def _answer_time(line: Line, row: Device, profile: Profile) -> AnswerTime:
+def _unnamed(upstream: Upstream, profiles: dict[str, Profile]) -> Iterator[DeviceSettings]:
+    """Describe the units of the server that no row lists."""
+    (one,) = _of_row(upstream, Device.model_validate({"unit": 1}), profiles)
+    for unit, name in unlisted_units(upstream).items():
+        yield replace(one, name=name, unit=unit, known_as=unit, source=upstream.source)
+
+
+def _wake(owner: Owner, row: Device, profile: Profile) -> float:
+    """Choose the time after which a device sleeps; 0 for never."""
+    return row.wake if row.wake is not None else profile.wake or owner.wake
+
+
+def _answer_time(owner: Owner, row: Device, profile: Profile) -> AnswerTime:
     """Choose the answer time of a device.
 
-    Its own time-out has priority; that of the line applies only without a timing table and a named profile.
+    Its own time-out has priority; that of the line or upstream applies only without a timing table and a named profile.
+    Behind another site it applies to every function: there, requests of others have their turns too.
     """
     if row.timeout is not None:
         return AnswerTime(profile.timing, profile.margin, row.timeout, fixed=True)
-    of_line = line.timeout if row.profile is None else None
-    return AnswerTime(profile.timing, profile.margin, of_line or profile.timeout)
+    of_owner = owner.timeout if row.profile is None else None
+    is_site = isinstance(owner, Upstream) and isinstance(owner.to[0], Site)
+    return AnswerTime(profile.timing, profile.margin, of_owner or profile.timeout, fixed=is_site)
 
 
-def _other_server(upstream: Upstream) -> TcpSettings | SiteSettings:
-    if isinstance(upstream.to, Site):
-        return SiteSettings(str(upstream.to), upstream.to.name)
-    return replace(_server(upstream.to, latency=0.0), tls=_client_tls(upstream, upstream.to))
+def _other_server(upstream: Upstream, to: Address | Site) -> TcpSettings | SiteSettings:
+    if isinstance(to, Site):
+        return SiteSettings(str(to), to.name)
+    server = _server(to, latency=0.0)
+    return replace(server, tls=_client_tls(upstream, to), after_connect=upstream.after_connect)
 
 
 def _client_tls(upstream: Upstream, address: Address) -> ClientTls | None:
     if upstream.certificate is None or upstream.key is None or upstream.ca is None:
         return None
     return ClientTls(upstream.certificate, upstream.key, upstream.ca, upstream.server_name or address.host)
-
-
-def _behind(upstream: Upstream, units: Iterable[tuple[int, int, str, str]]) -> Iterator[DeviceSettings]:
-    """Make these units behind another server, without a profile: the server checks requests itself.
-
-    Each is its number there, the one for clients, its name and its place in the file.
-    """
-    profile = Profile("upstream")
-    answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=upstream.timeout, fixed=True)
-    for unit, known_as, name, source in units:
-        yield DeviceSettings(name, unit, known_as, profile, answer_time, source=source)

@@ -1,14 +1,29 @@
-"""What devices and units are called: the names that a config gives them, or those that follow from their tables."""
+"""What devices are called: the names that a config gives them, or those that follow from their tables."""
 
-from gateway.config.schema.line import Device, Line
-from gateway.config.schema.upstream import Upstream, UpstreamUnit
+from gateway.config.schema.config import Config
+from gateway.config.schema.device import Device
+from gateway.config.schema.line import Line
+from gateway.config.schema.upstream import Upstream
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 
+#: A part of the config that has devices.
+Owner = Line | Upstream
 
-def device_names(line: Line, row: Device) -> list[str]:
+
+def owners(config: Config) -> list[Owner]:
+    """List the parts with devices: lines on which the gateway is the client, and upstreams."""
+    return [*(line for line in config.line if line.role == "client"), *config.upstream]
+
+
+def rows_of(owner: Owner) -> tuple[Device, ...]:
+    """Give the rows of a line or upstream that describe its devices."""
+    return (owner.devices if isinstance(owner, Line) else owner.units) or ()
+
+
+def device_names(owner: Owner, row: Device) -> list[str]:
     """Name the devices of a row, in the order of its units."""
     if row.name is None:
-        return [f"{line.label}/{unit}" for unit in row.client_units]
+        return [f"{owner.label}/{unit}" for unit in row.client_units]
     return [row.name.replace("*", str(unit)) for unit in row.client_units]
 
 
@@ -19,17 +34,9 @@ def all_device_names(line: Line) -> list[str]:
     return [name for row in line.devices for name in device_names(line, row)]
 
 
-def unit_names(upstream: Upstream, row: UpstreamUnit) -> list[str]:
-    """Name the units of a row, in the order of its units."""
-    return [f"{upstream.label}/{unit}" for unit in row.known_as]
-
-
 def unlisted_units(upstream: Upstream) -> dict[int, str]:
     """Find the units of the server that no row lists, each with its name."""
-    listed = {unit for row in upstream.units or () for unit in row.units}
-    taken = {unit for row in upstream.units or () for unit in row.known_as}
-    return {
-        unit: f"{upstream.label}/unit-{unit}" if unit in taken else f"{upstream.label}/{unit}"
-        for unit in range(256)
-        if unit not in listed
-    }
+    listed = {unit for row in rows_of(upstream) for unit in row.units}
+    taken = {name for row in rows_of(upstream) for name in device_names(upstream, row)}
+    names = {unit: f"{upstream.label}/{unit}" for unit in range(256) if unit not in listed}
+    return {unit: f"{upstream.label}/unit-{unit}" if name in taken else name for unit, name in names.items()}

@@ -25,4 +25,5 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
         timeout=table.timeout,
         any_coil=table.coil_values == "any",
         quirks=frozenset(table.quirks),
+        wake=table.wake,
     )

@@ -1,5 +1,6 @@
 """Which listeners lead to which lines and upstreams, and to which units of them."""
 
+from gateway.config.plan.names import rows_of
 from gateway.config.plan.settings import DEFAULT_LISTENER
 from gateway.config.schema.config import Config
 from gateway.config.schema.line import Line
@@ -44,7 +45,7 @@ def is_apart(line: Line, config: Config) -> bool:
 def passing_units(config: Config) -> list[int]:
     """List the units of a pass-through line: all without another destination, and those that mirrors poll."""
     elsewhere = {image.unit for image in config.image if image.of is None}
-    elsewhere |= {unit for upstream in config.upstream for row in upstream.units or () for unit in row.known_as}
+    elsewhere |= {unit for upstream in config.upstream for row in rows_of(upstream) for unit in row.client_units}
     elsewhere |= set() if config.own is None else {config.own.unit}
     return [unit for unit in range(FIRST_UNIT, LAST_UNIT + 1) if unit not in elsewhere]
 

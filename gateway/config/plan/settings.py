@@ -28,8 +28,6 @@ DEFAULT_LISTENER: Final = ListenSettings(name="default", host="127.0.0.1", port=
 
 #: The latency of adapter and driver, until the port is open and has determined it.
 ASSUMED_LATENCY: Final = 0.005
-#: The latency of a device server and the network.
-NETWORK_LATENCY: Final = 0.1
 #: How long what was written may be under way to a device server that others use too, in seconds. TCP repeats what is
 #: lost after a fifth of a second, and again.
 SHARED_ARRIVES_WITHIN: Final = 1.0
@@ -99,6 +97,8 @@ class UpstreamPlan:
     port: TcpSettings | SiteSettings
     upstream: UpstreamSettings
     devices: tuple[DeviceSettings, ...]
+    #: Other addresses of the same server.
+    others: tuple[TcpSettings, ...] = ()
     #: All its other units, if there are listeners for it, which lead to them. The connection is the same without.
     unnamed: tuple[DeviceSettings, ...] = field(default=(), compare=False)
 

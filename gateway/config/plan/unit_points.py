@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 
-from gateway.config.plan.names import device_names
+from gateway.config.plan.names import device_names, owners, rows_of
 from gateway.config.plan.points import points_of
 from gateway.config.plan.reach import is_apart, passing_units
 from gateway.config.plan.settings import Plan
@@ -56,9 +56,10 @@ def _device_points(
         if line.role == "client" and line.devices is None and not is_apart(line, config):
             points = of_profile(line.profile)
             yield from ((f"{line.label}/{unit}", unit, points) for unit in passing_units(config))
-        for row in line.devices or ():
-            points = (*of_profile(row.profile or line.profile), *points_of(row.points))
-            named = zip(device_names(line, row), row.client_units, strict=True)
+    for owner in owners(config):
+        for row in rows_of(owner):
+            points = (*of_profile(row.profile or owner.profile), *points_of(row.points))
+            named = zip(device_names(owner, row), row.client_units, strict=True)
             yield from ((name, unit, points) for name, unit in named)
 
 

@@ -1,15 +1,16 @@
-"""The keys of `[[line]]`, and of its devices."""
+"""The keys of `[[line]]`."""
 
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from gateway.config.schema.profile import PointTable
+from gateway.config.schema.device import Device
 from gateway.config.schema.table import Count, Table
 from gateway.config.values.key_types import (
     Duration,
     DurationOrAuto,
     DurationOrOffOrAuto,
+    DurationOrZero,
     DurationOrZeroOrAuto,
     Format,
     LeaseName,
@@ -18,46 +19,8 @@ from gateway.config.values.key_types import (
     Name,
     SerialPort,
     Units,
-    UnitsFrom0,
 )
 from gateway.ports.port import Wire
-
-
-class Device(Table):
-    """A device on a line, or several alike in one row."""
-
-    units: UnitsFrom0 = Field(
-        alias="unit",
-        description="Its unit ID on the wire, 1-247; a set means several devices. 248-255 are reserved by the "
-        "specification, but some devices have them. 0: for a single device with an unknown address; only its holding "
-        "registers can be read.",
-    )
-    known_as: Units | None = Field(
-        None,
-        alias="as",
-        description="Its unit ID for clients, 1-255; as many as in `unit`. Default: the same.",
-    )
-    name: Name | None = Field(
-        None,
-        description="Its name in logs; `*` stands for the unit ID for clients. Default: line name and unit ID.",
-    )
-    profile: str | None = Field(None, description="The kind of device. Default: the `profile` of the line.")
-    priority: Literal["normal", "high"] = Field(
-        "normal",
-        description="Who waits for a device with high priority is the first in each round of those who wait for its "
-        "line, like who waits with a write.",
-    )
-    timeout: Duration | None = Field(
-        None, description="How long it may take to begin its response, regardless of its profile."
-    )
-    points: Annotated[tuple[PointTable, ...], ListOf] = Field(
-        (), description="What its registers mean, in addition to the points of its profile."
-    )
-
-    @property
-    def client_units(self) -> tuple[int, ...]:
-        """Give the units that clients use for `units`, in the same order."""
-        return self.units if self.known_as is None else self.known_as
 
 
 class Line(Table):
@@ -109,6 +72,20 @@ class Line(Table):
         None,
         description="How long a device without its own profile may take to begin its response, for functions without a "
         "row in `timing`. Default: the `timeout` of `profile` (`generic`: 1 s).",
+    )
+    idle: DurationOrZero = Field(
+        0.0,
+        description="Device servers: the connection is closed after so long without a request, and opened for the "
+        "next one. Not while a late response may come, nor within five minutes of a request of another client. "
+        '`"0"`: never.',
+    )
+    after_connect: DurationOrZero = Field(
+        0.0, description="Device servers: silence after connecting, before the first request."
+    )
+    wake: DurationOrZero = Field(
+        0.0,
+        description="For devices that sleep: after so long without a request to it, the first read of a device is sent "
+        'twice, the second time when its limit has passed. Default of its devices. `"0"`: they do not sleep.',
     )
     gap: DurationOrZeroOrAuto = Field(
         None,

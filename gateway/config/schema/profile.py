@@ -8,6 +8,7 @@ from gateway.config.schema.table import Count, FunctionNumber, Table
 from gateway.config.values.key_types import (
     AnswerDuration,
     Duration,
+    DurationOrZero,
     Limits,
     ListOf,
     PointAddresses,
@@ -95,6 +96,11 @@ class ProfileTable(Table):
     )
     margin: Annotated[float, Field(ge=1, le=100)] = Field(1.5, description="Times are multiplied by it, to be safe.")
     timeout: Duration = Field(1.0, description="The time for functions that are not in `timing`.")
+    wake: DurationOrZero = Field(
+        0.0,
+        description="For devices that sleep: after so long without a request, the first read is sent twice, the second "
+        'time when its limit has passed. `"0"`: they do not sleep.',
+    )
     coil_values: Literal["checked", "any"] = Field(
         "checked",
         description="`any`: function 05 is sent with other values than FF00 and 0000 too, by which relay boards toggle "

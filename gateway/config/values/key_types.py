@@ -34,7 +34,7 @@ from gateway.config.values.networks import parse_networks, parse_networks_or_sit
 from gateway.config.values.point_keys import parse_labels, parse_point_addresses, parse_point_name, parse_writing
 from gateway.config.values.port import parse_port
 from gateway.config.values.ranges import parse_ranges
-from gateway.config.values.site import Site, parse_lease_name, parse_other_server
+from gateway.config.values.site import Site, parse_lease_name, parse_other_servers
 from gateway.config.values.size import parse_size_or_zero, show_size
 from gateway.config.values.unitset import check_own_unit, parse_unit0, parse_units, parse_units_or_all
 from gateway.profiles.point import Writing
@@ -83,6 +83,9 @@ LeaseName = Annotated[str, PlainValidator(parse_lease_name), Kind("text", WORD)]
 #: Longer than any client needs between connecting and asking; zero for never.
 IdleDuration = Annotated[
     float, PlainValidator(partial(parse_duration_or_zero, least=1.0)), Kind("duration from 1 s", _TIME, _in_quotes)
+]
+DurationOrZero = Annotated[
+    float, PlainValidator(partial(parse_duration_or_zero, least=0.001)), Kind("duration", _TIME, _in_quotes)
 ]
 DurationOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_auto), _DURATION_OR_AUTO]
 DurationOrOffOrAuto = Annotated[
@@ -139,7 +142,11 @@ ListenAddress = Annotated[
     PlainValidator(partial(parse_address, schemes=("tcp", "tls", "rtu+tcp", "ascii+tcp", "udp"))),
     Kind("address", _ADDRESS),
 ]
-OtherServer = Annotated[Address | Site, PlainValidator(parse_other_server), Kind("address", _ADDRESS)]
+OtherServers = Annotated[
+    tuple[Address | Site, ...],
+    PlainValidator(parse_other_servers),
+    Kind("address, or several", any_of(_ADDRESS, list_of(_ADDRESS))),
+]
 NatsServers = Annotated[
     tuple[Address, ...],
     PlainValidator(parse_servers),

@@ -28,12 +28,25 @@ def is_site(name: str) -> bool:
     return _SITE.fullmatch(name) is not None
 
 
-def parse_other_server(value: object) -> Address | Site:
-    """Parse the address of another Modbus TCP server, or of a gateway of the fleet.
+def parse_other_servers(value: object) -> tuple[Address | Site, ...]:
+    """Parse the address of another Modbus TCP server, or several of the same one, or a gateway of the fleet.
 
     Raises:
-        WrongValue: it is neither.
+        WrongValue: it is none of these.
     """
+    several = value if isinstance(value, list) else [value]
+    servers = tuple(map(_parse_other_server, several))
+    if not servers:
+        raise WrongValue("names no server", 'such as "tcp://10.1.0.5:502"')
+    twice = next((server for index, server in enumerate(servers) if server in servers[:index]), None)
+    if twice is not None:
+        raise WrongValue(f"names {twice} twice")
+    if len(servers) > 1 and any(isinstance(server, Site) for server in servers):
+        raise WrongValue("a site has one address", "write each site as an upstream of its own")
+    return servers
+
+
+def _parse_other_server(value: object) -> Address | Site:
     if isinstance(value, str) and value.startswith("fleet://"):
         name = value.removeprefix("fleet://").removesuffix("/")
         if not is_site(name):
