@@ -60,7 +60,7 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
         ),
         (
             "gateway.toml:10:15: error: line[0].devices[0].As: unknown key\n"
-            "  help: known here: unit, as, name, profile, priority, timeout, points"
+            "  help: known here: unit, as, name, profile, priority, timeout, wake, points"
         ),
         'gateway.toml:10:33: error: line[0].devices[0].profile: must be text\n  help: put it in quotes: "3"',
         "gateway.toml:11:12: error: line[0].devices[1].unit: unit 300 is outside 1-255",

@@ -6,12 +6,14 @@ from itertools import groupby, pairwise
 from gateway.config.checks.lines import other_mode
 from gateway.config.plan.lines import spoken_on
 from gateway.config.plan.names import Owner, owners, rows_of
+from gateway.config.plan.reach import listeners_for
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.device import Device
 from gateway.config.schema.image import Image
 from gateway.config.schema.line import Line
 from gateway.config.schema.profile import ProfileTable
+from gateway.config.schema.upstream import Upstream
 from gateway.config.values.duration import show_duration
 
 
@@ -35,6 +37,7 @@ def check_profiles_of_devices(config: Config) -> Iterator[Problem]:
     """Find devices that do not fit their profile: by the mode of their line, or by their time-out."""
     yield from _check_mode(config)
     yield from _check_timeouts(config)
+    yield from _check_unused_timeouts(config)
 
 
 def _check_timing(profile: ProfileTable) -> Iterator[Problem]:
@@ -75,3 +78,13 @@ def _check_timeouts(config: Config) -> Iterator[Problem]:
                 yield warning(
                     (*row.path, "timeout"), what, "leave timeout out: the profile has a time for each request"
                 )
+
+
+def _check_unused_timeouts(config: Config) -> Iterator[Problem]:
+    """Find time-outs of lines and upstreams on which no time limit depends: all devices have a profile of their own."""
+    for owner in owners(config):
+        rows = rows_of(owner)
+        has_others = not rows or (isinstance(owner, Upstream) and bool(listeners_for(owner, config)))
+        if owner.has("timeout") and not has_others and all(row.profile or row.timeout for row in rows):
+            what = "has no effect: each device has a profile or a time-out of its own"
+            yield warning((*owner.path, "timeout"), what, "write it in the row of the device")

@@ -46,7 +46,9 @@ def test_a_device_that_is_called_as_a_unit_behind_another_server():
     text = LINE.replace('"one"', '"u/7"') + (
         '[[upstream]]\nname = "u"\nto = "tcp://10.0.0.1"\nunits = [{ as = 7, unit = 1 }]\n'
     )
-    assert problems(text) == ['error: line[0].devices[0].name: "u/7" is already used in gateway.toml:8']
+    assert problems(text) == [
+        'error: line[0].devices[0].name: "u/7" is already used in gateway.toml:8, upstream[0].units[0]'
+    ]
 
 
 def test_units_that_are_there_twice_are_not_blamed_for_their_names_too():

@@ -81,3 +81,12 @@ def test_a_device_server_at_the_port_of_modbus_tcp_is_noted(scheme, frames):
         )
     ]
     assert problems(line.replace("502", "4001")) == []
+
+
+@pytest.mark.parametrize("key", ["idle", "after_connect"])
+def test_only_a_device_server_has_a_connection(key):
+    line = f'[[line]]\nport = "{{}}"\nprofile = "generic"\n{key} = "2 s"\n'
+    assert problems(line.format("rtu+tcp://10.1.0.5:4001")) == []
+    assert problems(line.format("/dev/a")) == [
+        f"error: line[0].{key}: is for lines behind a device server | take it out"
+    ]

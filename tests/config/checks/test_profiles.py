@@ -4,6 +4,8 @@ import pytest
 
 from kit.config_problems import LINE, problems
 
+UPSTREAM = '[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{ as = 37, unit = 7 }]\n'
+
 
 @pytest.mark.parametrize(
     ("text", "path"),
@@ -11,6 +13,8 @@ from kit.config_problems import LINE, problems
         (LINE + 'profile = "wiegher"\n', "line[0]"),
         (LINE.replace('name = "one"', 'profile = "wiegher"'), "line[0].devices[0]"),
         ('[[image]]\nunit = 1\ncoils = 1\nprofile = "wiegher"\n', "image[0]"),
+        (UPSTREAM.replace("to =", 'profile = "wiegher"\nto ='), "upstream[0]"),
+        (UPSTREAM.replace("unit = 7", 'unit = 7, profile = "wiegher"'), "upstream[0].units[0]"),
     ],
 )
 def test_a_profile_that_does_not_exist(text, path):
@@ -77,3 +81,25 @@ def test_a_time_out_that_is_shorter_than_the_table_it_replaces():
         "warning: line[0].devices[0].timeout: is shorter than the 500 ms of mint for 99 items (function 23)"
         " | leave timeout out: the profile has a time for each request"
     )
+
+
+def test_the_same_behind_another_server():
+    text = UPSTREAM.replace("unit = 7", 'unit = 7, profile = "mint", timeout = "100 ms"')
+    (said,) = problems(text)
+    assert said.startswith("warning: upstream[0].units[0].timeout: is shorter than the 500 ms of mint for 99 items")
+
+
+@pytest.mark.parametrize("part", ["line", "upstream"])
+def test_a_time_out_that_no_device_has(part):
+    """A profile that a device names has times of its own."""
+    text = {"line": LINE, "upstream": UPSTREAM}[part] + 'timeout = "300 ms"\n'
+    assert problems(text) == []
+    said = f"warning: {part}[0].timeout: has no effect: each device has a profile or a time-out of its own"
+    for own in ('profile = "v80"', 'timeout = "2 s"'):
+        (found,) = problems(text.replace("unit = ", f"{own}, unit = "))
+        assert found.startswith(said)
+
+
+def test_the_time_out_is_for_units_that_are_not_named():
+    text = UPSTREAM.replace("unit = 7", 'unit = 7, profile = "v80"') + 'name = "u"\ntimeout = "300 ms"\n'
+    assert problems(text + '[[listen]]\nbind = "tcp://127.0.0.1:5020"\nupstream = "u"\n') == []

@@ -103,9 +103,10 @@ def test_an_image_has_a_unit_of_its_own():
 def test_an_upstream_has_units_of_its_own():
     text = "[[image]]\nunit = 1\ncoils = 1\n[[image]]\nunit = 2\ncoils = 1\n"
     text += '[[upstream]]\nto = "tcp://10.0.0.1"\nunits = [{ as = "1-2", unit = "1-2" }]\n'
+    owner = 'upstream "tcp://10.0.0.1:502" (gateway.toml:9)'
     assert problems(text) == [
-        'error: upstream[0].units[0].as: 1 is already a unit of image "image-1" (gateway.toml:1)',
-        'error: upstream[0].units[0].as: 2 is already a unit of image "image-2" (gateway.toml:4)',
+        f"error: image[0].unit: 1 is already a unit of {owner}",
+        f"error: image[1].unit: 2 is already a unit of {owner}",
     ]
 
 

@@ -104,3 +104,35 @@ def test_a_line_that_leads_back_too():
 def test_places_on_a_connection_are_bounded():
     text = '[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{ as = 1, unit = 1 }]\nin_flight = 65\n'
     assert problems(text) == ["error: upstream[0].in_flight: must be at most 64"]
+
+
+@pytest.mark.parametrize("to", ["[]", '["tcp://10.1.0.5", "tcp://10.1.0.5:502"]', '["tcp://10.1.0.5", "fleet://east"]'])
+def test_addresses_that_are_not_several_of_one_server(to):
+    (said,) = problems(f"[[upstream]]\nto = {to}\nunits = [{{ unit = 7 }}]\n")
+    assert said.startswith("error: upstream[0].to: ")
+
+
+def test_each_of_several_addresses_is_looked_at():
+    text = '[[upstream]]\nto = ["tcp://10.1.0.5", "tcp://10.1.0.6:0", "tcp://0.0.0.0"]\nunits = [{ unit = 7 }]\n'
+    assert [said.split(" | ")[0] for said in problems(text)] == [
+        "error: upstream[0].to[1]: port 0 is not the port of a server",
+        "error: upstream[0].to[2]: 0.0.0.0 is not the address of a server",
+    ]
+
+
+@pytest.mark.parametrize("key", ['gap = "50 ms"', 'transaction_id = "zero"'])
+def test_one_request_at_a_time(key):
+    text = f'[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{{ unit = 7 }}]\n{key}\n'
+    assert problems(text) == []
+    assert problems(text + "in_flight = 1\n") == []
+    (said,) = problems(text + "in_flight = 2\n")
+    assert said.startswith(f"error: upstream[0].in_flight: {key.split()[0]} lets only one request at a time")
+
+
+@pytest.mark.parametrize("key", ["gap", "after_connect", "idle"])
+def test_another_site_has_no_connection(key):
+    text = f'site = "west"\n[[upstream]]\nto = "fleet://east"\nunits = [{{ unit = 7 }}]\n{key} = "1 s"\n'
+    fleet = '[fleet]\nservers = ["nats://127.0.0.1:4222"]\n'
+    assert problems(text + fleet) == [
+        f"error: upstream[0].{key}: is for connections, and a site has none | take it out"
+    ]

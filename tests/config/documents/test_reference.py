@@ -37,7 +37,6 @@ def test_its_examples_have_no_error(text):
         "| `baud` | number | `19200` | Any rate; 14400 and other odd ones are set as custom rates. |",
         "| `broadcast` | `true` or `false` | `true` | Whether broadcasts go to this line too. |",
         '| `mode` | `"rtu"` or `"ascii"` | `"rtu"` | What is spoken on the line. |',
-        "| `unit` | units | **must be given** | The units that the other server knows. |",
         "| `values` | list of values | **must be given** | The values: 0-65535, or `true` and `false`. |",
         "| `functions` | list of functions |  | Functions that are allowed, and no others. |",
         "| `read` | list of tables |  | Mirrors: what to poll, and how often. |",

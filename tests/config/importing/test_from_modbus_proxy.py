@@ -83,7 +83,7 @@ def test_a_device_becomes_an_upstream_with_a_listener_for_it():
     (listener,), (upstream,) = plan.listeners, plan.upstreams
     assert (listener.scheme, listener.host, listener.port, listener.idle) == ("tcp", "0.0.0.0", 9000, 0.0)
     assert (upstream.port.host, upstream.port.number) == ("plc1.acme.org", 1502)
-    assert (upstream.upstream.timeout, upstream.upstream.in_flight) == (5.0, 1)
+    assert ({one.answer_time.timeout for one in upstream.unnamed}, upstream.upstream.in_flight) == ({5.0}, 1)
     assert "# there is no pause of 0.1 s after connecting here\n" in text
     assert left_out == ()
 
@@ -93,7 +93,7 @@ def test_clients_of_several_devices_keep_all_unit_identifiers():
     assert leads_to(plan) == [("tcp", 9000, "", "plc1.acme.org-502"), ("tcp", 9001, "", "plc2.acme.org-502")]
     assert [one.devices for one in plan.upstreams] == [(), ()]
     assert [[unit.unit for unit in one.unnamed] for one in plan.upstreams] == [[*range(256)]] * 2
-    assert {one.upstream.timeout for one in plan.upstreams} == {10.0}
+    assert {each.answer_time.timeout for one in plan.upstreams for each in one.unnamed} == {10.0}
 
 
 def test_remapped_units_keep_their_numbers_for_clients_and_it_is_said_which_are_lost():

@@ -7,8 +7,8 @@ from gateway.config.plan.forecast import (
     FunctionLimits,
     function_limits,
     longest_wait,
-    longest_wait_behind,
     longest_wait_outside,
+    longest_waits_behind,
     waits_behind,
 )
 from gateway.config.plan.profiles import profile_of
@@ -211,7 +211,7 @@ def test_a_server_line_may_serve_a_mirror_of_a_unit_behind_an_upstream():
     ).config
     assert config is not None
     plan = resolve(config)
-    assert waits_behind(plan.servers[0], plan) == {5: ("m", longest_wait_behind(plan.upstreams[0]))}
+    assert waits_behind(plan.servers[0], plan) == {5: ("m", *longest_waits_behind(plan.upstreams[0]).values())}
 
 
 def test_a_device_without_any_read_on_a_line_that_repeats_reads():

@@ -55,7 +55,10 @@ def test_the_defaults_of_the_other_tables():
     assert (image.profile, image.persist, image.stale, image.of, image.read) == ("generic", "never", 2.0, None, ())
     profile = ProfileTable.model_validate({})
     assert (profile.idle_chars, profile.margin, profile.timeout, profile.functions) == (3.5, 1.5, 1.0, None)
-    assert Upstream.model_validate({"to": "tcp://10.1.0.5:502", "units": []}).timeout == 1.0
+    upstream = Upstream.model_validate({"to": "tcp://10.1.0.5:502", "units": []})
+    assert (upstream.profile, upstream.timeout, upstream.in_flight, upstream.coalesce) == ("generic", None, 16, True)
+    assert (upstream.gap, upstream.after_connect, upstream.idle, upstream.wake) == (0.0, 0.0, 0.0, 0.0)
+    assert (upstream.retries, upstream.rest, upstream.queue, upstream.max_wait) == (0, None, 64, 2.0)
     assert Access.model_validate({}).units == "all"
     assert (Log().level, Log().format) == ("info", "auto")
     assert Web.model_validate({"bind": "http://127.0.0.1:8502"}).bind.port == 8502
