@@ -36,8 +36,11 @@ def check_fleet(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
 
 
 def _check_upstream(upstream: Upstream, other: Site, config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Find why another site cannot be reached. Which sites there are is known to NATS only."""
-    path = (*upstream.path, "to")
+    """Find why another site cannot be reached. Which sites there are is known to NATS only.
+
+    The upstream of a listener for a site stands there.
+    """
+    path = (*upstream.path, "site" if upstream.path[0] == "listen" else "to")
     if config.fleet is None and "fleet" not in failed:
         yield error(path, f"{other} needs [fleet]", _ADD)
     if other.name == config.site:

@@ -22,8 +22,7 @@ def check_own_listeners(config: Config, failed: frozenset[str]) -> Iterator[Prob
                 yield error((*listen.path, key), *_no_such(key, name, known, config))
         if listen.line in lines:
             yield from _check_reach(listen, lines[listen.line])
-        if listen.upstream is not None:
-            yield from _check_keys(listen)
+        yield from _check_keys(listen)
 
 
 def numbers_on(part: Line | Upstream) -> frozenset[int]:
@@ -46,10 +45,11 @@ def _no_such(key: str, name: str, known: Mapping[str, list[str]], config: Config
 
 
 def _check_keys(listen: Listen) -> Iterator[Problem]:
-    if listen.line is not None:
+    leads_to = [key for key in ("line", "upstream", "site") if getattr(listen, key) is not None]
+    if len(leads_to) > 1:
         remedy = "take one of them out, and write a [[listen]] for each"
-        yield error((*listen.path, "upstream"), "cannot be combined with line", remedy)
-    if listen.has("unit0"):
+        yield error((*listen.path, leads_to[-1]), f"cannot be combined with {leads_to[0]}", remedy)
+    if listen.upstream is not None and listen.has("unit0"):
         what = "unit 0 is a unit of that server here, with a response"
         yield error((*listen.path, "unit0"), what, "take it out")
 

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from gateway.config.problem import Path, Problem, error
 from gateway.config.reading.builtin_profiles import PROFILE, builtin_profiles
 from gateway.config.reading.positions import Positions
+from gateway.config.reading.sites import with_sites
 from gateway.config.reading.source import Source
 from gateway.config.reading.wording import not_text, unknown_key, value_problems
 from gateway.config.schema.config import Config
@@ -60,7 +61,7 @@ class TableReader:
         singles = {section: self._single(section, model) for section, model in _SINGLES.items()}
         present = {section: table for section, table in singles.items() if table is not None}
         profiles = {**builtin_profiles(), **self._profiles()}
-        return Config.model_validate({"site": self._site(), PROFILE: profiles, **lists, **present})
+        return with_sites(Config.model_validate({"site": self._site(), PROFILE: profiles, **lists, **present}))
 
     def _find_unknown_sections(self) -> None:
         known = keys_of(Config)

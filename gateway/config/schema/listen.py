@@ -10,6 +10,7 @@ from gateway.config.values.key_types import (
     IdleDuration,
     ListenAddress,
     Name,
+    SiteName,
     Unit0,
 )
 
@@ -69,6 +70,12 @@ class Listen(Table):
         "regardless of `as`, and nothing else can be reached. Units that its `units` do not name are passed through. "
         "Unit 0 is a unit of the server, with a response. `[[access]]` rows that name this listener use these unit "
         "IDs too.",
+    )
+    site: SiteName | None = Field(
+        None,
+        description="Makes this a listener for the units of another site, as `upstream` does for a server. It needs "
+        "[`[fleet]`](fleet.md), and no `[[upstream]]`; one with `to = \"fleet://SITE\"` gives it a `timeout`, a "
+        "`profile`, and names of units.",
     )
     certificate: CredentialFile | None = Field(
         None, description="With `tls://`: the file with the certificate and its chain (PEM)."

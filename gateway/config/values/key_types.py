@@ -34,7 +34,7 @@ from gateway.config.values.networks import parse_networks, parse_networks_or_sit
 from gateway.config.values.point_keys import parse_labels, parse_point_addresses, parse_point_name, parse_writing
 from gateway.config.values.port import parse_port
 from gateway.config.values.ranges import parse_ranges
-from gateway.config.values.site import Site, parse_lease_name, parse_other_servers
+from gateway.config.values.site import Site, parse_lease_name, parse_other_servers, parse_site
 from gateway.config.values.size import parse_size_or_zero, show_size
 from gateway.config.values.unitset import check_own_unit, parse_unit0, parse_units, parse_units_or_all
 from gateway.profiles.point import Writing
@@ -80,6 +80,7 @@ LeaseDuration = Annotated[
     float, PlainValidator(partial(parse_duration, least=1.0)), Kind("duration from 1 s", _TIME, _in_quotes)
 ]
 LeaseName = Annotated[str, PlainValidator(parse_lease_name), Kind("text", WORD)]
+SiteName = Annotated[str, PlainValidator(parse_site), Kind("text", WORD)]
 #: Longer than any client needs between connecting and asking; zero for never.
 IdleDuration = Annotated[
     float, PlainValidator(partial(parse_duration_or_zero, least=1.0)), Kind("duration from 1 s", _TIME, _in_quotes)

@@ -55,6 +55,19 @@ def _parse_other_server(value: object) -> Address | Site:
     return parse_address(value, ("tcp", "tls", "fleet"))
 
 
+def parse_site(value: object) -> str:
+    """Parse the name of a site.
+
+    Raises:
+        WrongValue: no gateway of the fleet can have it.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    if not is_site(value):
+        raise WrongValue(f'"{value}" is not the name of a site', SITE_RULE)
+    return value
+
+
 def parse_lease_name(value: object) -> str:
     """Parse the name of a lease, which is a key of a bucket.
 
