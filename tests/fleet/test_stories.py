@@ -101,6 +101,18 @@ async def test_units_of_another_site_are_read(nats):
         assert await client.asks(41, READ) == "03 02 00 00"
 
 
+BY_SITE = f'site = "a"\n[[listen]]\nbind = "tcp://127.0.0.1:5021"\nsite = "b"\n{FLEET}'
+
+
+async def test_a_listener_for_a_site_has_its_units_under_their_numbers_there(nats):
+    async with sites(BY_SITE, OWNER) as (a, b):
+        on_line(b)
+        client = a.client()
+        assert await client.asks(200, "03 00 00 00 02") == "03 04 00 07 00 08"
+        assert [await client.asks(unit, READ) for unit in (41, 43, 0, 255)] == ["03 02 00 00", "83 0A", "83 0A", "83 0A"]
+        assert await client.asks(41, WRITE) == "86 01"
+
+
 async def test_another_site_only_reads_until_a_row_names_it(nats):
     async with sites(ASKER, OWNER) as (a, b):
         devices = on_line(b)

@@ -209,6 +209,30 @@ async def test_a_listener_that_a_reload_brings_leaves_the_connection_as_it_is() 
         assert counted == {"roof/71": 3, "roof/72": 0, "roof/73": 0}
 
 
+PROFILED = LISTEN + UPSTREAMS.replace('to   = "tcp://10.1.0.6:502"', 'to   = "tcp://10.1.0.6:502"\nprofile = "mint"') + OTHERS
+
+
+async def test_units_that_are_not_named_have_the_profile_of_the_upstream() -> None:
+    async with gateway_bench(PROFILED + ALL) as bench:
+        servers = Servers(bench)
+        client = bench.client(listener=CELLAR)
+        assert [await client.asks(9, pdu) for pdu in (READ, "04 0001 0001", "03 0001 0064", "03 0064 0001")] == [
+            "03 02 00 09",
+            "84 01",
+            "83 03",
+            "83 02",
+        ]
+        assert servers.heard == [("cellar", 9, 3)]
+
+
+async def test_a_reload_gives_units_that_are_not_named_another_profile() -> None:
+    async with gateway_bench(CONFIG + ALL) as bench:
+        Servers(bench)
+        assert await bench.client(listener=CELLAR).asks(9, READ) == "03 02 00 09"
+        bench.gateway = reloaded(bench, PROFILED + ALL)
+        assert await bench.client(listener=CELLAR).asks(9, "04 0001 0001") == "84 01"
+
+
 def reloaded(bench: GatewayBench, text: str):
     """The gateway after a reload of this text."""
     gateway = bench.rebuilt(text)

@@ -87,12 +87,14 @@ def upstream_plan(upstream: Upstream, profiles: dict[str, Profile], config: Conf
         source=upstream.source,
     )
     port, *others = (_other_server(upstream, to) for to in upstream.to)
+    (usual,) = _of_row(upstream, Device.model_validate({"unit": 1}), profiles)
     return UpstreamPlan(
         port,
         settings,
         devices=tuple(one for row in rows_of(upstream) for one in _of_row(upstream, row, profiles)),
         others=tuple(other for other in others if isinstance(other, TcpSettings)),
-        unnamed=tuple(_unnamed(upstream, profiles)) if listeners_for(upstream, config) else (),
+        usual=usual,
+        unnamed=tuple(_unnamed(upstream, usual)) if listeners_for(upstream, config) else (),
     )
 
 
@@ -176,11 +178,10 @@ def _of_row(owner: Owner, row: Device, profiles: dict[str, Profile]) -> Iterator
         )
 
 
-def _unnamed(upstream: Upstream, profiles: dict[str, Profile]) -> Iterator[DeviceSettings]:
+def _unnamed(upstream: Upstream, usual: DeviceSettings) -> Iterator[DeviceSettings]:
     """Describe the units of the server that no row lists."""
-    (one,) = _of_row(upstream, Device.model_validate({"unit": 1}), profiles)
     for unit, name in unlisted_units(upstream).items():
-        yield replace(one, name=name, unit=unit, known_as=unit, source=upstream.source)
+        yield replace(usual, name=name, unit=unit, known_as=unit, source=upstream.source)
 
 
 def _wake(owner: Owner, row: Device, profile: Profile) -> float:

@@ -99,7 +99,9 @@ class UpstreamPlan:
     devices: tuple[DeviceSettings, ...]
     #: Other addresses of the same server.
     others: tuple[TcpSettings, ...] = ()
-    #: All its other units, if there are listeners for it, which lead to them. The connection is the same without.
+    #: What its other units have in common, and all of these if there are listeners for it, which lead to them. The
+    #: connection is the same without.
+    usual: DeviceSettings | None = None
     unnamed: tuple[DeviceSettings, ...] = field(default=(), compare=False)
 
 

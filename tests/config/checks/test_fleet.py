@@ -104,6 +104,34 @@ def test_a_site_that_cannot_be_asked_is_an_error(to, fleet, said):
     assert any(each.startswith(said) for each in problems(SITE + UPSTREAM.format(to) + fleet))
 
 
+LISTEN = '[[listen]]\nbind = "tcp://127.0.0.1:{}"\nsite = "{}"\n'
+
+
+def test_listeners_for_a_site_need_no_upstream_and_share_the_one_that_there_is():
+    plan = plan_of(SERVERS, SITE + LISTEN.format(5021, "plant-1") + LISTEN.format(5022, "plant-1"))
+    assert [each.only for each in plan.listeners] == ["fleet://plant-1"] * 2
+    [upstream] = plan.upstreams
+    assert (upstream.port.site, len(upstream.unnamed)) == ("plant-1", 256)
+    named = UPSTREAM.format("fleet://plant-1").replace("to =", 'name = "east"\nto =')
+    plan = plan_of(SERVERS, SITE + LISTEN.format(5021, "plant-1") + named)
+    assert [each.only for each in plan.listeners] == ["east"]
+    assert [len(each.unnamed) for each in plan.upstreams] == [255]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SITE + LISTEN.format(5021, "plant-1"), "site: fleet://plant-1 needs [fleet]"),
+        (SITE + LISTEN.format(5021, "plant-2"), "site: leads back to this gateway"),
+        (SITE + LISTEN.format(5021, "plant 1"), 'site: "plant 1" is not the name of a site'),
+        (SITE + LINE + LISTEN.format(5021, "plant-1") + 'line = "/dev/a"\n', "site: cannot be combined with line"),
+        (SITE + LISTEN.format(5021, "plant-1") + "unit0 = 1\n", "unit0: unit 0 is a unit of that server here"),
+    ],
+)
+def test_what_does_not_fit_a_listener_for_a_site(text, said):
+    assert any(each.startswith(f"error: listen[0].{said}") for each in problems(text))
+
+
 def test_a_time_out_that_leaves_nothing_to_the_owner_is_a_warning():
     said = of_fleet(SERVERS, SITE + UPSTREAM.format("fleet://plant-1") + 'timeout = "200 ms"\n')
     assert [each.partition(" is ")[0] for each in said] == ["warning: upstream[0].timeout:"]
