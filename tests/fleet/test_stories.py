@@ -109,7 +109,12 @@ async def test_a_listener_for_a_site_has_its_units_under_their_numbers_there(nat
         on_line(b)
         client = a.client()
         assert await client.asks(200, "03 00 00 00 02") == "03 04 00 07 00 08"
-        assert [await client.asks(unit, READ) for unit in (41, 43, 0, 255)] == ["03 02 00 00", "83 0A", "83 0A", "83 0A"]
+        assert [await client.asks(unit, READ) for unit in (41, 43, 0, 255)] == [
+            "03 02 00 00",
+            "83 0A",
+            "83 0A",
+            "83 0A",
+        ]
         assert await client.asks(41, WRITE) == "86 01"
 
 

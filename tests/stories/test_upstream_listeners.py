@@ -209,7 +209,9 @@ async def test_a_listener_that_a_reload_brings_leaves_the_connection_as_it_is() 
         assert counted == {"roof/71": 3, "roof/72": 0, "roof/73": 0}
 
 
-PROFILED = LISTEN + UPSTREAMS.replace('to   = "tcp://10.1.0.6:502"', 'to   = "tcp://10.1.0.6:502"\nprofile = "mint"') + OTHERS
+PROFILED = (
+    LISTEN + UPSTREAMS.replace('to   = "tcp://10.1.0.6:502"', 'to   = "tcp://10.1.0.6:502"\nprofile = "mint"') + OTHERS
+)
 
 
 async def test_units_that_are_not_named_have_the_profile_of_the_upstream() -> None:

@@ -8,7 +8,7 @@ import json
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import PurePath
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from gateway.config.importing.imported import (
@@ -28,8 +28,12 @@ from gateway.config.values.port import parse_port
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 
-#: What it waits for a device when nothing else is said, in seconds.
+#: What it waits for a device when nothing else is said, and what requests wait here at most without a key, in seconds.
 _TIMEOUT: Final = 10.0
+_MAX_WAIT: Final = 2.0
+#: Units on a line, and those that `unit0` may name.
+_ON_A_LINE: Final = range(FIRST_UNIT, LAST_UNIT + 1)
+_UNIT0: Final = frozenset({*_ON_A_LINE, HIGHEST_UNIT})
 _NO_LIBRARY: Final = (
     "to read YAML, the library ruamel.yaml is needed. In a checkout: .venv/bin/pip install ruamel.yaml; with pipx: "
     "pipx inject mbgw ruamel.yaml; the Debian package and the image have it. TOML and JSON need none"
@@ -42,17 +46,6 @@ _OVER_TCP: Final[Mapping[str, str]] = {
 }
 _SERIAL: Final = frozenset({"serial", "serial+rtu", "rtu"})
 _SAME_PROTOCOL: Final = "as before, clients use the protocol of the device; for Modbus TCP write tcp:// in bind"
-
-
-class _Device(NamedTuple):
-    """One of its devices, as its file has it. `remapped` are units of clients, and what the device knows them as."""
-
-    where: str
-    url: SplitResult
-    bind: SplitResult
-    timeout: str
-    remapped: dict[int, int]
-    remarks: list[str]
 
 
 def config_from_modbus_proxy(file: str, text: str) -> Imported:
@@ -105,27 +98,30 @@ def _parsed(kind: str, text: str) -> Any:
 
 def _tables(table: Any, where: str, taken: Taken, *, may_remap: bool) -> Iterator[TableText]:
     """Make a listener, and the upstream or the line that it leads to."""
-    device = _device(table, where)
-    target, settings = _target(device)
+    modbus, listen = _part(table, "modbus", where), _part(table, "listen", where)
+    target, keys = _target(_url(modbus, "url", where), f"{where}: url")
     spoken = target.scheme if isinstance(target, Address) else "rtu+tcp"
-    bind = listen_address(spoken, device.bind.hostname or "", _port(device.bind), f"{where}: bind")
+    place = _url(listen, "bind", where)
+    bind = listen_address(spoken, place.hostname or "", _port(place), f"{where}: bind")
     name = taken.name(f"{target.host}-{target.port}" if isinstance(target, Address) else target.rsplit("/", 1)[-1])
     kind = "upstream" if spoken == "tcp" else "line"
-    listen: dict[str, Value] = {"name": name, "bind": str(bind), kind: name, "idle": "0"}
-    keys: dict[str, Value] = {"name": name, **settings, "timeout": device.timeout}
-    remarks = [*device.remarks, *([] if kind == "upstream" else [_SAME_PROTOCOL])]
-    if device.remapped:
+    door: dict[str, Value] = {"name": name, "bind": str(bind), kind: name, "idle": "0"}
+    keys = {"name": name, **keys, **_times(modbus, where, has_connection=isinstance(target, Address))}
+    remarks = [*_unknown(table, {"modbus", "listen", "unit_id_remapping"})]
+    remarks += [*_unknown(modbus, {"url", "timeout", "connection_time"}), *_unknown(listen, {"bind"})]
+    remarks += [] if kind == "upstream" else [_SAME_PROTOCOL]
+    units = _remapped(table.get("unit_id_remapping") or {}, range(256) if kind == "upstream" else _ON_A_LINE, where)
+    if units:
         if not may_remap:
             raise ImportedFileError(f"{where}: unit_id_remapping: a gateway can do that for one device only")
-        del listen[kind]
-        there = range(256) if kind == "upstream" else range(FIRST_UNIT, LAST_UNIT + 1)
-        units = {unit: device.remapped.get(unit, unit) for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1)}
-        units = {unit: to for unit, to in units.items() if to in there}
-        keys["units" if kind == "upstream" else "devices"] = _rows(units)
-        lost = {*range(256)} - {*units}
-        remarks.append(f"clients cannot ask for unit{'s' * (len(lost) > 1)} {show_units(lost)} any more")
+        del door[kind]
+        stands_for = next((unit for unit, to in units.items() if unit in _UNIT0 and to == units.get(0)), None)
+        door |= {} if stands_for is None else {"unit0": stands_for}
+        lost = {*range(256)} - {unit for unit in units if unit or stands_for}
+        keys["units" if kind == "upstream" else "devices"] = _rows({unit: units[unit] for unit in units if unit})
+        remarks += [f"clients cannot ask for unit{'s' * (len(lost) > 1)} {show_units(lost)} any more"] if lost else []
     taken.take(bind, target, where)
-    yield TableText("[[listen]]", listen, (where, *remarks))
+    yield TableText("[[listen]]", door, (where, *remarks))
     yield TableText(f"[[{kind}]]", keys)
 
 
@@ -137,25 +133,13 @@ def _rows(units: Mapping[int, int]) -> list[Value]:
     return rows + [{"as": unit, "unit": to} for unit, to in units.items() if unit != to]
 
 
-def _device(table: Any, where: str) -> _Device:
-    modbus, listen = _part(table, "modbus", where), _part(table, "listen", where)
-    remarks = [
-        *_unknown(table, {"modbus", "listen", "unit_id_remapping"}),
-        *_unknown(modbus, {"url", "timeout", "connection_time"}),
-        *_unknown(listen, {"bind"}),
-    ]
+def _times(modbus: Mapping[str, Any], where: str, *, has_connection: bool) -> dict[str, Value]:
+    """Make the keys for its times; it has no limit for the wait before a request."""
     pause = _seconds(modbus.get("connection_time"), 0.0, f"{where}: connection_time")
-    if pause:
-        remarks.append(f"there is no pause of {pause:g} s after connecting here")
-    timeout = _seconds(modbus.get("timeout"), _TIMEOUT, f"{where}: timeout")
-    return _Device(
-        where,
-        _url(modbus, "url", where),
-        _url(listen, "bind", where),
-        milliseconds(1000 * max(timeout, 0.001)),
-        dict(_remapped(table.get("unit_id_remapping") or {}, where)),
-        remarks,
-    )
+    timeout = max(_seconds(modbus.get("timeout"), _TIMEOUT, f"{where}: timeout"), 0.001)
+    keys: dict[str, Value] = {"timeout": milliseconds(1000 * timeout)}
+    keys |= {"max_wait": milliseconds(1000 * timeout)} if timeout > _MAX_WAIT else {}
+    return keys | ({"after_connect": milliseconds(1000 * pause)} if pause and has_connection else {})
 
 
 def _part(table: Any, key: str, where: str) -> dict[str, Any]:
@@ -190,19 +174,21 @@ def _seconds(value: Any, usual: float, where: str) -> float:
     return float(value)
 
 
-def _remapped(table: Any, where: str) -> Iterator[tuple[int, int]]:
+def _remapped(table: Any, there: range, where: str) -> dict[int, int]:
+    """Find what each unit of clients is `there`; nothing if no unit has another number."""
     if not isinstance(table, dict):
         raise ImportedFileError(f"{where}: unit_id_remapping must be pairs of units")
-    for known_as, unit in table.items():
-        numbers = [int(each) if isinstance(each, str) and each.isdecimal() else each for each in (known_as, unit)]
-        if not all(isinstance(each, int) and not isinstance(each, bool) and 0 <= each <= 255 for each in numbers):
+    units = {unit: unit for unit in range(256)} if table else {}
+    for pair in table.items():
+        known_as, unit = (int(each) if isinstance(each, str) and each.isdecimal() else each for each in pair)
+        if not all(type(each) is int and 0 <= each <= 255 for each in (known_as, unit)):
             raise ImportedFileError(f"{where}: unit_id_remapping: a unit is a number from 0 to 255")
-        yield numbers[0], numbers[1]
+        units[known_as] = unit
+    return {unit: to for unit, to in units.items() if to in there}
 
 
-def _target(device: _Device) -> tuple[str | Address, dict[str, Value]]:
+def _target(url: SplitResult, where: str) -> tuple[str | Address, dict[str, Value]]:
     """Find the serial port or the server of a device, and the keys that say so."""
-    url, where = device.url, f"{device.where}: url"
     if url.scheme in _SERIAL and not url.hostname and url.path:
         return url.path, _serial(url, where)
     if url.scheme not in _OVER_TCP:
@@ -213,7 +199,7 @@ def _target(device: _Device) -> tuple[str | Address, dict[str, Value]]:
     to = address(_OVER_TCP[url.scheme], host, _port(url), where)
     if to.is_wildcard or not to.port:
         raise ImportedFileError(f"{where}: {to} is not the address of a device")
-    return to, {"to": str(to), "in_flight": 1} if to.scheme == "tcp" else {"port": str(to)}
+    return to, {"to": str(to), "in_flight": 1, "retries": 1} if to.scheme == "tcp" else {"port": str(to)}
 
 
 def _serial(url: SplitResult, where: str) -> dict[str, Value]:

@@ -74,7 +74,7 @@ class Listen(Table):
     site: SiteName | None = Field(
         None,
         description="Makes this a listener for the units of another site, as `upstream` does for a server. It needs "
-        "[`[fleet]`](fleet.md), and no `[[upstream]]`; one with `to = \"fleet://SITE\"` gives it a `timeout`, a "
+        '[`[fleet]`](fleet.md), and no `[[upstream]]`; one with `to = "fleet://SITE"` gives it a `timeout`, a '
         "`profile`, and names of units.",
     )
     certificate: CredentialFile | None = Field(

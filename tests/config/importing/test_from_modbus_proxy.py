@@ -49,11 +49,11 @@ devices:
 """
 LINES = """
 devices:
-- modbus: {url: "serial:///dev/ttyUSB0?baudrate=19200&parity=E", timeout: 2}
+- modbus: {url: "serial:///dev/ttyUSB0?baudrate=19200&parity=E", timeout: 2, connection_time: 1}
   listen: {bind: "0:9000"}
 - modbus: {url: /dev/ttyS1}
   listen: {bind: "0:9001"}
-- modbus: {url: "tcp+rtu://10.0.0.7:4001"}
+- modbus: {url: "tcp+rtu://10.0.0.7:4001", connection_time: 0.5}
   listen: {bind: "0:9002"}
 - modbus: {url: "rtu+tcp://10.0.0.8:4001"}
   listen: {bind: "0:9003"}
@@ -84,8 +84,19 @@ def test_a_device_becomes_an_upstream_with_a_listener_for_it():
     assert (listener.scheme, listener.host, listener.port, listener.idle) == ("tcp", "0.0.0.0", 9000, 0.0)
     assert (upstream.port.host, upstream.port.number) == ("plc1.acme.org", 1502)
     assert ({one.answer_time.timeout for one in upstream.unnamed}, upstream.upstream.in_flight) == ({5.0}, 1)
-    assert "# there is no pause of 0.1 s after connecting here\n" in text
+    assert (upstream.port.after_connect, upstream.upstream.max_wait, upstream.upstream.retries) == (0.1, 5.0, 1)
     assert left_out == ()
+
+
+@pytest.mark.parametrize("text", [ONE, TWO, REMAPPED, REMAPPED.replace("1: 0", "1: 2")])
+def test_nothing_is_left_to_mend(text):
+    """No problem but that a unit has two numbers, as before, and no remark but that of a unit that is lost."""
+    written, left_out = imported(text)
+    problems = [one.what.partition(" already ")[0] for one in parse(written, port_trouble=lambda _: None).problems]
+    assert problems == [f"unit {unit} behind the server" for unit in (2, 7) if f": {unit}\n" in text]
+    assert left_out == ()
+    remarks = [line for line in written.splitlines() if line.startswith("# ") and "p.yml" not in line][:-2]
+    assert remarks == (["# clients cannot ask for unit 0 any more"] if "1: 2" in text else [])
 
 
 def test_clients_of_several_devices_keep_all_unit_identifiers():
@@ -96,16 +107,21 @@ def test_clients_of_several_devices_keep_all_unit_identifiers():
     assert {each.answer_time.timeout for one in plan.upstreams for each in one.unnamed} == {10.0}
 
 
-def test_remapped_units_keep_their_numbers_for_clients_and_it_is_said_which_are_lost():
-    text, left_out = imported(REMAPPED)
-    plan = plan_of(text)
+def test_remapped_units_keep_their_numbers_for_clients():
+    plan = plan_of(imported(REMAPPED).text)
     assert leads_to(plan) == [("tcp", 9000, "", ""), ("tcp", 9001, "", "plc2.acme.org-502")]
     remapped, other = plan.upstreams
     units = {device.known_as: device.unit for device in remapped.devices}
     assert units == {unit: unit for unit in range(2, 256)} | {1: 0, 250: 7}
-    assert "# clients cannot ask for unit 0 any more\n" in text
+    assert plan.listeners[0].unit0 == 1  # it stands for the server's unit 0 too
     assert other.devices == ()
-    assert left_out == ()
+
+
+@pytest.mark.parametrize(("remapped", "unit0"), [("0: 7, 8: 7", 7), ("0: 0", "refuse"), ("255: 0", 255)])
+def test_unit_0_is_kept_if_another_unit_can_stand_for_it(remapped, unit0):
+    text = imported(REMAPPED.replace("1: 0", remapped.replace(", ", "\n    "))).text
+    assert plan_of(text).listeners[0].unit0 == unit0
+    assert ("clients cannot ask for unit 0 any more" in text) == (unit0 == "refuse")
 
 
 def test_a_second_device_with_remapped_units_is_left_out_and_that_is_said():
@@ -135,6 +151,7 @@ def test_what_is_no_modbus_tcp_becomes_a_line_with_a_listener_for_it():
         "rtu+tcp://10.0.0.8:4001",
         "ascii+tcp://10.0.0.9:4001",
     ]
+    assert [line.port.after_connect for line in servers] == [0.5, 0.0, 0.0]
     assert plan.upstreams == ()
     assert left_out == ()
 
