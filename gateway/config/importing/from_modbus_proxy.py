@@ -28,9 +28,9 @@ from gateway.config.values.port import parse_port
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 
-#: What it waits for a device when nothing else is said, and what requests wait here at most without a key, in seconds.
+#: What it waits for a device when nothing else is said, in seconds; requests wait for their turn as long as they must.
 _TIMEOUT: Final = 10.0
-_MAX_WAIT: Final = 2.0
+_MAX_WAIT: Final = "1 min"
 #: Units on a line, and those that `unit0` may name.
 _ON_A_LINE: Final = range(FIRST_UNIT, LAST_UNIT + 1)
 _UNIT0: Final = frozenset({*_ON_A_LINE, HIGHEST_UNIT})
@@ -134,11 +134,10 @@ def _rows(units: Mapping[int, int]) -> list[Value]:
 
 
 def _times(modbus: Mapping[str, Any], where: str, *, has_connection: bool) -> dict[str, Value]:
-    """Make the keys for its times; it has no limit for the wait before a request."""
+    """Make the keys for its times."""
     pause = _seconds(modbus.get("connection_time"), 0.0, f"{where}: connection_time")
     timeout = max(_seconds(modbus.get("timeout"), _TIMEOUT, f"{where}: timeout"), 0.001)
-    keys: dict[str, Value] = {"timeout": milliseconds(1000 * timeout)}
-    keys |= {"max_wait": milliseconds(1000 * timeout)} if timeout > _MAX_WAIT else {}
+    keys: dict[str, Value] = {"timeout": milliseconds(1000 * timeout), "max_wait": _MAX_WAIT}
     return keys | ({"after_connect": milliseconds(1000 * pause)} if pause and has_connection else {})
 
 

@@ -84,7 +84,7 @@ def test_a_device_becomes_an_upstream_with_a_listener_for_it():
     assert (listener.scheme, listener.host, listener.port, listener.idle) == ("tcp", "0.0.0.0", 9000, 0.0)
     assert (upstream.port.host, upstream.port.number) == ("plc1.acme.org", 1502)
     assert ({one.answer_time.timeout for one in upstream.unnamed}, upstream.upstream.in_flight) == ({5.0}, 1)
-    assert (upstream.port.after_connect, upstream.upstream.max_wait, upstream.upstream.retries) == (0.1, 5.0, 1)
+    assert (upstream.port.after_connect, upstream.upstream.max_wait, upstream.upstream.retries) == (0.1, 60.0, 1)
     assert left_out == ()
 
 
