@@ -55,9 +55,13 @@ class Device(Destination):
         ring: Ring | None = None,
         line_name: str = "",
     ) -> None:
-        is_urgent = settings.priority == "high"
         super().__init__(
-            settings.unit, settings.name, settings.answer_time, source=settings.source, is_urgent=is_urgent
+            settings.unit,
+            settings.name,
+            settings.answer_time,
+            source=settings.source,
+            is_urgent=settings.priority == "high",
+            wake=settings.wake,
         )
         self.settings = settings
         self._profile = settings.profile

@@ -46,7 +46,7 @@ class Asker(UpstreamDriver):
         assert isinstance(port, SitePort)  # noqa: S101 - `Exchange.open` returns nothing else
         self._port = self._boundary.port = port
         port.asking = self
-        self._run(self.upstream.port_up, self._send)
+        self._run(self.upstream.port_up, self._send, self._time())
 
     def received(self, data: bytes, *, damaged: bool = False) -> None:
         """Ignore bytes: this port carries messages."""
@@ -95,7 +95,7 @@ class Asker(UpstreamDriver):
 
     def _step(self, step: Callable[..., None], *arguments: Any) -> None:
         step(*arguments)
-        if self.upstream.is_spent:
+        if self.upstream.must_renew:
             self._identifiers.clear()
             self.upstream.forget_late()
             self.upstream.tick(self._time())

@@ -55,7 +55,7 @@ class Crowd:
             heapify(entries)
         while entries:
             row = entries[0][-1]
-            if not row.waiting or row.places[-1].transaction.retries:
+            if not row.waiting or row.places[-1].transaction.is_repeat:
                 heappop(entries)
             elif entries[0][:2] != self._entry(row)[:2]:
                 heapreplace(entries, self._entry(row))
@@ -73,6 +73,8 @@ class WaitingQueue:
     def __init__(self, size: int, max_wait: float, *, coalesce: bool) -> None:
         self._size = size
         self._max_wait = max_wait
+        #: How much longer requests may wait at present.
+        self._longer = 0.0
         self._coalesce = coalesce
         self._clients = Clients()
         self._polls = Clients()
@@ -105,7 +107,7 @@ class WaitingQueue:
         shared = self._join(transaction, row) if self._reads else None
         if shared is None and self._coalesce:
             self._offer(transaction)
-        place = Place(request, shared or transaction, row, now + self._max_wait, self._given_up)
+        place = Place(request, shared or transaction, row, now + self._max_wait + self._longer, self._given_up)
         request.place = place
         row.add(place)
         self._crowd.grown(row)
@@ -122,6 +124,14 @@ class WaitingQueue:
             request.place = Place(request, transaction, row, inf, self._given_up)
             row.add_first(request.place)
         self._repeats.append(transaction)
+
+    def take_repeat(self) -> Transaction | None:
+        """Remove and return a transaction that waits to be sent again; None if none does."""
+        if not self._repeats:
+            return None
+        transaction = self._repeats[0]
+        self._remove(transaction)
+        return transaction
 
     def take(self, is_held: Held | None = None) -> Transaction | None:
         """Remove and return the next transaction; None if none may be sent now."""
@@ -159,7 +169,14 @@ class WaitingQueue:
 
     def waits_since(self) -> float:
         """Return when the oldest waiting request came, or an earlier time; minus infinity if there is a repeat."""
-        return -inf if self._repeats else self._expiries[0].expires_at - self._max_wait
+        return -inf if self._repeats else self._expiries[0].request.received_at
+
+    def wait_longer(self, seconds: float) -> None:
+        """Let requests wait longer by this many seconds: those that wait, and those that come before the next call."""
+        self._longer = seconds
+        if seconds:
+            for place in self._expiries:
+                place.expires_at = max(place.expires_at, place.request.received_at + self._max_wait + seconds)
 
     @property
     def has_expiry(self) -> bool:

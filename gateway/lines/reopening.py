@@ -10,18 +10,25 @@ from gateway.ports.port import OpenAgain
 class Reopening:
     """Has a closed connection opened for the requests in `queue`. `is_on` while it is closed.
 
-    Each request waits for `max_wait` or its limit, from `limit_of`, whichever is shorter. `until` is the first end of
-    these.
+    Each request waits for `max_wait` or its limit, from `limit_of`, whichever is shorter, and for the silence
+    `after_connect`. `until` is the first end of these.
     """
 
-    __slots__ = ("_limit_of", "_max_wait", "_open_again", "_queue", "_since", "is_on", "until")
+    __slots__ = ("_after_connect", "_limit_of", "_max_wait", "_open_again", "_queue", "_since", "is_on", "until")
 
-    def __init__(self, queue: WaitingQueue, max_wait: float, limit_of: Callable[[Transaction], float]) -> None:
+    def __init__(
+        self,
+        queue: WaitingQueue,
+        max_wait: float,
+        limit_of: Callable[[Transaction], float],
+        after_connect: float = 0.0,
+    ) -> None:
         self.is_on = False
         self.until: float | None = None
         self._queue = queue
         self._max_wait = max_wait
         self._limit_of = limit_of
+        self._after_connect = after_connect
         self._since = 0.0
         self._open_again: OpenAgain | None = None
 
@@ -30,6 +37,7 @@ class Reopening:
         self.is_on = True
         self.until = None
         self._since = now
+        self._queue.wait_longer(self._after_connect)
 
     def ended(self, open_again: OpenAgain, *, is_needed: bool) -> None:
         """Keep `open_again`, and call it at once if the connection `is_needed`."""
@@ -49,6 +57,7 @@ class Reopening:
         self.is_on = False
         self.until = None
         self._open_again = None
+        self._queue.wait_longer(0.0)
 
     def given_up(self, now: float) -> list[Transaction]:
         """Remove and return the requests that have waited too long for the connection."""
@@ -68,4 +77,4 @@ class Reopening:
 
     def _until(self, transaction: Transaction) -> float:
         since = max(self._since, transaction.requests[0].received_at)
-        return since + min(self._limit_of(transaction), self._max_wait)
+        return since + min(self._limit_of(transaction), self._max_wait) + self._after_connect

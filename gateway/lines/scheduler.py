@@ -43,7 +43,7 @@ class Scheduler:
         self.may_send: MaySend | None = None
         self.queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._idle = IdleTime(self.queue, ledger)
-        self.reopening = Reopening(self.queue, settings.max_wait, limit_of)
+        self.reopening = Reopening(self.queue, settings.max_wait, limit_of, settings.after_connect)
         self._longest_rest = settings.rest
         self._resting: set[Destination] = set()
         self._held_until = 0.0

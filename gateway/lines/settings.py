@@ -18,7 +18,8 @@ class LineSettings:
     for that same silence. `turnaround` is the silence after a broadcast. `late_window` is how long a late response may
     come, None for the device's answer times. A read and its repeats take at most `retry_within`; None for
     `time_for_repeats`. `rest` is the longest rest of a unit, None for the default, 0 for none. A
-    connection is closed after `idle` seconds without a request, 0 for never.
+    connection is closed after `idle` seconds without a request, 0 for never; `after_connect` is the silence after
+    connecting.
     """
 
     name: str
@@ -33,6 +34,7 @@ class LineSettings:
     retry_within: float | None = None
     rest: float | None = None
     idle: float = 0.0
+    after_connect: float = 0.0
     echo: bool = False
     wire: Wire = "auto"
     coalesce: bool = True

@@ -1,5 +1,7 @@
 """One request on a line: its unit, the response that it accepts, and its time limit."""
 
+from math import inf
+
 from gateway.errors import RequestError, ResponseTimeout, Unwanted
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import UnitCounts
@@ -14,16 +16,26 @@ class Destination:
     """The device that a transaction is sent to, or all devices of a line.
 
     `unit` is its current unit identifier on the wire. `name` and `source`, the place in the config, are for events.
-    Requests to one that `is_urgent` go first.
+    Requests to one that `is_urgent` go first. It sleeps after `wake` seconds without a request; 0 for never.
     """
 
     def __init__(
-        self, unit: int, name: str, answer_time: AnswerTime, *, source: str = "", is_urgent: bool = False
+        self,
+        unit: int,
+        name: str,
+        answer_time: AnswerTime,
+        *,
+        source: str = "",
+        is_urgent: bool = False,
+        wake: float = 0.0,
     ) -> None:
         self.unit = unit
         self.name = name
         self.source = source
         self.is_urgent = is_urgent
+        self.wake = wake
+        #: When a request was last sent to it, if it sleeps.
+        self.asked_at = -inf
         self.answer_time = answer_time
         self.breaker = Breaker()
         self.counts = UnitCounts()
@@ -41,7 +53,7 @@ class Transaction:
 
     __slots__ = (
         "asked", "counts", "device", "ends_at", "expects_answer", "failures", "gives_up_at", "limit", "requests",
-        "retries", "sent_at", "times", "unit", "yields",
+        "retries", "sent_at", "times", "unit", "wakes", "yields",
     )  # fmt: skip
 
     #: Whether it is for all units.
@@ -72,6 +84,8 @@ class Transaction:
         self.failures = 0
         self.retries = 0
         self.gives_up_at = 0.0
+        #: Whether it was sent once, and its device may have slept.
+        self.wakes = False
 
     def start(self, budget: Budget, now: float) -> None:
         """Set the times of a request that is written at `now`.
@@ -128,7 +142,12 @@ class Transaction:
     @property
     def unwanted(self) -> RequestError:
         """The error for a request that no client wants: a repeat was sent before."""
-        return ResponseTimeout() if self.retries else Unwanted()
+        return ResponseTimeout() if self.is_repeat else Unwanted()
+
+    @property
+    def is_repeat(self) -> bool:
+        """Whether it was sent before, and waits to be sent again."""
+        return self.retries > 0 or self.wakes
 
     @property
     def patience(self) -> float:
@@ -143,11 +162,16 @@ class Transaction:
     def count_sent(self, now: float) -> None:
         """Count that it is sent, for the first time or again."""
         self.counts.sent += 1
+        is_first = not (self.retries or self.wakes)
         if self.retries:
             self.counts.retries += 1
-            return
-        for request in self.requests:
-            self.times.wait.add(now - request.received_at)
+        if is_first:
+            for request in self.requests:
+                self.times.wait.add(now - request.received_at)
+        device = self.device
+        if device.wake:
+            self.wakes = is_first and self.asked.only_reads and now - device.asked_at >= device.wake
+            device.asked_at = now
 
     def count_response(self, now: float) -> None:
         """Count a valid response that came in time."""

@@ -53,10 +53,18 @@ class Reconnector:
 
     `name` and `port_path` are those of the line, for events. `tried` is set after the first attempt. `error` is why the
     port is not open; None while it is open or not needed, and before the first attempt. `reopened` counts how often it
-    was opened after a loss.
+    was opened after a loss. Each attempt takes at most `deadline` seconds.
     """
 
-    def __init__(self, name: str, port_path: str, open_port: OpenPort, owner: PortOwner, emit: Emit) -> None:
+    def __init__(
+        self,
+        name: str,
+        port_path: str,
+        open_port: OpenPort,
+        owner: PortOwner,
+        emit: Emit,
+        deadline: float = OPENING_DEADLINE,
+    ) -> None:
         self.tried = asyncio.Event()
         self.error: PortError | None = None
         self.reopened = 0
@@ -65,8 +73,11 @@ class Reconnector:
         self._open_port = open_port
         self._owner = owner
         self._emit = emit
+        self._deadline = deadline
         self._pause = FIRST_PAUSE
         self._opened_at = 0.0
+        #: Whether the path is another one than that of the last LineUp or LineReopened.
+        self._has_moved = False
         self._lost_at: float | None = None
         #: Whether the port is closed because the owner does not need it; set when it does.
         self._is_idle = False
@@ -78,6 +89,11 @@ class Reconnector:
     def is_open(self) -> bool:
         """Whether the port is open, or will be when it is needed."""
         return self.tried.is_set() and self.error is None
+
+    def use_path(self, port_path: str) -> None:
+        """Name the port `port_path` from now on: another address of the same server. It is told when it is open."""
+        self.port_path = port_path
+        self._has_moved = True
 
     async def run(self) -> None:
         """Keep the port open until cancelled; then close it, and call the owner's `port_down`."""
@@ -149,10 +165,10 @@ class Reconnector:
 
     async def _open(self, session: "_PortSession") -> Port:
         try:
-            async with asyncio.timeout(OPENING_DEADLINE):
+            async with asyncio.timeout(self._deadline):
                 port = await self._open_port(session)
         except TimeoutError:
-            raise PortError(f"{self.port_path}: the driver did not open it within {OPENING_DEADLINE:g} s") from None
+            raise PortError(f"{self.port_path}: the driver did not open it within {self._deadline:g} s") from None
         if session.loss.done():
             await _close(port)
             raise session.loss.result()
@@ -162,11 +178,12 @@ class Reconnector:
         self.error = None
         was_idle, self._is_idle = self._is_idle, False
         self._opened_at = _now()
+        has_moved, self._has_moved = self._has_moved, False
         self._owner.port_up(port)
-        if was_idle:
+        if was_idle and not has_moved:
             return
-        self.reopened += self._lost_at is not None
-        if self._lost_at is None:
+        self.reopened += self._lost_at is not None and not was_idle
+        if self._lost_at is None or was_idle:
             self._emit(LineUp(self._name, self.port_path, port.baud))
         elif self._logged:
             away = round(_now() - self._lost_at, 1)

@@ -36,15 +36,16 @@ KEEPALIVE: Final = {"idle": 10, "interval": 5, "probes": 3}
 AT_ONCE: Final = 1.0
 #: The error for a connection that its server closes at once.
 CLOSED_AT_ONCE: Final = "{port} takes the connection and closes it at once: is somebody else connected?"
+#: The error for one that does not answer when a connection is made.
+NO_ANSWER: Final = "{port} does not answer: is it on, and does every firewall let us through?"
 _NOT_SECURED: Final = "{port}: TLS failed: {reason}"
-_NO_ANSWER: Final = "{port} does not answer: is it on, and does every firewall let us through?"
 _NO_ROUTE: Final = "{port} cannot be reached: there is no route to it"
 _NO_SUCH_NAME: Final = "{port}: unknown host name {host}"
 _NO_NAME_SERVER: Final = "{port}: no name server answers, so {host} cannot be found"
 
 _REASONS: Final = {
     errno.ECONNREFUSED: "{port} refuses the connection: does the server run, and is the port number right?",
-    errno.ETIMEDOUT: _NO_ANSWER,
+    errno.ETIMEDOUT: NO_ANSWER,
     errno.EHOSTUNREACH: _NO_ROUTE,
     errno.ENETUNREACH: _NO_ROUTE,
     errno.EACCES: "{port}: this service may not connect to it",
@@ -59,7 +60,8 @@ async def open_tcp(settings: TcpSettings, user: PortUser, context: ssl.SSLContex
     """Connect to a server for `user`, with TLS if `context` is given. If cancelled, nothing stays open.
 
     Bytes that come within the latency of the connection (LONGEST_SETTLING at most) come before the port is used: a
-    device server may still hold responses to requests of an earlier connection.
+    device server may still hold responses to requests of an earlier connection. So do those that come within
+    `after_connect`.
 
     Raises:
         PortError: it cannot connect; the message says why and what to do.
@@ -92,6 +94,7 @@ class TcpPort(asyncio.BufferedProtocol):
 
     def __init__(self, settings: TcpSettings) -> None:
         self.latency = settings.latency
+        self._after_connect = settings.after_connect
         self._is_secured = settings.tls is not None
         self._name = settings.port
         self._buffer = memoryview(bytearray(READ_SIZE))
@@ -109,14 +112,14 @@ class TcpPort(asyncio.BufferedProtocol):
         self._closed = asyncio.Event()
 
     async def settle(self) -> None:
-        """Wait for the latency of the connection, in which the server may close it.
+        """Wait for the latency of the connection, and for `after_connect`. The server may close it meanwhile.
 
         Raises:
             PortError: the server has closed the connection again.
         """
         with suppress(TimeoutError):
             verdict_within = VERDICT_WITHIN if self._is_secured else 0.0
-            async with asyncio.timeout(max(min(self.latency, LONGEST_SETTLING), verdict_within)):
+            async with asyncio.timeout(max(min(self.latency, LONGEST_SETTLING), verdict_within, self._after_connect)):
                 await self._closed.wait()
         if self._closed.is_set():
             if isinstance(self._loss, _NotSecuredError):
@@ -290,7 +293,7 @@ def _explain_failure(settings: TcpSettings, error: OSError | UnicodeError) -> st
     elif settings.tls is not None and isinstance(error, ssl.SSLError):
         return _NOT_SECURED.format(port=settings.port, reason=explain(error))
     elif isinstance(error, TimeoutError):
-        reason = _NO_ANSWER
+        reason = NO_ANSWER
     else:
         reason = _REASONS.get(error.errno or 0, "{port} cannot be reached: {error}")
     return reason.format(port=settings.port, host=settings.host, error=getattr(error, "strerror", error))

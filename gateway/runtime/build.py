@@ -18,6 +18,7 @@ from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls import TlsListener
 from gateway.listeners.udp import UdpListener
+from gateway.ports.addresses import Addresses
 from gateway.ports.port import Opener, OpenPort, SiteSettings
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import CertifiedRouter, Router
@@ -122,8 +123,11 @@ class _Parts:
         if old is not None and old.plan == plan:
             return old
         by, port = self._by, plan.port
-        open_port = by.open_site(port.site) if isinstance(port, SiteSettings) else by.opener(port)
-        return GatewayUpstream(plan, by.loop, open_port, by.emit, by.ring)
+        if isinstance(port, SiteSettings):
+            addresses = Addresses({port.port: by.open_site(port.site)})
+        else:
+            addresses = Addresses({one.port: by.opener(one) for one in (port, *plan.others)}, port.after_connect)
+        return GatewayUpstream(plan, by.loop, addresses, by.emit, by.ring)
 
     def listener(self, settings: ListenSettings) -> Listener:
         old = self._listeners.get(settings.name)

@@ -21,7 +21,7 @@ from gateway.lines.exchange import Exchange
 from gateway.lines.line import Line
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.ports.port import Opener, SerialSettings
-from gateway.ports.reconnector import Reconnector
+from gateway.ports.reconnector import OPENING_DEADLINE, Reconnector
 from gateway.runtime import remembered
 from gateway.runtime.port_records import kept_in
 from gateway.runtime.remembered_port import RememberedPort
@@ -68,7 +68,12 @@ class GatewayLine:
         self.standby = None if plan.lease is None or buckets is None else self._standby(plan, buckets)
         self.driver = LineDriver(Line(settings, emit, ring), loop, emit, self._port.rate_changed, self.standby)
         self.reconnector = Reconnector(
-            name, plan.port.port, self._port.open, self.driver, kept_in(ring, loop.time, emit)
+            name,
+            plan.port.port,
+            self._port.open,
+            self.driver,
+            kept_in(ring, loop.time, emit),
+            OPENING_DEADLINE + plan.line.after_connect,
         )
         self.every_device = self._every_device(plan)
         self.devices: dict[int, Device] = {}

@@ -9,7 +9,8 @@ from gateway.config.plan.forecast import longest_waits_behind
 from gateway.config.plan.settings import UpstreamPlan
 from gateway.devices.device import Device
 from gateway.events import Emit
-from gateway.ports.port import OpenPort, SiteSettings
+from gateway.ports.addresses import Addresses
+from gateway.ports.port import SiteSettings
 from gateway.ports.reconnector import Reconnector
 from gateway.runtime.port_records import kept_in
 from gateway.trace.ring import Ring
@@ -24,7 +25,7 @@ class GatewayUpstream:
     """An upstream with its parts, with the attributes of a GatewayLine."""
 
     def __init__(
-        self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, open_port: OpenPort, emit: Emit, ring: Ring
+        self, plan: UpstreamPlan, loop: asyncio.AbstractEventLoop, addresses: Addresses, emit: Emit, ring: Ring
     ) -> None:
         self.plan = plan
         self.now = loop.time
@@ -33,10 +34,11 @@ class GatewayUpstream:
         self.driver: TcpDriver | Asker = (
             import_module("gateway.fleet.asker").Asker(upstream, loop, emit)
             if isinstance(plan.port, SiteSettings)
-            else TcpDriver(upstream, loop, emit)
+            else TcpDriver(upstream, loop, emit, addresses.next if addresses.are_several else None)
         )
         tell = kept_in(ring, loop.time, emit)
-        self.reconnector = Reconnector(self.name, plan.port.port, open_port, self.driver, tell)
+        self.reconnector = Reconnector(self.name, plan.port.port, addresses.open, self.driver, tell, addresses.deadline)
+        addresses.moved = self.reconnector.use_path
         self._new_device = partial(Device, line=self.driver, emit=emit, ring=ring, line_name=self.name)
         self.devices = {each.known_as: self._new_device(each) for each in plan.devices}
         #: The units that the config does not name, by their numbers there: only the listeners for it lead to them.

@@ -5,17 +5,20 @@ Only this module and other subclasses of UpstreamDriver use the event loop.
 
 import asyncio
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 from gateway.errors import NotModbus, PortError
 from gateway.events import Emit, UpstreamClosed
 from gateway.lines.transaction import Transaction
-from gateway.modbus.mbap import MbapFramer, encode
+from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import OpenAgain, Port
 from gateway.upstreams.upstream import Upstream
+
+#: After so many time-outs in a row, and nothing received, another address of the server is used.
+SILENCES: Final = 3
 
 
 class UpstreamDriver(ABC):
@@ -84,12 +87,20 @@ class TcpDriver(UpstreamDriver):
     """Passes bytes, time and requests to `upstream`; the PortOwner of the connection.
 
     It closes an unusable connection; the reconnector opens the next one. After a loss its requests fail. A connection
-    that ends while nothing is under way is opened again for the next request.
+    that ends while nothing is under way is opened again for the next request. `next_address` chooses another address
+    of the server, if it has several.
     """
 
-    def __init__(self, upstream: Upstream, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
+    def __init__(
+        self,
+        upstream: Upstream,
+        loop: asyncio.AbstractEventLoop,
+        emit: Emit,
+        next_address: Callable[[], str] | None = None,
+    ) -> None:
         super().__init__(upstream, loop, emit)
         self._emit = emit
+        self._next_address = next_address
         self._framer = MbapFramer(strict=True)
 
     def port_up(self, port: Port) -> None:
@@ -101,7 +112,7 @@ class TcpDriver(UpstreamDriver):
         def send(identifier: int, transaction: Transaction) -> None:
             write(encode(identifier, transaction.unit, transaction.asked.data))
 
-        self._run(self.upstream.port_up, send)
+        self._run(self.upstream.port_up, send, self._time(), port.read_now)
         self._run(self.upstream.tick, self._time())
 
     def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:
@@ -115,13 +126,25 @@ class TcpDriver(UpstreamDriver):
         self._run(self._take, data)
 
     def _take(self, data: bytes) -> None:
-        self.upstream.received(self._framer.cut(data), self._time())
+        self.upstream.received(self._cut(data), self._time())
+
+    def _cut(self, data: bytes) -> Iterator[TcpFrame]:
+        """Yield the frames that `data` completes. What is left over while nothing is under way is no response."""
+        yield from self._framer.cut(data)
+        if self._framer.unfinished and not self.upstream.under_way:
+            self.upstream.spoil()
 
     def _tick(self) -> None:
         if self._framer.unfinished and self._is_stuck():
             came = f"{self._framer.unfinished} bytes came of it{self._framer.hint}"
             self._renew(f"a response was cut, or its length is wrong: {came}")
         super()._tick()
+        if self.upstream.may_leave(self._time()):
+            self._renew()
+        if self._next_address is not None and self.upstream.silences >= SILENCES:
+            self.upstream.silences = 0
+            address = self._next_address()
+            self._renew(f"{SILENCES} requests in a row have timed out, and nothing came; {address} is tried next")
 
     def _step(self, step: Callable[..., None], *arguments: Any) -> None:
         try:
@@ -129,8 +152,8 @@ class TcpDriver(UpstreamDriver):
         except NotModbus as error:
             self._tell(f"what came is not Modbus TCP: {error}")
             self._boundary.close_port()
-        if self.upstream.is_spent:
-            self._renew("too many answers are overdue on it")
+        if self.upstream.must_renew:
+            self._renew("too many answers are overdue on it" if self.upstream.is_spent else "")
 
     def _down(self) -> None:
         self.upstream.port_down(self._time())
@@ -140,10 +163,11 @@ class TcpDriver(UpstreamDriver):
         awaited = self.upstream.awaited(self._time())
         return len(awaited) < self.upstream.under_way and not any(map(self._framer.holds, awaited))
 
-    def _renew(self, reason: str) -> None:
-        """Close the connection, so that a new one is opened."""
+    def _renew(self, reason: str = "") -> None:
+        """Close the connection; a new one is opened when it is needed. Tell the `reason`, if there is one to tell."""
         port, self._boundary.port = self._boundary.port, None
-        self._tell(reason)
+        if reason:
+            self._tell(reason)
         if port is not None:
             port.close()
         self.upstream.renew(self._time())

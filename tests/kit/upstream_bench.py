@@ -10,7 +10,8 @@ from gateway.modbus.mbap import MbapFramer, encode
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
-from gateway.upstreams.upstream import Upstream, UpstreamSettings
+from gateway.upstreams.settings import UpstreamSettings
+from gateway.upstreams.upstream import Upstream
 from kit.asker import Asker
 
 READ = "03 00 10 00 01"
@@ -47,7 +48,7 @@ class UpstreamBench:
 
     def connect(self) -> None:
         self._framer = MbapFramer(strict=True)
-        self.upstream.port_up(self._send)
+        self.upstream.port_up(self._send, self.now)
         self.upstream.tick(self.now)
 
     def hang_up(self, *, at_once: bool = False) -> bool:

@@ -11,7 +11,8 @@ from gateway.events import Event, PartFailed, UpstreamClosed
 from gateway.modbus.mbap import encode
 from gateway.upstreams import upstream as upstream_module
 from gateway.upstreams.driver import TcpDriver
-from gateway.upstreams.upstream import Upstream, UpstreamSettings
+from gateway.upstreams.settings import UpstreamSettings
+from gateway.upstreams.upstream import Upstream
 from kit.asker import Asker
 from kit.upstream_bench import READ, RESPONSE, UpstreamBench
 
@@ -27,6 +28,9 @@ class FakePort:
 
     def write(self, data: bytes) -> None:
         self.written.append(data)
+
+    def read_now(self) -> None:
+        pass
 
     def change_baud(self, baud: int) -> None:
         pass
@@ -110,7 +114,7 @@ def defect(*_: object) -> None:
 
 
 @pytest.mark.interpreted
-@pytest.mark.parametrize("where", ["write", "cut", "_answers"])
+@pytest.mark.parametrize("where", ["write", "cut", "answers"])
 async def test_a_defect_ends_at_the_error_boundary_and_each_request_gets_one_answer(
     driven: Driven, where: str, monkeypatch
 ):
@@ -122,7 +126,7 @@ async def test_a_defect_ends_at_the_error_boundary_and_each_request_gets_one_ans
     elif where == "cut":
         driven.driver._framer = SimpleNamespace(cut=defect)
     else:
-        monkeypatch.setattr("gateway.upstreams.upstream._answers", defect)
+        monkeypatch.setattr("gateway.upstreams.upstream.answers", defect)
     driven.ask(client=clients[2])
     driven.driver.received(encode(1, 7, bytes.fromhex(RESPONSE)))
     driven.ask(client=clients[3])

@@ -486,13 +486,13 @@ def test_too_many_overdue_answers_ask_for_a_new_connection_once_nothing_is_under
     bench.pass_time(TIMEOUT - 0.1)
     bench.ask(unit=40)
     bench.pass_time(0.1)
-    assert not bench.upstream.is_spent
+    assert not bench.upstream.must_renew
     bench.ask(unit=41)
     assert len(bench.sent) == 4
     bench.respond()
-    assert bench.upstream.is_spent
+    assert bench.upstream.must_renew
     bench.upstream.port_down(bench.now)
-    assert not bench.upstream.is_spent
+    assert not bench.upstream.must_renew
     assert bench.client.answers == ["83 0B"] * 3 + [RESPONSE, "83 0A"]
     assert MAX_OUTSTANDING < 0x8000
 
@@ -541,8 +541,8 @@ def test_failures_of_requests_that_were_under_way_together_count_once() -> None:
 def test_a_unit_that_has_failed_is_asked_one_at_a_time_until_it_answers() -> None:
     bench = UpstreamBench()
     fail(bench, 1)
-    for asker in clients(4):
-        bench.ask(client=asker)
+    for number, asker in enumerate(clients(4)):
+        bench.ask(f"03 00 {number:02X} 00 01", client=asker)
     bench.ask(unit=38)
     assert [sent.unit for sent in bench.sent] == [7, 7, 8]
     bench.respond(to=1)
@@ -630,8 +630,8 @@ def test_whatever_the_server_does_each_request_gets_one_answer_and_only_its_own(
             bench.connect()
     bench.pass_time(10)
     assert (bench.upstream.under_way, bench.upstream.waiting) == (0, 0)
-    assert not bench.upstream._instead
-    assert not bench.upstream._asking
+    assert not bench.upstream._sent._instead
+    assert not bench.upstream._sent._asking
     outcomes = [outcome for asker in askers for outcome in asker.outcomes]
     assert len(outcomes) == asked
     good = [outcome for outcome in outcomes if not outcome[2].startswith("83")]

@@ -30,7 +30,7 @@ from gateway.profiles.profile import Profile
 from gateway.timing.budget import NETWORK_LATENCY, AnswerTime
 from gateway.timing.characters import LineTiming
 from gateway.tls.settings import ClientTls
-from gateway.upstreams.upstream import UpstreamSettings
+from gateway.upstreams.settings import UpstreamSettings
 
 #: The silence that ends an RTU frame, in characters (S 2.5.1.1), and the shortest turnaround delay (S 2.4.1).
 _IDLE_CHARACTERS: Final = 3.5
@@ -77,6 +77,7 @@ def upstream_plan(upstream: Upstream, profiles: dict[str, Profile], config: Conf
         name=upstream.label,
         in_flight=1 if is_one_by_one else upstream.in_flight,
         gap=upstream.gap,
+        after_connect=upstream.after_connect,
         idle=upstream.idle,
         coalesce=upstream.coalesce,
         retries=upstream.retries,
@@ -132,6 +133,7 @@ def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings
         retry_within=line.retry_within,
         rest=line.rest,
         idle=line.idle,
+        after_connect=line.after_connect,
         echo=line.echo,
         wire=line.wire,
         coalesce=line.coalesce,

@@ -21,7 +21,7 @@ from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice
 from gateway.routing.access import DEFAULT_ROWS, AccessRow, Network
 from gateway.tls.settings import ClientTls, SecretFile, Secured, ServerTls
-from gateway.upstreams.upstream import UpstreamSettings
+from gateway.upstreams.settings import UpstreamSettings
 
 #: The listener without any [[listen]].
 DEFAULT_LISTENER: Final = ListenSettings(name="default", host="127.0.0.1", port=5020)
@@ -260,7 +260,9 @@ class Plan:
     def secured(self) -> tuple[Secured, ...]:
         """Give every address that TLS secures, but for web page, broker and NATS: without these, all else works."""
         listeners = ((f"listen {one.name}", one.source, one.tls) for one in self.listeners)
-        servers = ((one, one.port) for one in self.upstreams if isinstance(one.port, TcpSettings))
+        servers = (
+            (one, port) for one in self.upstreams for port in (one.port, *one.others) if isinstance(port, TcpSettings)
+        )
         upstreams = ((f"upstream {one.upstream.name}", one.upstream.source, port.tls) for one, port in servers)
         every = (*listeners, *upstreams)
         return tuple(Secured(name, source, tls) for name, source, tls in every if tls is not None)

@@ -1,0 +1,119 @@
+"""The requests that were sent on one connection, by transaction identifier.
+
+    under way ──response──▶ answered
+        └──limit──▶ outstanding ──late response──▶ dropped, or the answer to its repeat
+
+An identifier (T 4.2.2) is not used again while a response with it may come. So a response always belongs to its own
+request (ADR 6).
+"""
+
+from math import inf
+from typing import Final
+
+from gateway.lines.transaction import Destination, Transaction
+from gateway.modbus.mbap import NO_UNIT, TcpFrame, encode
+
+_IDENTIFIERS: Final = 0x10000
+
+
+class InFlight:
+    """Requests `under_way`, and those that are `outstanding`: past their limits, or without an expected response."""
+
+    def __init__(self) -> None:
+        self.under_way: dict[int, Transaction] = {}
+        self.outstanding: dict[int, Transaction] = {}
+        #: Bytes received in place of responses, by identifier.
+        self._instead: dict[int, bytes] = {}
+        #: The clients and devices of the requests under way.
+        self._asking: set[tuple[str, Destination]] = set()
+        #: No request under way fails before that: they have limits of their own, and are not in their order.
+        self._next_limit = inf
+        self._last = 0
+
+    def add(self, transaction: Transaction) -> int:
+        """Add a request that is about to be sent, with its times set. Return its identifier."""
+        identifier = self._free_identifier()
+        if not transaction.expects_answer:  # the server may respond nevertheless
+            self.outstanding[identifier] = transaction
+            return identifier
+        fails_at = transaction.fails_at
+        if fails_at < self._next_limit or not self.under_way:
+            self._next_limit = fails_at
+        self.under_way[identifier] = transaction
+        for request in transaction.requests:
+            self._asking.add((request.caller.client, transaction.device))
+        return identifier
+
+    def finish(self, identifier: int) -> bytes:
+        """Remove a request under way. Return the bytes received instead of its response."""
+        transaction = self.under_way.pop(identifier)
+        for request in transaction.requests:
+            self._asking.discard((request.caller.client, transaction.device))
+        return self._instead.pop(identifier, b"") if self._instead else b""
+
+    def give_up(self, identifier: int) -> bytes:
+        """Let a request under way become outstanding. Return the bytes received instead of its response."""
+        self.outstanding[identifier] = self.under_way[identifier]
+        return self.finish(identifier)
+
+    def is_asking(self, transaction: Transaction) -> bool:
+        """Tell whether another request of one of its clients to its device is under way."""
+        if not self._asking:
+            return False
+        for request in transaction.requests:  # noqa: SIM110 - request path: a generator costs more than the rest
+            if (request.caller.client, transaction.device) in self._asking:
+                return True
+        return False
+
+    def is_asked(self, device: Destination) -> bool:
+        """Tell whether a request to this device is under way."""
+        return any(each.device is device for each in self.under_way.values())
+
+    def next_limit(self) -> float:
+        """Return when the next request under way fails, or an earlier time; infinity if there is none."""
+        return self._next_limit if self.under_way else inf
+
+    def expired(self, now: float) -> list[int]:
+        """Return the identifiers of the requests under way whose limits have ended, in the order of sending."""
+        if now < self._next_limit:
+            return []
+        late = [identifier for identifier, each in self.under_way.items() if each.fails_at <= now]
+        self._next_limit = min((each.fails_at for each in self.under_way.values() if each.fails_at > now), default=inf)
+        return late
+
+    def awaited(self, now: float) -> list[bytes]:
+        """Return the identifiers, in two bytes, of requests within their limits."""
+        return [identifier.to_bytes(2, "big") for identifier, each in self.under_way.items() if now < each.fails_at]
+
+    def heard_instead(self, identifier: int, frame: TcpFrame) -> None:
+        """Remember the first frame that came in place of the response to a request under way."""
+        self._instead.setdefault(identifier, encode(*frame))
+
+    def is_meant(self, frame: TcpFrame) -> int | None:
+        """Find the request under way that a frame with another identifier would answer; None if there is none."""
+        return next((identifier for identifier, each in self.under_way.items() if answers(frame, each)), None)
+
+    def repeat_of(self, late: Transaction) -> int | None:
+        """Find the identifier of the request under way that repeats `late`; None if there is none."""
+        return next((each for each, one in self.under_way.items() if one.requests is late.requests), None)
+
+    def lose(self) -> list[Transaction]:
+        """Forget everything: no response can come any more. Return the requests that were under way."""
+        lost = list(self.under_way.values())
+        for kept in (self.under_way, self._instead, self.outstanding, self._asking):
+            kept.clear()
+        return lost
+
+    def _free_identifier(self) -> int:
+        """Choose the next identifier for which no response may come."""
+        identifier = self._last
+        while True:
+            identifier = (identifier + 1) % _IDENTIFIERS
+            if identifier not in self.under_way and identifier not in self.outstanding:
+                self._last = identifier
+                return identifier
+
+
+def answers(frame: TcpFrame, asked: Transaction) -> bool:
+    """Tell whether `frame`, which has the identifier of `asked`, is its response."""
+    return (frame.unit == asked.unit or frame.unit in NO_UNIT) and asked.asked.accepts(frame.pdu)
