@@ -31,10 +31,14 @@ class Sent(NamedTuple):
 
 
 class UpstreamBench:
-    """An Upstream that is connected. Unit 37 of clients is unit 7 behind it, 38 is 8, and so on."""
+    """An Upstream that is connected. Unit 37 of clients is unit 7 behind it, 38 is 8, and so on.
 
-    def __init__(self, timeout: float = TIMEOUT, **settings: object) -> None:
+    Its units have this `timeout`, and sleep after `wake` seconds.
+    """
+
+    def __init__(self, timeout: float = TIMEOUT, wake: float = 0.0, **settings: object) -> None:
         self.timeout = timeout
+        self.wake = wake
         self.settings = UpstreamSettings("plant-1", **settings)
         self.events: list[Event] = []
         self.upstream = Upstream(self.settings, self.events.append)
@@ -61,7 +65,8 @@ class UpstreamBench:
     def device(self, unit: int) -> Device:
         if unit not in self._devices:
             answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=self.timeout, fixed=True)
-            settings = DeviceSettings(f"plant-1/{unit}", unit - 30, unit, Profile("upstream"), answer_time)
+            profile = Profile("upstream")
+            settings = DeviceSettings(f"plant-1/{unit}", unit - 30, unit, profile, answer_time, wake=self.wake)
             self._devices[unit] = Device(settings, self.upstream)
         return self._devices[unit]
 

@@ -11,7 +11,7 @@ from gateway.config.values.address import Address
 from gateway.config.values.site import Site
 
 #: Keys that are for connections to servers.
-_ONLY_TCP: Final = ("gap", "after_connect", "idle", "transaction_id")
+_ONLY_TCP: Final = ("gap", "after_connect", "idle", "coalesce", "transaction_id")
 
 
 def check_upstreams(config: Config, failed: frozenset[str]) -> Iterator[Problem]:

@@ -79,7 +79,7 @@ def upstream_plan(upstream: Upstream, profiles: dict[str, Profile], config: Conf
         gap=upstream.gap,
         after_connect=upstream.after_connect,
         idle=upstream.idle,
-        coalesce=upstream.coalesce,
+        coalesce=upstream.coalesce and not isinstance(upstream.to[0], Site),  # the owner does, client by client
         retries=upstream.retries,
         rest=upstream.rest,
         queue=upstream.queue,
