@@ -78,10 +78,19 @@ class MemoryLine:
         if self._port is not None:
             self._port.lose(PortError(reason))
 
-    def hang_up(self, *, at_once: bool = False) -> None:
-        """The server at the other end closes the connection in order; it can be opened again."""
+    def hang_up(self, *, at_once: bool = False, unread: bool = False) -> None:
+        """The server at the other end closes the connection in order; it can be opened again.
+
+        `unread`: the gateway has not noticed yet; it does when it reads.
+        """
         if self._port is not None:
-            self._port.lose(ConnectionEnded(f"{self.name} has closed the connection", at_once=at_once))
+            ended = ConnectionEnded(f"{self.name} has closed the connection", at_once=at_once)
+            self._port.end_unread(ended) if unread else self._port.lose(ended)
+
+    def leave_unread(self) -> None:
+        """Let the gateway not notice what comes until it reads."""
+        if self._port is not None:
+            self._port.pause()
 
     def plug(self) -> None:
         """Plug the line in again."""
@@ -110,6 +119,7 @@ class MemoryPort:
         self._line: MemoryLine | None = line
         self._is_paused = False
         self._kept = b""
+        self._ended: PortError | None = None
 
     @property
     def errors(self) -> CharacterErrors | None:
@@ -132,6 +142,12 @@ class MemoryPort:
         data, self._kept = self._kept, b""
         if data:
             self.user.received(data)
+        if self._ended is not None:
+            self.lose(self._ended)
+
+    def end_unread(self, ended: PortError) -> None:
+        """Let the gateway notice at its next reading that the connection has `ended`."""
+        self._ended = ended
 
     def receive(self, data: bytes) -> None:
         """The devices send `data`."""
