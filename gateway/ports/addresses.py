@@ -12,8 +12,8 @@ from gateway.ports.tcp import CONNECTING_DEADLINE, NO_ANSWER
 class Addresses:
     """The addresses of one server, by their names in messages, and how a connection to each is opened.
 
-    The one that was used last is tried first, the first one at the beginning. In each attempt all are tried, at least
-    one of them as long as if it was the only one. `moved` is called with the address that is used, or tried, from then
+    The one that was used last is tried first, the first one at the beginning. In each attempt all are tried, and the
+    last one has as much time as if it was the only one; each is the last one of some attempt. `moved` is called with the address that is used, or tried, from then
     on. Nothing leads back to the first one but a failure of another.
     """
 
@@ -55,8 +55,5 @@ class Addresses:
             self.next()
         try:
             return await self._openers[self._paths[0]](user)
-        except PortError as error:
+        except PortError as error:  # the next attempt begins here, so that another one is the last
             raise PortError("; ".join(sorted({*reasons, str(error)}))) from error
-        except asyncio.CancelledError:  # a server that accepts the connection only
-            self.next()
-            raise

@@ -84,7 +84,6 @@ class Upstream:
         self._look = look
         self._used_at = now
         self._is_spoilt = False
-        self.silences = 0
         if not self.is_closed:
             for device in self._failed_at:
                 device.breaker.record_success()

@@ -101,6 +101,19 @@ async def test_a_server_that_closes_after_each_answer_is_served_too(way: str) ->
 
 
 @pytest.mark.parametrize("way", WAYS)
+async def test_an_end_that_has_not_been_noticed_when_a_request_comes_costs_it_nothing(way: str) -> None:
+    async with there(way) as (bench, server):
+        client = bench.client()
+        for number in range(20):
+            assert await client.asks(1, READ) == "03 02 00 05"
+            await asyncio.sleep(0.1)
+            server.line.hang_up(unread=True)
+            await asyncio.sleep(0.1)
+            assert server.line.openings == number + 1
+        assert told(bench) == []
+
+
+@pytest.mark.parametrize("way", WAYS)
 async def test_what_waits_is_asked_over_the_new_connection(way: str) -> None:
     async with there(way) as (bench, server):
         server.line.opens_in = 0.15
@@ -116,8 +129,6 @@ async def test_what_waits_is_asked_over_the_new_connection(way: str) -> None:
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("keys", ["", 'max_wait = "150 ms"'])
 async def test_a_request_waits_for_the_connection_as_long_as_its_limit_or_max_wait(way: str, keys: str) -> None:
-    if keys and way == "tcp":
-        return  # it has no such key
     async with there(way, keys) as (bench, server):
         client, other = bench.client(), bench.client("10.0.0.8:1")
         server.line.opens_in = 1.0
