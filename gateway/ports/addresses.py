@@ -13,8 +13,8 @@ class Addresses:
     """The addresses of one server, by their names in messages, and how a connection to each is opened.
 
     The one that was used last is tried first, the first one at the beginning. In each attempt all are tried, and the
-    last one has as much time as if it was the only one; each is the last one of some attempt. `moved` is called with the address that is used, or tried, from then
-    on. Nothing leads back to the first one but a failure of another.
+    last one has as much time as if it was the only one; each is the last one of some attempt. `moved` is called with
+    the address that is used, or tried, from then on. Nothing leads back to the first one but a failure of another.
     """
 
     def __init__(self, openers: Mapping[str, OpenPort], after_connect: float = 0.0) -> None:

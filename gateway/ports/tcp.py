@@ -3,6 +3,7 @@
 import asyncio
 import errno
 import os
+import select
 import socket
 import ssl
 from contextlib import suppress
@@ -109,6 +110,7 @@ class TcpPort(asyncio.BufferedProtocol):
         #: An unusable transport until the connection is made.
         self._transport = asyncio.Transport()
         self._descriptor = -1
+        self._poll = select.poll()
         self._closed = asyncio.Event()
 
     async def settle(self) -> None:
@@ -147,10 +149,19 @@ class TcpPort(asyncio.BufferedProtocol):
         return False
 
     def read_now(self) -> None:
-        """Deliver received bytes, and notice a connection closed by the server before anything is written to it."""
+        """Deliver received bytes, and notice a connection closed by the server before anything is written to it.
+
+        What TLS has received cannot be read at once. It may be the end: the connection is given up. So nothing may be
+        awaited on it.
+        """
         if self._early:
             self._deliver_early()
         if self._transport.is_closing():
+            return
+        if self._is_secured:
+            if self._poll.poll(0):
+                self._abort(ConnectionEnded(f"{self._name} has closed the connection"))
+                self._lose()
             return
         try:
             data = os.read(self._descriptor, READ_SIZE)
@@ -192,6 +203,8 @@ class TcpPort(asyncio.BufferedProtocol):
         """Take the open connection."""
         self._transport = cast("asyncio.Transport", transport)
         self._descriptor = transport.get_extra_info("socket").fileno()
+        if self._is_secured:
+            self._poll.register(self._descriptor, select.POLLIN)
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the longest frame decides
         """Return the buffer that asyncio receives into."""

@@ -265,6 +265,18 @@ async def test_a_server_that_serves_somebody_else_is_told_apart(server, user, mo
     assert (user.heard, user.losses) == (b"", [])
 
 
+async def test_after_connecting_there_is_silence_as_long_as_the_config_says(server, user):
+    began = time.monotonic()
+    opening = asyncio.create_task(open_tcp(settings_of(server, after_connect=0.7), user))
+    with closing(await accepted(server)) as far_end:
+        far_end.send(b"hello")
+        port = await opening
+        assert time.monotonic() - began >= 0.7
+        await until(lambda: user.heard == b"hello")
+        port.close()
+        await port.wait_closed()
+
+
 async def test_who_looks_hears_at_once_what_has_come(server, user):
     async with connected(server, user) as (port, far_end):
         port.read_now()

@@ -9,21 +9,21 @@ import socket
 import ssl
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 from pymodbus.client import ModbusTlsClient
 
-from gateway.errors import PortError
+from gateway.errors import ConnectionEnded, PortError
 from gateway.listeners.handshakes import MADE_ROOM, MOST, SLOW, TOO_MANY
 from gateway.listeners.tls import OUTLIVED
 from gateway.listeners.tls_stream import TOO_MUCH_BESIDE_DATA
 from gateway.modbus.mbap import encode
-from gateway.ports.port import TcpSettings
+from gateway.ports.port import Port, TcpSettings
 from gateway.ports.tcp import open_tcp
 from gateway.tls.contexts import load
 from gateway.tls.settings import ClientTls, SecretFile
@@ -537,16 +537,26 @@ def test_a_server_that_cannot_be_trusted_or_does_not_trust_us(
 
 
 class Listener:
-    """Who uses a port, and hears nothing."""
+    """Who uses a port, and notes what it hears, and when it is lost."""
+
+    def __init__(self) -> None:
+        self.heard = b""
+        self.hears = asyncio.Event()
+        self.losses: list[PortError] = []
 
     def received(self, data: bytes) -> None:
         """See PortUser."""
+        self.heard += data
+        self.hears.set()
 
     def lost(self, reason: PortError) -> None:
         """See PortUser."""
+        self.losses.append(reason)
 
 
-async def test_a_server_that_does_not_answer_the_end_of_tls_is_not_waited_for() -> None:
+@asynccontextmanager
+async def secured(user: Listener) -> AsyncIterator[tuple[Port, ssl.SSLSocket]]:
+    """A port to a server in this process, and the server's end of it."""
     folder = pki()
     files = (SecretFile(str(folder / name)) for name in ("operator.crt", "operator.key", "ca.crt"))
     tls = ClientTls(*files, "localhost")
@@ -561,11 +571,44 @@ async def test_a_server_that_does_not_answer_the_end_of_tls_is_not_waited_for() 
         served = pool.submit(serve)
         number = listening.getsockname()[1]
         settings = TcpSettings(f"tls://127.0.0.1:{number}", "127.0.0.1", number, tls=tls)
-        port = await open_tcp(settings, Listener(), load(tls).context)
-        with served.result(PATIENCE):
+        port = await open_tcp(settings, user, load(tls).context)
+        with served.result(PATIENCE) as far_end:
+            yield port, far_end
             port.close()
             async with asyncio.timeout(20):  # asyncio itself waits for 30 s
                 await port.wait_closed()
+
+
+async def test_a_server_that_does_not_answer_the_end_of_tls_is_not_waited_for() -> None:
+    async with secured(Listener()):
+        pass
+
+
+@pytest.mark.parametrize("end", ["in order", "reset", "something"])
+async def test_who_looks_before_asking_learns_that_the_server_has_ended_the_connection(end: str) -> None:
+    """The gateway has not read yet, and what has come is secured."""
+    user = Listener()
+    async with secured(user) as (port, far_end):
+        port.read_now()
+        assert user.losses == []
+        far_end.sendall(b"answer")
+        await asyncio.wait_for(user.hears.wait(), PATIENCE)
+        port.read_now()
+        assert user.losses == []
+        if end == "something":
+            far_end.sendall(b"nobody has asked for this")
+        else:
+            if end == "in order":
+                with suppress(OSError):
+                    far_end.setblocking(False)
+                    far_end.unwrap()
+            far_end.close()
+        select.select([port._descriptor], [], [], PATIENCE)
+        port.read_now()
+        assert [type(loss) for loss in user.losses] == [ConnectionEnded]
+        port.read_now()
+        await asyncio.wait_for(port.wait_closed(), PATIENCE)
+    assert (len(user.losses), user.heard) == (1, b"answer")
 
 
 # --- the web page ---
