@@ -307,9 +307,7 @@ class Line:
                 else:
                     self._scheduler.refuse(transaction, rejection, now)
         finally:
-            for request, name in late:
-                self._telling.record_expired(request, name, errors.WaitedTooLong(), now)
-                request.fail(errors.WaitedTooLong())
+            self._scheduler.fail_expired(late, now)
             for transaction in not_repeated:
                 self._scheduler.refuse(transaction, errors.ResponseTimeout(), now)
 

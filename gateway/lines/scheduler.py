@@ -17,13 +17,14 @@ from gateway.lines.queue import WaitingQueue
 from gateway.lines.reopening import Reopening
 from gateway.lines.settings import LineSettings
 from gateway.lines.telling import Telling
-from gateway.lines.transaction import Destination, ScanTransaction, Transaction
+from gateway.lines.transaction import ScanTransaction, Transaction
+from gateway.lines.waiting import Waiting
 
 #: Tells whether a request may be written now.
 MaySend = Callable[[], bool]
 
 
-class Scheduler:
+class Scheduler(Waiting):
     """The waiting requests of one line, and the units that rest.
 
     `limit_of` returns the time limit of a transaction. `may_send` is set on a line that several gateways use.
@@ -37,15 +38,13 @@ class Scheduler:
         telling: Telling,
         limit_of: Callable[[Transaction], float],
     ) -> None:
+        queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
+        reopening = Reopening(queue, settings.max_wait, limit_of, settings.after_connect)
+        super().__init__(queue, reopening, telling, settings.rest)
         self._ledger = ledger
         self._echo = echo
-        self._telling = telling
         self.may_send: MaySend | None = None
-        self.queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
-        self._idle = IdleTime(self.queue, ledger)
-        self.reopening = Reopening(self.queue, settings.max_wait, limit_of, settings.after_connect)
-        self._longest_rest = settings.rest
-        self._resting: set[Destination] = set()
+        self._idle = IdleTime(queue, ledger)
         self._held_until = 0.0
 
     def put(self, transaction: Transaction, now: float) -> RequestError | None:
@@ -58,16 +57,8 @@ class Scheduler:
             return rejection
         if self._ledger.late and self._is_forbidden(transaction, now):
             return errors.AnswerOverdue()
-        lost = self.queue.put(transaction, now)
-        if lost is not None:
-            self._telling.queue_full(lost)
-        if lost is transaction:
-            return errors.QueueFull()
         self._held_until = 0.0
-        if lost is not None:
-            self._telling.record_refused(lost, errors.QueueFull(), now, waiting=len(self.queue))
-            lost.fail(errors.QueueFull())
-        return None
+        return self.keep(transaction, now)
 
     @property
     def is_empty(self) -> bool:
@@ -136,27 +127,15 @@ class Scheduler:
         for transaction in transactions:
             self.refuse(transaction, errors.AnswerOverdue(), now)
 
-    def fail_unsent(self, transactions: list[Transaction], now: float) -> None:
-        """Fail these transactions because the port was lost: repeats as sent before, others as not sent."""
-        for transaction in transactions:
-            self.refuse(transaction, errors.LineLost() if transaction.retries else errors.LineDown(), now)
-
     def record_failure(self, transaction: Transaction, now: float) -> None:
-        """Count a failure of the unit that has not responded; it may have to rest."""
-        device, window_end = transaction.device, self._ledger.end_of(transaction, now)
-        failed_before = transaction.failures
-        transaction.failures += 1
-        if device.breaker.record_failure(
-            transaction.limit, window_end, self._longest_rest, failed_before=failed_before
-        ):
-            self._resting.add(device)
-            self._telling.resting(device, now)
+        """Count a failure of the unit that has not responded; it may have to rest when its late window has ended."""
+        self.count_failure(transaction, self._ledger.end_of(transaction, now), now)
 
     def record_response(self, exchange: Exchange) -> None:
         """Note a valid response to `exchange`, in time or late."""
         self._held_until = self._idle.held_until = 0.0
         self._ledger.release(exchange)
-        self._recover(exchange.sender.device)
+        self.recover(exchange.sender.device)
 
     @property
     def resting(self) -> set[int]:
@@ -166,19 +145,7 @@ class Scheduler:
     def record_frames(self, units: set[int]) -> None:
         """Note that valid frames came from these units without a request."""
         for device in [each for each in self._resting if each.unit in units]:
-            self._recover(device)
-
-    def end_rests(self) -> None:
-        """End all rests: the port was lost, so units that failed before may respond now."""
-        for device in self._resting:
-            device.breaker.record_success()
-        self._resting.clear()
-
-    def _recover(self, device: Destination) -> None:
-        """End the rest of a unit that has responded."""
-        if device.breaker.failures and device.breaker.record_success():
-            self._resting.discard(device)
-            self._telling.recovered(device)
+            self.recover(device)
 
     def _is_forbidden(self, transaction: Transaction, now: float) -> bool:
         until = self._ledger.forbid_until(transaction, now)

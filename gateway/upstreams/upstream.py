@@ -25,6 +25,7 @@ from gateway.lines.queue import WaitingQueue
 from gateway.lines.reopening import Reopening
 from gateway.lines.telling import Telling
 from gateway.lines.transaction import Destination, Transaction
+from gateway.lines.waiting import Waiting
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import TcpFrame
 from gateway.ports.port import OpenAgain
@@ -62,6 +63,7 @@ class Upstream:
         self._telling = Telling(settings.name, settings.source, emit, "tcp", ring)
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._reopening = Reopening(self._queue, settings.max_wait, _limit_of, settings.after_connect)
+        self._waiting = Waiting(self._queue, self._reopening, self._telling, settings.rest)
         self._sent = InFlight()
         self._send_request: Send | None = None
         self._look: Look = _see_nothing
@@ -85,20 +87,19 @@ class Upstream:
         self._used_at = now
         self._is_spoilt = False
         if not self.is_closed:
-            for device in self._failed_at:
-                device.breaker.record_success()
             self._failed_at.clear()
+            self._waiting.end_rests()
         self._reopening.end()
 
     def port_down(self, now: float) -> None:
         """End the lost connection: requests under way fail with 0B, as units may have acted on them, others with 0A."""
         waiting = self._disconnect()
         self._lose_under_way(now)
-        self._fail_unsent(waiting, now)
+        self._waiting.fail_unsent(waiting, now)
 
     def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones fail with 0A, those under way may still be answered."""
-        self._fail_unsent(self._disconnect(), now)
+        self._waiting.fail_unsent(self._disconnect(), now)
 
     def renew(self, now: float) -> None:
         """Keep waiting requests for a new connection: this one is being closed. Requests under way fail with 0B."""
@@ -130,9 +131,9 @@ class Upstream:
         if not self._sent.under_way:
             self._look()
         if self._send_request is None and not self.is_closed:
-            self._refuse(transaction, errors.LineDown(), now)
+            self._waiting.refuse(transaction, errors.LineDown(), now)
         elif transaction.device.breaker.is_resting(now):
-            self._refuse(transaction, errors.UnitResting(), now)
+            self._waiting.refuse(transaction, errors.UnitResting(), now)
         elif self._send_request is not None and not len(self._queue) and self._may_send(transaction, now):
             self._send(transaction, self._send_request, now)
         else:
@@ -164,7 +165,7 @@ class Upstream:
             try:
                 self._go_on(now)
             finally:
-                self._fail_unsent([transaction], now)
+                self._waiting.fail_unsent([transaction], now)
 
     def forget_late(self) -> None:
         """Forget all late responses: none can come any more."""
@@ -197,7 +198,7 @@ class Upstream:
                 failed.append((transaction, error))
         unconnected = self._reopening.given_up(now)
         try:
-            self._fail_unsent(unconnected, now)
+            self._waiting.fail_unsent(unconnected, now)
             self._go_on(now)
         finally:
             for transaction, error in failed:
@@ -242,13 +243,10 @@ class Upstream:
 
     def _put(self, transaction: Transaction, now: float) -> None:
         """Keep a transaction until its turn."""
-        lost = self._queue.put(transaction, now)
-        if lost is not None:
-            self._telling.queue_full(lost)
-            self._refuse(lost, errors.QueueFull(), now)
-        if lost is transaction:
-            return
-        if self._send_request is None:
+        refusal = self._waiting.keep(transaction, now)
+        if refusal is not None:
+            self._waiting.refuse(transaction, refusal, now)
+        elif self._send_request is None:
             self._reopening.need(transaction)
         else:
             self._go_on(now)
@@ -325,10 +323,7 @@ class Upstream:
         device = transaction.device
         if transaction.ends_at >= self._failed_at.get(device, 0.0):
             self._failed_at[device] = now
-            failed_before = transaction.failures
-            transaction.failures += 1
-            if device.breaker.record_failure(transaction.limit, now, self.settings.rest, failed_before=failed_before):
-                self._telling.resting(device, now)
+            self._waiting.count_failure(transaction, now, now)
 
     def _fail(self, transaction: Transaction, instead: bytes, now: float) -> RequestError:
         self._telling.given_up(transaction, now, received=instead, is_echo=False)
@@ -348,16 +343,6 @@ class Upstream:
         self._look = _see_nothing
         self._reopening.end()
         return self._queue.clear()
-
-    def _refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
-        """Fail a request that was not sent, and record why."""
-        self._telling.record_refused(transaction, error, now, waiting=self.waiting)
-        transaction.fail(error)
-
-    def _fail_unsent(self, transactions: list[Transaction], now: float) -> None:
-        """Fail these transactions because there is no connection: repeats as sent before, others as not sent."""
-        for transaction in transactions:
-            self._refuse(transaction, errors.LineLost() if transaction.is_repeat else errors.LineDown(), now)
 
     def _rest_connection(self, now: float) -> None:
         """Note that a request is over: the silence before the next one begins."""
@@ -397,16 +382,14 @@ class Upstream:
                     break
                 self._send_or_refuse(transaction, self._send_request, now)
         finally:
-            for request, name in late:
-                self._telling.record_expired(request, name, errors.WaitedTooLong(), now)
-                request.fail(errors.WaitedTooLong())
+            self._waiting.fail_expired(late, now)
 
     def _send_or_refuse(self, transaction: Transaction, send: Send, now: float) -> None:
         """Send a request that has waited, unless something has changed since. A rest stops no repeat."""
         if not transaction.is_wanted:
-            self._refuse(transaction, transaction.unwanted, now)
+            self._waiting.refuse(transaction, transaction.unwanted, now)
         elif transaction.device.breaker.is_resting(now) and not transaction.is_repeat:
-            self._refuse(transaction, errors.UnitResting(), now)
+            self._waiting.refuse(transaction, errors.UnitResting(), now)
         else:
             self._send(transaction, send, now)
 
@@ -426,8 +409,7 @@ class Upstream:
 
     def _recover(self, device: Destination) -> None:
         self._failed_at.pop(device, None)
-        if device.breaker.failures and device.breaker.record_success():
-            self._telling.recovered(device)
+        self._waiting.recover(device)
 
     def __repr__(self) -> str:
         state = f"under way={self.under_way}"
