@@ -1,27 +1,43 @@
-"""The requests that were sent on one connection, by transaction identifier.
+"""The requests that were sent on one connection, by transaction identifier, and which of them a response answers.
 
     under way ──response──▶ answered
-        └──limit──▶ outstanding ──late response──▶ dropped, or the answer to its repeat
+        └──limit──▶ outstanding ──late response──▶ dropped, or the answer to a read that is sent again
 
 An identifier (T 4.2.2) is not used again while a response with it may come. So a response always belongs to its own
-request (ADR 6).
+request (ADR 6). Where the server answers with identifier 0, only one request is under way, and no other response can
+come on its connection (`connection`).
 """
 
+from collections.abc import Callable
 from math import inf
 from typing import Final
 
+from gateway.lines.queue import WaitingQueue
+from gateway.lines.telling import Telling
 from gateway.lines.transaction import Destination, Transaction
+from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import NO_UNIT, TcpFrame, encode
 
 _IDENTIFIERS: Final = 0x10000
 
 
 class InFlight:
-    """Requests `under_way`, and those that are `outstanding`: past their limits, or without an expected response."""
+    """Requests `under_way`, and those that are `outstanding`: past their limits, or without an expected response.
 
-    def __init__(self) -> None:
+    Reads that are sent again may wait in `queue`. `recovered` is called with each device that has responded.
+    """
+
+    def __init__(
+        self, queue: WaitingQueue, telling: Telling, recovered: Callable[[Destination], None], *, is_zero: bool
+    ) -> None:
         self.under_way: dict[int, Transaction] = {}
         self.outstanding: dict[int, Transaction] = {}
+        #: Number of responses without a request on their connection.
+        self.unasked = 0
+        self._queue = queue
+        self._telling = telling
+        self._recovered = recovered
+        self._is_zero = is_zero
         #: Bytes received in place of responses, by identifier.
         self._instead: dict[int, bytes] = {}
         #: The clients and devices of the requests under way.
@@ -43,6 +59,57 @@ class InFlight:
         for request in transaction.requests:
             self._asking.add((request.caller.client, transaction.device))
         return identifier
+
+    def take(self, frame: TcpFrame, now: float) -> Transaction | None:
+        """Return the transaction that `frame` answers; None if the frame is dropped."""
+        identifier = frame.transaction
+        if self._is_zero and identifier == 0 and self.under_way:
+            identifier = next(iter(self.under_way))  # there is only one
+        asked = self.under_way.get(identifier)
+        if asked is not None and answers(frame, asked):
+            self.finish(identifier)
+            asked.count_response(now)
+            self._telling.record_sent(asked, frame.pdu, now)
+            self._recovered(asked.device)
+            return asked
+        late = self.outstanding.get(identifier)
+        if late is not None and answers(frame, late):
+            del self.outstanding[identifier]
+            self._recovered(late.device)
+            return self._take_late(frame, late, now)
+        self._drop(frame, identifier, asked or late)
+        return None
+
+    def _take_late(self, frame: TcpFrame, late: Transaction, now: float) -> Transaction | None:
+        """Take a late response. Return its transaction if it is sent again: its clients still wait for this response.
+
+        Responses to the other sendings of a read that was answered are expected, unless they show that a limit is too
+        short. A device that sleeps is late each time.
+        """
+        repeat = next((each for each, one in self.under_way.items() if one.requests is late.requests), None)
+        if repeat is not None:
+            self.give_up(repeat)
+        is_awaited = repeat is not None or bool(self._queue.drop(lambda waiting: waiting.requests is late.requests))
+        is_answered = is_awaited or late.requests[0].error is None
+        if late.expects_answer and now >= late.fails_at and not (late.wakes and is_answered):
+            self._telling.late_response(late, now)
+        if not is_awaited:
+            return None
+        late.counts.responses += 1
+        late.times.answered_at = now
+        self._telling.record_sent(late, frame.pdu, now)
+        return late
+
+    def _drop(self, frame: TcpFrame, identifier: int, expected: Transaction | None) -> None:
+        """Count a frame that is no response. It may have come in place of the response to a request under way."""
+        meant: int | None = identifier
+        if expected is None:
+            self.unasked += 1
+            meant = next((each for each, one in self.under_way.items() if answers(frame, one)), None)
+        else:
+            self._telling.foreign(Frame(frame.unit, frame.pdu), expected)
+        if meant in self.under_way:
+            self._instead.setdefault(meant, encode(*frame))
 
     def finish(self, identifier: int) -> bytes:
         """Remove a request under way. Return the bytes received instead of its response."""
@@ -84,18 +151,6 @@ class InFlight:
     def awaited(self, now: float) -> list[bytes]:
         """Return the identifiers, in two bytes, of requests within their limits."""
         return [identifier.to_bytes(2, "big") for identifier, each in self.under_way.items() if now < each.fails_at]
-
-    def heard_instead(self, identifier: int, frame: TcpFrame) -> None:
-        """Remember the first frame that came in place of the response to a request under way."""
-        self._instead.setdefault(identifier, encode(*frame))
-
-    def is_meant(self, frame: TcpFrame) -> int | None:
-        """Find the request under way that a frame with another identifier would answer; None if there is none."""
-        return next((identifier for identifier, each in self.under_way.items() if answers(frame, each)), None)
-
-    def repeat_of(self, late: Transaction) -> int | None:
-        """Find the identifier of the request under way that repeats `late`; None if there is none."""
-        return next((each for each, one in self.under_way.items() if one.requests is late.requests), None)
 
     def lose(self) -> list[Transaction]:
         """Forget everything: no response can come any more. Return the requests that were under way."""

@@ -4,17 +4,14 @@
        ▲                             ├──limit──▶ 0B
        └──────a read's repeat────────┘
 
-`in_flight` knows whose a response is. What differs from a line: several requests are under way; a response names its
-request, so that late ones forbid nothing; a read is repeated at once, and a late response to it answers it still.
-
-The connection is closed while nobody needs it (`idle`), and made anew before the next request if it cannot be used for
-that one (`must_renew`).
+`in_flight` knows whose a response is, `connection` when a request may be sent on it. `lines/waiting` says what differs
+from a line.
 
 There is no I/O here: frames, time and requests are arguments, and `deadline` is when to call `tick`. An upstream
 finishes its own state before it answers requests, because an answer may cause the next request at once.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from math import inf
 from typing import Final
 
@@ -26,25 +23,16 @@ from gateway.lines.reopening import Reopening
 from gateway.lines.telling import Telling
 from gateway.lines.transaction import Destination, Transaction
 from gateway.lines.waiting import Waiting
-from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import TcpFrame
 from gateway.ports.port import OpenAgain
 from gateway.timing.budget import limit_behind_server
 from gateway.trace.ring import Ring
-from gateway.upstreams.in_flight import InFlight, answers
+from gateway.upstreams.connection import Connection, Look, Send, see_nothing
+from gateway.upstreams.in_flight import InFlight
 from gateway.upstreams.settings import UpstreamSettings
 
 #: After this many requests without a response, a new connection is opened: late responses cannot come on it.
 MAX_OUTSTANDING: Final = 4096
-
-#: Sends a request with its transaction identifier.
-Send = Callable[[int, Transaction], None]
-#: Reads what has arrived, before a request is sent: see `port_up`.
-Look = Callable[[], None]
-
-
-def _see_nothing() -> None:
-    """Do nothing: there is no connection to read from."""
 
 
 class Upstream:
@@ -56,36 +44,25 @@ class Upstream:
 
     def __init__(self, settings: UpstreamSettings, emit: Emit, ring: Ring | None = None) -> None:
         self.settings = settings
-        #: Number of responses without a request on their connection.
-        self.unasked_frames = 0
         #: Number of time-outs, one after the other, since anything was received.
         self.silences = 0
         self._telling = Telling(settings.name, settings.source, emit, "tcp", ring)
         self._queue = WaitingQueue(settings.queue, settings.max_wait, coalesce=settings.coalesce)
         self._reopening = Reopening(self._queue, settings.max_wait, _limit_of, settings.after_connect)
         self._waiting = Waiting(self._queue, self._reopening, self._telling, settings.rest)
-        self._sent = InFlight()
-        self._send_request: Send | None = None
-        self._look: Look = _see_nothing
-        self._is_zero = settings.transaction_id == "zero"
-        #: Whether a response on this connection could be taken for that to the next request.
-        self._is_spoilt = False
-        #: When the last request was over, and when the next one may be sent.
-        self._used_at = 0.0
-        self._free_at = 0.0
+        is_zero = settings.transaction_id == "zero"
+        self._sent = InFlight(self._queue, self._telling, self._recover, is_zero=is_zero)
+        self._connection = Connection(settings)
         self._silent_at = 0.0
         self._failed_at: dict[Destination, float] = {}
 
-    def port_up(self, send: Send, now: float, look: Look = _see_nothing) -> None:
+    def port_up(self, send: Send, now: float, look: Look = see_nothing) -> None:
         """Use `send` from now on: the connection is open. The next `tick` sends waiting requests.
 
         `look` is called before a request is sent while none is under way: it delivers what has arrived, and may tell
         that the connection has ended.
         """
-        self._send_request = send
-        self._look = look
-        self._used_at = now
-        self._is_spoilt = False
+        self._connection.open(send, look, now)
         if not self.is_closed:
             self._failed_at.clear()
             self._waiting.end_rests()
@@ -103,8 +80,7 @@ class Upstream:
 
     def renew(self, now: float) -> None:
         """Keep waiting requests for a new connection: this one is being closed. Requests under way fail with 0B."""
-        self._send_request = None
-        self._look = _see_nothing
+        self._connection.close()
         self._reopening.begin(now)
         self.tick(now)
         self._lose_under_way(now)
@@ -116,7 +92,7 @@ class Upstream:
         connection that ends at once while requests wait is a loss: they would wait in vain.
         """
         is_empty = not len(self._queue)
-        if self._send_request is not None and not self._sent.under_way and (is_empty or not at_once):
+        if self._connection.send is not None and not self._sent.under_way and (is_empty or not at_once):
             self.renew(now)
         if self.is_closed:
             self._reopening.ended(open_again, is_needed=not is_empty)
@@ -128,14 +104,15 @@ class Upstream:
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction: it is sent in its turn, or fails."""
+        connection = self._connection
         if not self._sent.under_way:
-            self._look()
-        if self._send_request is None and not self.is_closed:
+            connection.look()
+        if connection.send is None and not self.is_closed:
             self._waiting.refuse(transaction, errors.LineDown(), now)
         elif transaction.device.breaker.is_resting(now):
             self._waiting.refuse(transaction, errors.UnitResting(), now)
-        elif self._send_request is not None and not len(self._queue) and self._may_send(transaction, now):
-            self._send(transaction, self._send_request, now)
+        elif connection.send is not None and self._may_send_at_once(transaction, now):
+            self._send(transaction, connection.send, now)
         else:
             self._put(transaction, now)
 
@@ -149,8 +126,11 @@ class Upstream:
         taken: list[tuple[Transaction, bytes]] = []
         try:
             for frame in frames:
-                answered = self._take(frame, now)
-                if answered is not None:
+                answered = self._sent.take(frame, now)
+                if answered is None:
+                    self._connection.spoil()
+                else:
+                    self._connection.rest(now)
                     taken.append((answered, frame.pdu))
             self._go_on(now)
         finally:
@@ -172,19 +152,19 @@ class Upstream:
         self._sent.outstanding.clear()
 
     def spoil(self) -> None:
-        """Note that more came than responses, where identifiers do not tell whose it is."""
-        self._is_spoilt = self._is_zero
+        """Note that more came than responses: see `Connection.spoil`."""
+        self._connection.spoil()
 
     def deadline(self) -> float | None:
         """Return when to call `tick`, or None."""
         deadline = self._sent.next_limit()
         if len(self._queue):
             deadline = min(deadline, self._queue.next_expiry() or inf)
-            if self._free_at > self._used_at and not self._sent.under_way and self._send_request is not None:
-                deadline = min(deadline, self._free_at)
+            if deadline > self._connection.free_at() and not self._sent.under_way:
+                deadline = self._connection.free_at()
         if self._reopening.until is not None:
             deadline = min(deadline, self._reopening.until)
-        elif self.settings.idle:
+        else:
             deadline = min(deadline, self._leaves_at())
         return None if deadline == inf else deadline
 
@@ -214,6 +194,11 @@ class Upstream:
         """Number of requests that were sent and are within their limits."""
         return len(self._sent.under_way)
 
+    @property
+    def unasked_frames(self) -> int:
+        """Number of responses without a request on their connection."""
+        return self._sent.unasked
+
     def awaited(self, now: float) -> list[bytes]:
         """Return the identifiers, in two bytes, of requests within their limits."""
         return self._sent.awaited(now)
@@ -231,80 +216,36 @@ class Upstream:
     @property
     def must_renew(self) -> bool:
         """Whether a new connection is needed before the next request."""
-        return not self._sent.under_way and (self._is_spoilt or self.is_spent) and self._send_request is not None
+        connection = self._connection
+        return not self._sent.under_way and (connection.is_spoilt or self.is_spent) and connection.send is not None
 
     def may_leave(self, now: float) -> bool:
         """Tell whether the connection may be closed until the next request, because nobody has asked for so long."""
         return self._leaves_at() <= now
 
     def _leaves_at(self) -> float:
-        is_idle = self._send_request is not None and not self._sent.under_way and not len(self._queue)
-        return self._used_at + self.settings.idle if is_idle and self.settings.idle else inf
+        return inf if self._sent.under_way or len(self._queue) else self._connection.leaves_at()
 
     def _put(self, transaction: Transaction, now: float) -> None:
         """Keep a transaction until its turn."""
         refusal = self._waiting.keep(transaction, now)
         if refusal is not None:
             self._waiting.refuse(transaction, refusal, now)
-        elif self._send_request is None:
+        elif self._connection.send is None:
             self._reopening.need(transaction)
         else:
             self._go_on(now)
 
-    def _take(self, frame: TcpFrame, now: float) -> Transaction | None:
-        """Find the transaction that `frame` answers; None if the frame is dropped."""
-        sent, identifier = self._sent, frame.transaction
-        if self._is_zero and identifier == 0 and sent.under_way:
-            identifier = next(iter(sent.under_way))  # there is only one
-        asked = sent.under_way.get(identifier)
-        if asked is not None and answers(frame, asked):
-            sent.finish(identifier)
-            self._rest_connection(now)
-            asked.count_response(now)
-            self._telling.record_sent(asked, frame.pdu, now)
-            self._recover(asked.device)
-            return asked
-        self.spoil()
-        late = sent.outstanding.get(identifier)
-        if late is not None and answers(frame, late):
-            return self._take_late(frame, late, now)
-        expected = asked or late
-        meant: int | None = identifier
-        if expected is None:
-            self.unasked_frames += 1
-            meant = sent.is_meant(frame)
-        else:
-            self._telling.foreign(Frame(frame.unit, frame.pdu), expected)
-        if meant in sent.under_way:
-            sent.heard_instead(meant, frame)
-        return None
-
-    def _take_late(self, frame: TcpFrame, late: Transaction, now: float) -> Transaction | None:
-        """Take a late response. Return its transaction if it is repeated: its clients still wait for this response."""
-        sent = self._sent
-        del sent.outstanding[frame.transaction]
-        self._recover(late.device)
-        repeat = sent.repeat_of(late)
-        if repeat is not None:
-            sent.give_up(repeat)
-            self._rest_connection(now)
-        is_awaited = repeat is not None or self._queue.drop(lambda waiting: waiting.requests is late.requests)
-        if not (is_awaited and late.wakes):
-            self._telling.late_response(late, now)
-        if not is_awaited:
-            return None
-        self._telling.record_sent(late, frame.pdu, now)
-        return late
-
     def _give_up(self, identifier: int, transaction: Transaction, now: float) -> RequestError | None:
         """End a request at its limit. Return the error for its clients; None if it is sent again."""
         instead = self._sent.give_up(identifier)
-        self._rest_connection(now)
-        self.spoil()
+        self._connection.rest(now)
+        self._connection.spoil()
         if transaction.ends_at >= self._silent_at:
             self.silences += 1
             self._silent_at = now
-        may_repeat = self._send_request is not None and transaction.asked.only_reads and transaction.is_wanted
+        may_send = self.is_closed or self._connection.send is not None
+        may_repeat = may_send and transaction.asked.only_reads and transaction.is_wanted
         if may_repeat and transaction.wakes:
             again = transaction.part(transaction.requests)
             again.wakes = True
@@ -339,27 +280,20 @@ class Upstream:
 
     def _disconnect(self) -> list[Transaction]:
         """Stop sending: there is no connection. Return the requests that waited for one."""
-        self._send_request = None
-        self._look = _see_nothing
+        self._connection.close()
         self._reopening.end()
         return self._queue.clear()
 
-    def _rest_connection(self, now: float) -> None:
-        """Note that a request is over: the silence before the next one begins."""
-        self._used_at = now
-        self._free_at = now + self.settings.gap
-
     def _has_place(self, now: float) -> bool:
         """Tell whether one more request may be sent now."""
-        return (
-            len(self._sent.under_way) < self.settings.in_flight
-            and now >= self._free_at
-            and not self._is_spoilt
-            and not self.is_spent
-        )
+        is_free = len(self._sent.under_way) < self.settings.in_flight and self._connection.is_free(now)
+        return is_free and not self.is_spent
 
-    def _may_send(self, transaction: Transaction, now: float) -> bool:
-        return self._has_place(now) and transaction.is_wanted and not self._must_wait(transaction)
+    def _may_send_at_once(self, transaction: Transaction, now: float) -> bool:
+        """Tell whether a new request need not wait, not even for its turn."""
+        return (
+            not len(self._queue) and self._has_place(now) and transaction.is_wanted and not self._must_wait(transaction)
+        )
 
     def _must_wait(self, transaction: Transaction) -> bool:
         if self._sent.is_asking(transaction):
@@ -375,12 +309,12 @@ class Upstream:
         late = queue.expired(now)
         try:
             if not self._sent.under_way:
-                self._look()
-            while self._send_request is not None and self._has_place(now):
+                self._connection.look()
+            while (send := self._connection.send) is not None and self._has_place(now):
                 transaction = queue.take_repeat() or queue.take(self._must_wait)
                 if transaction is None:
                     break
-                self._send_or_refuse(transaction, self._send_request, now)
+                self._send_or_refuse(transaction, send, now)
         finally:
             self._waiting.fail_expired(late, now)
 
@@ -401,8 +335,8 @@ class Upstream:
         if transaction.expects_answer:
             send(identifier, transaction)
             return
-        self._rest_connection(now)
-        self.spoil()
+        self._connection.rest(now)
+        self._connection.spoil()
         send(identifier, transaction)
         self._telling.record_sent(transaction, None, now)
         transaction.end()
@@ -413,7 +347,7 @@ class Upstream:
 
     def __repr__(self) -> str:
         state = f"under way={self.under_way}"
-        if self._send_request is None:
+        if self._connection.send is None:
             state = "closed" if self.is_closed else "down"
         return f"<Upstream {self.settings.name} {state} waiting={self.waiting}>"
 

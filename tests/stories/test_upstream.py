@@ -179,6 +179,19 @@ async def test_what_waits_is_asked_over_the_next_connection_after_a_response_tha
         assert server.line.openings == 2
 
 
+async def test_a_read_whose_response_was_cut_is_sent_again_over_the_next_connection() -> None:
+    config = CONFIG.replace("units =", "retries = 1\nunits =")
+    async with gateway_bench(config) as bench:
+        server, client = Server(bench), bench.client()
+        take, server.line.on_write = server.line.on_write, None
+        client.ask(37, "03 00 01 00 01")
+        server.line.deliver(encode(1, 1, bytes.fromhex("03 02 01 01"))[:-1])
+        await asyncio.sleep(0.9)
+        server.line.on_write, server._framer = take, MbapFramer()
+        assert await client.answer() == "03 02 01 01"
+        assert server.line.openings == 2
+
+
 async def test_a_response_that_is_just_coming_in_is_not_cut_when_another_request_times_out() -> None:
     async with gateway_bench(CONFIG) as bench:
         server, client = Server(bench), bench.client()

@@ -122,11 +122,11 @@ async def test_a_defect_ends_at_the_error_boundary_and_each_request_gets_one_ans
     for client in clients[:2]:
         driven.ask(client=client)
     if where == "write":
-        driven.upstream._send_request = defect
+        driven.upstream._connection.send = defect
     elif where == "cut":
         driven.driver._framer = SimpleNamespace(cut=defect)
     else:
-        monkeypatch.setattr("gateway.upstreams.upstream.answers", defect)
+        monkeypatch.setattr("gateway.upstreams.in_flight.answers", defect)
     driven.ask(client=clients[2])
     driven.driver.received(encode(1, 7, bytes.fromhex(RESPONSE)))
     driven.ask(client=clients[3])
