@@ -7,7 +7,7 @@ from typing import Final, Literal, Protocol
 from gateway.errors import RequestError
 from gateway.events import Emit, RequestRefused, discard_event
 from gateway.lines.transaction import BroadcastTransaction, Destination, Transaction
-from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT, HIGHEST_UNIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.profiles.profile import Profile
@@ -20,9 +20,17 @@ from gateway.trace.ring import Ring
 _NEVER_ANSWERED: Final = AnswerTime(TimingTable(), margin=0.0, timeout=0.0)
 
 
+def key_of(name: str) -> int:
+    """Make the number of a device that has no unit for clients: above all units, and no two names have the same.
+
+    So a reload that adds or removes another device never gives it to this one.
+    """
+    return HIGHEST_UNIT + 1 + int.from_bytes(name.encode())
+
+
 @dataclass(frozen=True, slots=True)
 class DeviceSettings:
-    """One device of a line or upstream: `unit` on the wire, `known_as` for clients.
+    """One device of a line or upstream: `unit` on the wire, `known_as` for clients; see `key_of` if it is above 255.
 
     It sleeps after `wake` seconds without a request; 0 for never. `source` is its place in the config.
     """
@@ -35,6 +43,11 @@ class DeviceSettings:
     priority: Literal["normal", "high"] = "normal"
     wake: float = 0.0
     source: str = field(default="", compare=False)
+
+    @property
+    def client_unit(self) -> int | None:
+        """The unit that clients use for it; None if they can ask for it by name only, or by a listener for its line."""
+        return self.known_as if self.known_as <= HIGHEST_UNIT else None
 
 
 class TakesTransactions(Protocol):

@@ -71,7 +71,7 @@ class UnitEvidence:
     the config, if the unit is, or may be, at another one.
     """
 
-    unit: int
+    unit: int | None
     on_the_wire: int
     name: str
     source: str

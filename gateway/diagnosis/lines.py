@@ -59,7 +59,7 @@ def _how_it_is(line: LineEvidence, units: list[UnitEvidence]) -> Finding:
 def _who_answers(line: LineEvidence, asked: list[UnitEvidence], ill: set[str]) -> Iterator[Finding]:
     well = [unit for unit in asked if unit.is_answering and (unit.ago or 0.0) <= RECENT and unit.name not in ill]
     if well:
-        numbers = ", ".join(str(unit.unit) for unit in well)
+        numbers = ", ".join(unit.name if unit.unit is None else str(unit.unit) for unit in well)
         what = f"unit {numbers} answers" if len(well) == 1 else f"units {numbers} answer"
         yield Finding("ok", line.name, what)
 

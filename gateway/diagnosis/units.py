@@ -47,7 +47,7 @@ def _first(rules: Sequence[_Rule], unit: UnitEvidence, line: LineEvidence) -> li
 
 def name(unit: UnitEvidence) -> str:
     """Return the name of the unit in rows."""
-    return f"unit {unit.unit}, {unit.name}"
+    return unit.name if unit.unit is None else f"unit {unit.unit}, {unit.name}"
 
 
 def _row(level: Level, unit: UnitEvidence, what: str, remedy: str) -> Finding:
@@ -113,7 +113,7 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     what = f"does not answer at address {unit.on_the_wire}"
     if line.has_stopped or (line.is_silent if search is None else search.speeds):
         return  # the row of the line says it
-    others = [str(each.unit) for each in line.units if each.is_answering]
+    others = [str(each.unit) for each in line.units if each.is_answering and each.unit is not None]
     if others and not unit.is_configured:
         where = "behind this server" if line.in_flight else "on this line"
         what = f"a client asks for it and gets no answer; {where} {', '.join(others[:MOST])} can answer"

@@ -9,13 +9,18 @@ from gateway.request import Request
 
 
 class ClientEvent(Event):
-    """An event about a client. One with a certificate has its `subject`, and its `role`, empty for the null role."""
+    """An event about a client. One with a certificate has its `subject`, and its `role`, empty for the null role.
+
+    `device` is the name of a device without a unit for clients; then `unit` is the one on the wire.
+    """
 
     def fields(self) -> dict[str, object]:
-        """Return the fields of the log line; these two only with a certificate."""
+        """Return the fields of the log line; the first two only with a certificate."""
         found = super().fields()
         if not found["subject"]:
             del found["subject"], found["role"]
+        if not found.get("device"):
+            found.pop("device", None)
         return found
 
 
@@ -97,6 +102,7 @@ class AccessDenied(ClientEvent):
     function: int
     subject: str = ""
     role: str = ""
+    device: str = ""
 
 
 class WriteAudit(ClientEvent):
@@ -119,6 +125,7 @@ class WriteAudit(ClientEvent):
     elapsed_ms: float
     subject: str = ""
     role: str = ""
+    device: str = ""
 
     @property
     def was_sent(self) -> bool:

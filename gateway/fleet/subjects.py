@@ -12,6 +12,8 @@ The server does not check the reply subject of a message, so the owner does.
 import re
 from typing import Final, NamedTuple
 
+from gateway.modbus.codes import HIGHEST_UNIT
+
 #: The queue group of one site's gateways: each request goes to one of them.
 GROUP: Final = "mbgw"
 
@@ -33,7 +35,7 @@ def request_subject(owner: str, unit: int, sender: str) -> str:
 def asked_by(subject: str, owner: str) -> Asked | None:
     """Parse the subject of a request; None if it is not a request to this owner."""
     match = _REQUEST.fullmatch(subject)
-    if match is None or match[1] != owner:
+    if match is None or match[1] != owner or int(match[2]) > HIGHEST_UNIT:
         return None
     return Asked(int(match[2]), match[3])
 

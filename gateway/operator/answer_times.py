@@ -7,6 +7,7 @@ from itertools import groupby
 
 from gateway.errors import WrongQuestion
 from gateway.lines.counts import Counts
+from gateway.operator.answers.unit import UnitHead
 from gateway.operator.calibration import measured
 from gateway.operator.reached import device_of
 from gateway.operator.status import milliseconds, optional_ms
@@ -44,12 +45,12 @@ class FunctionTimes:
     verdict: Verdict
 
 
-def answer_times(gateway: Gateway, unit: int) -> tuple[FunctionTimes, ...]:
+def answer_times(gateway: Gateway, unit: UnitHead) -> tuple[FunctionTimes, ...]:
     """List the times of a device by function; empty if the unit is not a device."""
-    device = device_of(gateway, unit)
+    device = device_of(gateway, unit.key)
     if device is None:
         return ()
-    proposed = _proposed(gateway, unit)
+    proposed = _proposed(gateway, unit.name)
     found = sorted(device.counts.times.items())
     return tuple(_times(function, times, device.counts[function], proposed.get(function)) for function, times in found)
 
@@ -76,7 +77,7 @@ def _times(function: int, times: Times, counts: Counts, proposed_ms: float | Non
     )
 
 
-def _proposed(gateway: Gateway, unit: int) -> Mapping[int, float]:
+def _proposed(gateway: Gateway, unit: str) -> Mapping[int, float]:
     """Compute the longest limit that `calibrate` would propose for each function with enough responses, in ms."""
     try:
         about = measured(gateway, unit)

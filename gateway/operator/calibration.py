@@ -34,13 +34,14 @@ def measured(gateway: Gateway, wanted: object) -> Measured:
     if found:
         line = min(found, key=lambda each: unit in each.plan.own_units)
         return _measured(line, line.devices[unit])
-    raise WrongQuestion(f"unit {unit} is not a device on a line: only those have a timing table")
+    called = f"unit {wanted}" if isinstance(wanted, int) else wanted
+    raise WrongQuestion(f"{called} is not a device on a line: only those have a timing table")
 
 
 def _measured(line: GatewayLine, device: Device) -> Measured:
     settings, timing = device.settings, line.driver.line.settings.timing
     return Measured(
-        unit=settings.known_as,
+        unit=settings.client_unit,
         name=settings.name,
         source=device.source,
         profile=settings.profile.name,

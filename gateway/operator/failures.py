@@ -30,8 +30,8 @@ class Failure:
     not_sent: tuple[tuple[str, int], ...] = ()
 
 
-def failures(running: Running, unit: int, host: str) -> tuple[Failure, ...]:
-    """List the last failures of a unit that a reader at the address `host` may see, newest first.
+def failures(running: Running, unit: str, host: str) -> tuple[Failure, ...]:
+    """List the last failures of the unit of this name that a reader at the address `host` may see, newest first.
 
     Raises:
         WrongQuestion: nothing is kept.

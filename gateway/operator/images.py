@@ -26,10 +26,10 @@ async def tell_image(operator: Operator, asked: Addresses, asker: Asker) -> Cell
     span = Span(area, points[0].address, sum(point.count for point in points))
     if span.count > MOST:
         raise Malformed(f"{span.addresses}: at most {MOST} addresses at a time")
-    if not may(operator.router(asker.door), asker.host, unit.unit, READERS[area][0]):
+    if not may(operator.router(asker.door), asker.host, unit.key, READERS[area][0]):
         why = f"[[access]] does not let {asker.caller.client} read {area}"
         raise NotPermitted(why, ExceptionCode.ILLEGAL_FUNCTION)
-    found = window(operator.gateway, unit.unit, span, asyncio.get_running_loop().time())
+    found = window(operator.gateway, unit.key, span, asyncio.get_running_loop().time())
     if found is None:
         raise WrongQuestion(f"unit {unit.unit} is no image")
     values: list[Cell] = []

@@ -46,7 +46,7 @@ async def read_all(operator: Operator, unit: UnitPicture, asker: Asker, max_age:
         UnitFailed: nothing could be read.
         ChangedMeanwhile: a reload has given the unit's number to another target.
     """
-    ask, last = ask_for(operator, unit.unit, asker), _of(operator, unit, asker)
+    ask, last = ask_for(operator, unit.key, asker), _of(operator, unit, asker)
     clock = asyncio.get_running_loop().time
     asked_at = clock()
     async with last.turn:
@@ -68,7 +68,7 @@ def shown(operator: Operator, unit: UnitPicture, asker: Asker) -> tuple[Outcome,
 def forget_values(operator: Operator, unit: UnitPicture) -> None:
     """Drop the last values of a unit, after a write."""
     kept = operator.kept(_LastOfAll)
-    for key in [key for key in kept if key[0] == unit.unit]:
+    for key in [key for key in kept if key[0] == unit.key]:
         del kept[key]
 
 
@@ -81,7 +81,7 @@ def _of(operator: Operator, unit: UnitPicture, asker: Asker) -> _Last:
     kept, key = operator.kept(_LastOfAll), _key(operator, unit, asker)
     last = kept.get(key)
     if last is None or _has_changed(operator, last, unit):
-        last = kept[key] = _Last(unit, target(operator.gateway, unit.unit))
+        last = kept[key] = _Last(unit, target(operator.gateway, unit.key))
     kept.move_to_end(key)
     if len(kept) > MOST_UNITS:
         kept.popitem(last=False)
@@ -90,9 +90,9 @@ def _of(operator: Operator, unit: UnitPicture, asker: Asker) -> _Last:
 
 def _has_changed(operator: Operator, last: _Last, unit: UnitPicture) -> bool:
     """Return whether a reload has given the number to another target, or changed the unit's points."""
-    return last.unit != unit or last.target is not target(operator.gateway, unit.unit)
+    return last.unit != unit or last.target is not target(operator.gateway, unit.key)
 
 
 def _key(operator: Operator, unit: UnitPicture, asker: Asker) -> _Key:
     router, functions = operator.router(asker.door), {READERS[point.area][0] for point in unit.points}
-    return unit.unit, asker.door, frozenset(each for each in functions if may(router, asker.host, unit.unit, each))
+    return unit.key, asker.door, frozenset(each for each in functions if may(router, asker.host, unit.key, each))

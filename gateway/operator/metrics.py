@@ -213,9 +213,12 @@ def _process(running: Running) -> Iterable[Family]:
 
 
 def _asked(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, Device]]:
-    """List the units that were asked, by their numbers for clients; by name if another unit has the number."""
-    asked = [(device, device.settings.known_as) for device in owner.all_devices if device.counts]
-    return [(str(unit) if owner.devices.get(unit, each) is each else each.name, each) for each, unit in asked]
+    """List the units that were asked, by their numbers for clients; by name without one, or if it is another unit's."""
+    asked = [(device, device.settings.client_unit) for device in owner.all_devices if device.counts]
+    return [
+        (each.name if unit is None or owner.devices.get(unit, each) is not each else str(unit), each)
+        for each, unit in asked
+    ]
 
 
 def _counted(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, UnitCounts]]:

@@ -9,7 +9,7 @@ from gateway.runtime.gateway import Gateway
 
 def may(router: Router, host: str, unit: int, function: int) -> bool:
     """Return whether [[access]] lets a client at this address use a function of a unit, through this router."""
-    right = router.rights[host][unit]
+    right = router.rights.at(host, unit)
     return function in right or bytes((function,)) in right
 
 

@@ -32,7 +32,7 @@ async def read_values(operator: Operator, asked: Addresses, asker: Asker) -> Val
         WrongQuestion: there is no such unit, the addresses are invalid, or the unit did not answer with all values.
     """
     unit, points = _any_unit(operator, asked.unit), points_at(asked)
-    outcome = await read(unit, points, ask_for(operator, unit.unit, asker))
+    outcome = await read(unit, points, ask_for(operator, unit.key, asker))
     return values_told(unit.unit, unit.name, asked.area, outcome)
 
 
@@ -57,7 +57,7 @@ async def read_point(operator: Operator, asked: PointToRead, asker: Asker) -> Va
     point = point_named(unit, asked.name)
     if point.write == "only":
         raise DoesNotFit(f"{point.name} can be written, but not read")
-    outcome = await read(unit, [point], ask_for(operator, unit.unit, asker))
+    outcome = await read(unit, [point], ask_for(operator, unit.key, asker))
     return values_told(unit.unit, unit.name, None, outcome)
 
 
@@ -125,7 +125,7 @@ async def _write(
     area: Area | None = None,
 ) -> Values:
     """Write, and drop the last values of the unit, even if there was no response."""
-    ask = ask_for(operator, unit.unit, asker)
+    ask = ask_for(operator, unit.key, asker)
     readings, request = prepared(unit, points, values)
     try:
         answer = await ask(request)

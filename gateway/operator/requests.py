@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from gateway.config.values.reserved_names import CONTROL
 from gateway.errors import ChangedMeanwhile, LineDown, Malformed, RequestError
-from gateway.modbus.codes import MAX_PDU
+from gateway.modbus.codes import HIGHEST_UNIT, MAX_PDU
 from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import exception_response
 from gateway.operator.answers.unit import RequestAnswer
@@ -15,7 +15,7 @@ from gateway.operator.frames import frames_of
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.reached import target
-from gateway.operator.units import find_unit
+from gateway.operator.units import find_unit, shown_unit
 from gateway.operator.values import Answer
 from gateway.ports.port import SiteSettings
 from gateway.request import Caller, Request
@@ -67,12 +67,13 @@ def ask_for(operator: Operator, unit: int, asker: Asker) -> Ask:
     any wait.
     """
     expected = target(operator.gateway, unit)
+    called = f"unit {unit}" if unit <= HIGHEST_UNIT else "the device"
 
     async def ask(pdu: bytes) -> Answer:
         if asker.door == "control":
             await operator.running.settled()
         if target(operator.gateway, unit) is not expected:
-            raise ChangedMeanwhile(f"unit {unit} has changed by a reload: ask again")
+            raise ChangedMeanwhile(f"{called} has changed by a reload: ask again")
         done = await send(operator.router(asker.door), unit, pdu, AwaitedOrigin(asker.is_there, asker.caller))
         response = exception_response(pdu[0], 0) if done.pdu is None else done.pdu
         if done.error is None:
@@ -99,7 +100,7 @@ async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAns
         result = done.error.result
         reason = _missing_site(gateway, unit) if isinstance(done.error, LineDown) else str(done.error)
     return RequestAnswer(
-        unit=unit,
+        unit=shown_unit(unit),
         pdu=None if done.pdu is None else done.pdu.hex(" ").upper(),
         elapsed_ms=done.elapsed_ms,
         result=result,

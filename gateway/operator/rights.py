@@ -48,7 +48,7 @@ def verdict(running: Running, host: str, listener: str, unit: int, function: int
         raise WrongQuestion(f'"{host}" is not an IP address') from None
     rights = router.rights.of_role(role) if router.entry.kind == "certified" else router.rights
     rows = tuple(row_in_words(row, running.gateway.plan) for row in rights.rows_for(host, unit))
-    may = right_in_words(rights[host][unit])
+    may = right_in_words(rights.at(host, unit))
     is_admitted = router is running.routers.web or rights.admits(host)
     return Verdict(is_admitted, rights.allows(host, unit, function), unit in router.routes, may, rows)
 

@@ -94,10 +94,12 @@ async def status_in_slices(running: "Running") -> Status:
     return replace(whole, page=running.page, state_files=troubles)
 
 
-def part_of_unit(gateway: Gateway, unit: int, name: str, now: float) -> UnitStatus | ImageStatus | MirrorStatus | None:
+def part_of_unit(
+    gateway: Gateway, unit: int | None, name: str, now: float
+) -> UnitStatus | ImageStatus | MirrorStatus | None:
     """Make the part of the status about one unit; None if there is none."""
     for owner, device in _devices(gateway):
-        if (device.settings.known_as, device.settings.name) == (unit, name):
+        if (device.settings.client_unit, device.settings.name) == (unit, name):
             return _unit(owner, device, now)
     parts: tuple[ImageStatus | MirrorStatus, ...]
     parts = (*map(_image, gateway.images), *(_mirror(each.mirror, now) for each in gateway.mirrors))
@@ -245,7 +247,7 @@ def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> U
     times = {function: counts.times[function] for function in counts}
     return UnitStatus(
         line=parts.name,
-        unit=settings.known_as,
+        unit=settings.client_unit,
         on_the_wire=device.unit,
         name=settings.name,
         source=settings.source,
@@ -276,8 +278,8 @@ def _moved(lines: Iterable[GatewayLine]) -> Iterator[MovedStatus]:
         for device in line.devices.values():
             if device.moved_from is not None:
                 units, failures = device.possible_units, device.breaker.failures
-                known_as, configured = device.settings.known_as, device.moved_from
-                yield MovedStatus(line.name, known_as, device.name, units, configured, failures)
+                unit, configured = device.settings.client_unit, device.moved_from
+                yield MovedStatus(line.name, unit, device.name, units, configured, failures)
 
 
 def _image(image: Image) -> ImageStatus:

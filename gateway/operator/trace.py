@@ -170,7 +170,7 @@ def _of_whom(running: Running, who: str, names: UnitNames) -> tuple[int | None, 
 
 
 def causes(
-    running: Running, unit: int, most: int, clock: Clock, is_seen: Callable[[Record], bool]
+    running: Running, unit: int | str, most: int, clock: Clock, is_seen: Callable[[Record], bool]
 ) -> list[tuple[Fact, Mapping[str, int]]]:
     """List the last failures of a unit with a cause of their own, newest first, as stories.
 

@@ -200,7 +200,7 @@ def what_is_seen(running: Running, host: str) -> MaySee:
     """
     if may_see_all(running, host):
         return lambda _: True
-    gateway, rights = running.gateway, running.routers.web.rights[host]
+    gateway, rights = running.gateway, running.routers.web.rights
     names = UnitNames(gateway.plan)
     units = {name: unit for unit, name in names.shared.items()}
     places = {(line.name, device.unit): device.name for line in gateway.lines for device in line.devices.values()}
@@ -210,9 +210,9 @@ def what_is_seen(running: Running, host: str) -> MaySee:
             return True
         if isinstance(record, Heard):
             name = "" if record.kind == "noise" else places.get((record.line, record.frame[0]), "")
-            return name in units and _may_read(rights[units[name]], record.frame[1:])
+            return name in units and _may_read(rights.at(host, units[name]), record.frame[1:])
         name = record.name if isinstance(record, Sent) else names.of(record)
-        return name in units and _may_read(rights[units[name]], getattr(record, "request", b""))
+        return name in units and _may_read(rights.at(host, units[name]), getattr(record, "request", b""))
 
     return is_seen
 

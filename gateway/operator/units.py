@@ -72,21 +72,21 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
     Raises:
         WrongQuestion: there is none.
     """
-    unit = find_unit(gateway.plan, wanted)
-    found = next((each for each in _units(gateway.plan) if each.unit == unit), None)
+    key = find_unit(gateway.plan, wanted)
+    found = next((each for each in _units(gateway.plan) if each.key == key), None)
     if found is None:
-        raise WrongQuestion(f"there is no unit {unit}; modbus-gateway check lists the units")
+        raise WrongQuestion(f"there is no unit {key}; modbus-gateway check lists the units")
     return _picture(found, gateway, gateway.longest_waits)
 
 
 def pictures(gateway: Gateway) -> tuple[UnitPicture, ...]:
-    """Describe every unit, by number."""
-    longest = gateway.longest_waits
-    return tuple(_picture(each, gateway, longest) for each in sorted(_units(gateway.plan), key=lambda one: one.unit))
+    """Describe every unit, by number; those without one come last, in the order of the config."""
+    longest, units = gateway.longest_waits, sorted(_units(gateway.plan), key=lambda one: min(one.key, HIGHEST_UNIT + 1))
+    return tuple(_picture(each, gateway, longest) for each in units)
 
 
 def find_unit(plan: Plan, wanted: object) -> int:
-    """Find the number of the unit with this number or name.
+    """Find the number of the unit with this number or name; above all units if it has none, see `key_of`.
 
     Raises:
         WrongQuestion: nothing has this name, or it is not a unit number.
@@ -95,11 +95,16 @@ def find_unit(plan: Plan, wanted: object) -> int:
         return wanted
     if not isinstance(wanted, str):
         raise WrongQuestion('"unit" must be a number from 0 to 255, or a name')
-    unit = next((each.unit for each in _units(plan) if each.name == wanted), None)
-    if unit is None:
+    key = next((each.key for each in _units(plan) if each.name == wanted), None)
+    if key is None:
         remedy = did_you_mean(wanted, (each.name for each in _units(plan)))
         raise WrongQuestion(f'nothing has the name "{wanted}"' + (f"; {remedy}" if remedy else ""))
-    return unit
+    return key
+
+
+def shown_unit(key: int) -> int | None:
+    """Return the number that clients use, of one that `find_unit` has found; None if they use none."""
+    return key if key <= HIGHEST_UNIT else None
 
 
 def find_line(gateway: Gateway, wanted: object) -> GatewayLine:
@@ -129,12 +134,12 @@ def may_read_all(running: Running) -> bool:
 
 
 def names(plan: Plan) -> dict[int, str]:
-    """Return the names of the units by number."""
-    return {each.unit: each.name for each in _units(plan)}
+    """Return the names of the units by number, or by what stands in its place."""
+    return {each.key: each.name for each in _units(plan)}
 
 
 class _Unit(NamedTuple):
-    unit: int
+    key: int
     name: str
     kind: str
     profile: Profile
@@ -157,7 +162,7 @@ def _kind(image: ImageSettings) -> str:
 def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> UnitPicture:
     functions = found.profile.functions
     return UnitPicture(
-        unit=found.unit,
+        unit=shown_unit(found.key),
         name=found.name,
         kind=found.kind,
         profile=found.profile.name,
@@ -165,5 +170,5 @@ def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> Un
         limits=found.profile.limits,
         areas={str(area): ranges for area, ranges in found.profile.areas.items()},
         longest_wait_ms=round(longest.get(found.name, 0.0) * 1000, 1),
-        points=gateway.plan.points.get(found.unit, ()),
+        points=gateway.plan.points.get(found.key, ()),
     )

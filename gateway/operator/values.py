@@ -138,7 +138,7 @@ def request_to_write(
     return request, Span(first.area, first.address, count)
 
 
-def values_told(unit: int, name: str, area: Area | None, outcome: Outcome) -> answers.Values:
+def values_told(unit: int | None, name: str, area: Area | None, outcome: Outcome) -> answers.Values:
     """Convert an outcome to values of one area, or of points, which each name theirs."""
     return answers.Values(
         unit=unit,

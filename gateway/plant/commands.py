@@ -167,13 +167,14 @@ def _audit(command: Command) -> WriteAudit:
     return WriteAudit(
         client=CLIENT,
         listener=CLIENT,
-        unit=command.device.unit,
+        unit=command.device.told_unit,
         function=int(function),
         address=point.address,
         count=point.count,
         result="refused",
         code="",
         elapsed_ms=0.0,
+        device="" if command.device.on_the_wire is None else command.device.name,
     )
 
 

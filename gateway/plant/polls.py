@@ -198,7 +198,7 @@ class Polls:
             line.is_passing = False
 
     def _submit(self, line: _Line, read: _Read, now: float) -> None:
-        request = Request(read.device.unit, read.pdu, self._origin, now)
+        request = Request(read.device.told_unit, read.pdu, self._origin, now)
         self._asked[request] = read
         line.in_progress += 1
         self.counts.polls += 1

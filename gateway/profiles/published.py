@@ -38,8 +38,9 @@ class PublishedPoint:
 class PublishedDevice:
     """A device with the points that are published, in the order of its configuration.
 
-    `unit` is the number that clients use for it, `line` the name of its line or upstream, `profile` the title of its
-    profile, or its name. It has these `functions` (all if None); `limits` is the most items that it allows for one.
+    `unit` is the number that clients use for it, or what stands in its place; then it is `on_the_wire` there. `line` is
+    the name of its line or upstream, `profile` the title of its profile, or its name. It has these `functions` (all if
+    None); `limits` is the most items that it allows for one.
     """
 
     name: str
@@ -49,6 +50,12 @@ class PublishedDevice:
     points: tuple[PublishedPoint, ...]
     limits: Mapping[int, int] = field(default_factory=dict)
     functions: frozenset[int] | None = None
+    on_the_wire: int | None = None
+
+    @property
+    def told_unit(self) -> int:
+        """The unit that logs and the trace show."""
+        return self.unit if self.on_the_wire is None else self.on_the_wire
 
     def point(self, name: str) -> PublishedPoint | None:
         """Find its point with this name; None if there is none."""

@@ -9,7 +9,7 @@ from functools import lru_cache
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 from typing import Final, Literal
 
-from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 from gateway.modbus.functions import READING_FUNCTIONS, READING_IDENTIFICATION
 
 Network = IPv4Network | IPv6Network
@@ -83,14 +83,17 @@ class EntryPoint:
     unit0: int | None = None
 
 
-#: For each unit identifier at an entry point, the unit identifiers of the same devices at other entry points. Rows
-#: without a listener apply to these. Unit 0 has some if it stands for a unit.
+#: Stands for the devices without a unit that clients use: only rows for all units apply to them.
+NO_UNIT: Final = HIGHEST_UNIT + 1
+
+#: For each unit identifier at an entry point, and NO_UNIT, the unit identifiers of the same devices at other entry
+#: points. Rows without a listener apply to these. Unit 0 has some if it stands for a unit, NO_UNIT for a device.
 KnownAs = tuple[tuple[int, ...], ...]
 
 _ALL_UNITS: Final = frozenset(range(FIRST_UNIT, LAST_UNIT + 1))
 
 #: The usual case: every unit has the same number everywhere. Entry points for a single line may differ.
-AS_NUMBERED: Final[KnownAs] = tuple((unit,) if unit in _ALL_UNITS else () for unit in range(256))
+AS_NUMBERED: Final[KnownAs] = tuple((unit,) if unit in _ALL_UNITS else () for unit in range(NO_UNIT + 1))
 
 
 class Rights(dict[str, tuple[Right, ...]]):
@@ -139,16 +142,20 @@ class Rights(dict[str, tuple[Right, ...]]):
 
     def allows(self, host: str, unit: int, function: int) -> bool:
         """Tell whether a client from this address may use a function of a unit; 43 for reading the identification."""
-        right, begin = self[host][unit], bytes((function,))
+        right, begin = self.at(host, unit), bytes((function,))
         is_identification = begin == READING_IDENTIFICATION[:1] and READING_IDENTIFICATION in right
         return function in right or begin in right or is_identification
+
+    def at(self, host: str, unit: int) -> Right:
+        """Return the right of a client from this address to a unit, or to a device by its `key_of` above all units."""
+        return self[host][min(unit, NO_UNIT)]
 
     def rows_for(self, host: str, unit: int) -> tuple[AccessRow, ...]:
         """Find the rows that give a client from this address its rights to a unit other than 0.
 
         Usually one; several if the unit has several numbers elsewhere; none if no row applies.
         """
-        client = self._client(host)
+        client, unit = self._client(host), min(unit, NO_UNIT)
         rows = [row for row in self._rows if row.applies_to(client)]
         found = [
             next((row for row in rows if _fits(row, unit, other)), None) for other in self._known_as[unit] or (None,)
@@ -191,7 +198,7 @@ def _reading_of(right: Right) -> Right:
 
 @lru_cache(maxsize=256)
 def _by_unit(rows: tuple[AccessRow, ...], known_as: KnownAs, unit0: int | None) -> tuple[Right, ...]:
-    """Compute the right at each unit identifier, 0 to 255. Clients with the same rows share the result."""
+    """Compute the right at each unit identifier, and at NO_UNIT. Clients with the same rows share the result."""
     rights = [_right_at(identifier, units, rows) for identifier, units in enumerate(known_as)]
     all_units = [right for at, right in enumerate(rights) if at in _ALL_UNITS or known_as[at]]
     rights[BROADCAST_UNIT] = frozenset.intersection(*all_units) if unit0 is None else rights[unit0]
@@ -207,12 +214,12 @@ def _right_at(identifier: int, known_as: tuple[int, ...], rows: tuple[AccessRow,
 
 
 def _fits(row: AccessRow, identifier: int, unit: int | None) -> bool:
-    """Tell whether a row applies to unit `identifier` here, which is `unit` elsewhere, or None."""
+    """Tell whether a row applies to unit `identifier` here, which is `unit` elsewhere, or has none there."""
     if row.units is None:
         return True
-    if row.listeners is not None:
-        return identifier in row.units
-    return row.units >= _ALL_UNITS if unit is None else unit in row.units
+    if identifier == NO_UNIT or (row.listeners is None and unit in (None, NO_UNIT)):
+        return row.units >= _ALL_UNITS
+    return (unit if row.listeners is None else identifier) in row.units
 
 
 def _address(host: str) -> IPv4Address | IPv6Address | None:

@@ -12,10 +12,10 @@ from gateway.request import Origin, Request
 class AuditedOrigin:
     """The origin of a write: logs the result, then passes the response to the client's origin.
 
-    `clock` is the clock of `received_at`.
+    `clock` is the clock of `received_at`; `device` is for the log, if the unit of the request is not that of clients.
     """
 
-    __slots__ = ("_clock", "_emit", "_is_broadcast", "_listener", "caller", "origin")
+    __slots__ = ("_clock", "_device", "_emit", "_is_broadcast", "_listener", "caller", "origin")
 
     def __init__(
         self,
@@ -23,6 +23,7 @@ class AuditedOrigin:
         listener: str,
         clock: Callable[[], float],
         emit: Emit,
+        device: str = "",
         *,
         is_broadcast: bool,
     ) -> None:
@@ -30,6 +31,7 @@ class AuditedOrigin:
         #: The client's own origin.
         self.origin = origin
         self._listener = listener
+        self._device = device
         self._is_broadcast = is_broadcast
         self._clock = clock
         self._emit = emit
@@ -54,6 +56,7 @@ class AuditedOrigin:
                 elapsed_ms=round((self._clock() - request.received_at) * 1000, 1),
                 subject=self.caller.subject,
                 role=self.caller.role,
+                device=self._device,
             )
         )
         self.origin.answer(request, pdu)

@@ -4,9 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gateway import errors, events
+from gateway.devices.device import Device
+from gateway.modbus.codes import BROADCAST_UNIT, HIGHEST_UNIT
 from gateway.modbus.functions import only_reads
 from gateway.request import NamedTarget, Request
-from gateway.routing.access import EntryPoint, Rights
+from gateway.routing.access import EntryPoint, Right, Rights
 from gateway.routing.audit import AuditedOrigin
 from gateway.routing.broadcast import Broadcast
 from gateway.trace.ring import Ring
@@ -51,15 +53,20 @@ class Router:
         if target is not None and request.pdu[0] in self.rights[request.caller.host][unit]:
             target.submit(request, now)
         else:
-            self._submit_other(request, target, now, self.rights)
+            self._submit_other(request, target, now, self.rights[request.caller.host][unit])
 
-    def _submit_other(self, request: Request, target: NamedTarget | None, now: float, rights: Rights) -> None:
-        """Submit a request that is no plain read, with an audit for a write; fail it without a route or a right."""
-        pdu = request.pdu
+    def _submit_other(
+        self, request: Request, target: NamedTarget | None, now: float, right: Right, device: str = ""
+    ) -> None:
+        """Submit a request that is no plain read, with an audit for a write; fail it without a route or a right.
+
+        `device` is what events call the target, if the unit of the request is not that of clients.
+        """
+        caller, pdu = request.caller, request.pdu
         if not only_reads(pdu):
             is_broadcast = isinstance(target, Broadcast)
             request.origin = AuditedOrigin(
-                request.origin, self.entry.name, self._clock, self._emit, is_broadcast=is_broadcast
+                request.origin, self.entry.name, self._clock, self._emit, device, is_broadcast=is_broadcast
             )
         if target is None:
             self.counts.no_route += 1
@@ -68,15 +75,13 @@ class Router:
             self._ring.refuse(request, rejection, now)
             request.fail(rejection)
             return
-        caller = request.caller
-        right = rights[caller.host][request.unit]
-        if pdu[:1] in right or pdu[:2] in right:
+        if pdu[0] in right or pdu[:1] in right or pdu[:2] in right:
             target.submit(request, now)
         else:
             self.counts.denied += 1
             self._emit(
                 events.AccessDenied(
-                    self.entry.name, caller.client, request.unit, pdu[0], subject=caller.subject, role=caller.role
+                    self.entry.name, caller.client, request.unit, pdu[0], caller.subject, caller.role, device
                 )
             )
             denial = errors.AccessDenied(f"through {self.entry.name}")
@@ -94,4 +99,20 @@ class CertifiedRouter(Router):
         if target is not None and request.pdu[0] in rights[caller.host][unit]:
             target.submit(request, now)
         else:
-            self._submit_other(request, target, now, rights)
+            self._submit_other(request, target, now, rights[caller.host][unit])
+
+
+class NamingRouter(Router):
+    """The router of an entrance where devices are asked by their names too, so that some need no unit: see `key_of`.
+
+    What is told of a request to one of those has its unit on the wire, and its name.
+    """
+
+    def submit(self, request: Request, now: float) -> None:
+        """Pass the request to its target; the unit may be the key of a device."""
+        if request.unit <= HIGHEST_UNIT:
+            super().submit(request, now)
+            return
+        device, right = self.routes.get(request.unit), self.rights.at(request.caller.host, request.unit)
+        request.unit = device.settings.unit if isinstance(device, Device) else BROADCAST_UNIT
+        self._submit_other(request, device, now, right, "" if device is None else device.name)

@@ -13,9 +13,9 @@ from gateway.devices.device import Device
 from gateway.images.drivers.mirror_driver import MirrorDriver
 from gateway.images.image import Image
 from gateway.listeners.settings import ListenSettings
-from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 from gateway.request import NamedTarget
-from gateway.routing.access import AS_NUMBERED, KnownAs
+from gateway.routing.access import AS_NUMBERED, NO_UNIT, KnownAs
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway, Reach
@@ -23,7 +23,10 @@ from gateway.trace.ring import Ring
 
 
 class _Reach(NamedTuple):
-    """The target of each unit identifier, the recipients of broadcasts, and the units for rows without listeners."""
+    """The target of each unit identifier, the recipients of broadcasts, and the units for rows without listeners.
+
+    Devices without a unit for clients are there by their `key_of`: no listener leads to these.
+    """
 
     routes: Mapping[int, NamedTarget]
     recipients: Collection[Recipient]
@@ -97,6 +100,8 @@ def _recipient(image: Image) -> Recipient:
 def _everything(routes: Mapping[int, NamedTarget], recipients: Collection[Recipient]) -> _Reach:
     """Reach all units by their own numbers. Those above 247 count for broadcasts only if they exist."""
     known = [(unit,) if unit in routes else numbers for unit, numbers in enumerate(AS_NUMBERED)]
+    if any(unit > HIGHEST_UNIT for unit in routes):
+        known[NO_UNIT] = (NO_UNIT,)
     return _Reach(routes, recipients, tuple(known))
 
 
@@ -136,9 +141,16 @@ def _known_as(devices: Collection[Device], elsewhere: Mapping[int, NamedTarget])
     """Find the units by which other clients reach each number through `elsewhere`: its own, or those of mirrors."""
     known: list[list[int]] = [[] for _ in AS_NUMBERED]
     for device in devices:
-        own = device.settings.known_as
-        known[device.settings.unit] += [own] if elsewhere.get(own) is device else _mirrors_of(device, elsewhere)
+        known[device.settings.unit] += _units_of(device, elsewhere)
     return known
+
+
+def _units_of(device: Device, elsewhere: Mapping[int, NamedTarget]) -> list[int]:
+    """Find the units by which other clients reach a device; NO_UNIT if that is by its name only."""
+    own = device.settings.client_unit
+    if own is None:
+        return [NO_UNIT]
+    return [own] if elsewhere.get(own) is device else _mirrors_of(device, elsewhere)
 
 
 def _mirrors_of(device: Device, routes: Mapping[int, NamedTarget]) -> list[int]:

@@ -14,7 +14,7 @@ from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tls import TlsListener
 from gateway.ports.port import Opener
 from gateway.routing.access import Rights
-from gateway.routing.router import Router
+from gateway.routing.router import NamingRouter
 from gateway.runtime.add_on import AddOn
 from gateway.runtime.add_ons import AddOns
 from gateway.runtime.build import Builder
@@ -56,7 +56,7 @@ class Running:
         self.ring = Ring()
         #: The certificates in use.
         self.contexts = contexts or TlsStore()
-        make_router = partial(Router, clock=loop.time, emit=emit, ring=self.ring)
+        make_router = partial(NamingRouter, clock=loop.time, emit=emit, ring=self.ring)
         self.routers = Routers.without_routes(make_router)
         self.add_ons = AddOns.without_plan(make_router, emit, self.contexts, kept)
         self.builder = Builder(

@@ -6,6 +6,7 @@ from gateway.images.self_image import SelfImage
 from gateway.images.self_map import LAYOUT, LINES, SERVERS, UPSTREAMS, Shown, Values
 from gateway.images.services import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
 from gateway.lines.counts import Counts, UnitCounts, total, total_of_units
+from gateway.modbus.codes import HIGHEST_UNIT
 from gateway.ports.reconnector import Reconnector
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
@@ -70,7 +71,8 @@ def shown(running: Watched, now: float) -> Shown:
         NO_RESPONSES: counts.timeout,
         BUS_BUSY: counts.queue_full + counts.expired,
     }
-    return Shown(values, {LINES.title: lines, SERVERS.title: servers, UPSTREAMS.title: upstreams}, failing, counters)
+    blocks = {LINES.title: lines, SERVERS.title: servers, UPSTREAMS.title: upstreams}
+    return Shown(values, blocks, [unit for unit in failing if unit <= HIGHEST_UNIT], counters)
 
 
 def _line(running: Watched, line: GatewayLine, now: float) -> Values:
@@ -130,7 +132,7 @@ def _state(reconnector: Reconnector) -> int:
 
 
 def _failing(owner: GatewayLine | GatewayUpstream, now: float) -> list[int]:
-    """List the units that failed to answer last time; while their line is down, all that were ever asked."""
+    """List the keys of units that failed to answer last time; while their line is down, all that were ever asked."""
     is_down = _state(owner.reconnector) == _DOWN
     return [
         device.settings.known_as

@@ -188,7 +188,8 @@ def _devices(gateway: Gateway, line: LinePlan, wanted: object) -> list[DeviceSet
     unit = find_unit(gateway.plan, wanted)
     found = [device for device in line.shared if device.known_as == unit]
     if not found:
-        raise WrongQuestion(f"unit {unit} is not on {line.line.name}")
+        called = f"unit {wanted}" if isinstance(wanted, int) else wanted
+        raise WrongQuestion(f"{called} is not on {line.line.name}")
     return found
 
 
@@ -208,5 +209,5 @@ def _picture(line: LinePlan, one: _Planned) -> BenchRead:
     has_time = READERS[one.span.area][0] in one.device.profile.timing.rows
     span = one.span
     return BenchRead(
-        one.device.known_as, one.device.name, span.area, span.start, span.count, round(1000 * time, 3), has_time
+        one.device.client_unit, one.device.name, span.area, span.start, span.count, round(1000 * time, 3), has_time
     )

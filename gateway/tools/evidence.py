@@ -83,7 +83,7 @@ def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEv
     latest, latest_limit = max([(belated.longest, belated.limit), *slowest])
     answered_at = max((each.answered_at for each in times), default=NEVER)
     return UnitEvidence(
-        unit=settings.known_as,
+        unit=settings.client_unit,
         on_the_wire=device.unit,
         name=settings.name,
         source=device.source if isinstance(part, GatewayLine) else part.plan.upstream.source,

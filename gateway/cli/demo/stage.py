@@ -12,6 +12,7 @@ from gateway import events
 from gateway.cli.demo.script import DemoRequest, reading
 from gateway.cli.kit.daemon import usual_socket
 from gateway.config.plan.settings import Plan
+from gateway.config.values.unitset import show_unit
 from gateway.lines.line import Line
 from gateway.lines.transaction import Transaction
 from gateway.modbus import ascii as ascii_framing
@@ -80,7 +81,7 @@ class Stage:
         print(f"  clients   {self.address}")
         for line in self._plan.lines:
             timing = line.line.timing
-            devices = ", ".join(f"{device.known_as} {device.name}" for device in line.devices)
+            devices = ", ".join(f"{show_unit(device.client_unit)} {device.name}" for device in line.devices)
             print(f"  {line.line.name:9} {timing.mode.upper():5} {timing.baud:5} {timing.format}   {devices}")
         for server in self._plan.servers:
             timing, units = server.line.timing, ", ".join(map(str, sorted(server.line.serves)))
@@ -134,7 +135,9 @@ class Stage:
 
     async def ask_all_at_once(self) -> bool:
         """Send one segment with a request to every line: the lines work independently."""
-        units = [device.known_as for line in self._plan.lines for device in line.devices]
+        units = [
+            device.known_as for line in self._plan.lines for device in line.shared if device.client_unit is not None
+        ]
         units += [image.unit for image in self._plan.images]
         print("\nOne TCP segment with a request to each unit; responses in order of arrival\n")
         self._writer.write(b"".join(mbap.encode(unit, unit, bytes.fromhex("03 00 01 00 01")) for unit in units))

@@ -39,9 +39,13 @@ def notes(status: Status) -> Iterator[tuple[str, str]]:
     for upstream in status.upstreams:
         yield from ((upstream.name, note) for note in _for_part(upstream))
     for unit in status.units:
-        yield from ((f"unit {unit.unit}, {unit.name}", note) for note in _for_unit(unit))
+        yield from ((_called(unit), note) for note in _for_unit(unit))
     for moved in status.moved:
-        yield from ((f"unit {moved.unit}, {moved.name}", note) for note in _for_moved(moved))
+        yield from ((_called(moved), note) for note in _for_moved(moved))
+
+
+def _called(unit: UnitStatus | MovedStatus) -> str:
+    return unit.name if unit.unit is None else f"unit {unit.unit}, {unit.name}"
 
 
 def count_ok(counts: Counts) -> int:

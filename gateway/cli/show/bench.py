@@ -5,6 +5,7 @@ from typing import Final
 
 from gateway.cli.kit.columns import align
 from gateway.config.values.duration import show_duration
+from gateway.config.values.unitset import show_unit
 from gateway.operator.answers.bench import BenchResult
 
 #: A difference between both rates that deserves a word.
@@ -14,7 +15,7 @@ _CLOSE: Final = 0.03
 def show_bench(result: BenchResult) -> str:
     """Show a measurement as tables and notes."""
     reads = [
-        (str(one.unit), one.name, f"{one.area} {one.address}", str(one.items), _ms(one.line_time_ms))
+        (show_unit(one.unit), one.name, f"{one.area} {one.address}", str(one.items), _ms(one.line_time_ms))
         for one in result.reads
     ]
     expected, measured = result.expected_per_second, result.measured_per_second

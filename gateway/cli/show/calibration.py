@@ -43,8 +43,9 @@ class Calibration(Proposal):
         """Show all of it for people."""
         about = self.about
         where = f"{about.mode} {about.baud} {about.format}"
+        called = about.name if about.unit is None else f"{about.name} (unit {about.unit})"
         parts = [
-            f"{about.name} (unit {about.unit}), profile {about.profile}, {where}: {self.count} responses",
+            f"{called}, profile {about.profile}, {where}: {self.count} responses",
             align([_HEADINGS, *map(self._cells, self.rows)]),
             f"For the profile, with margin = {self.margin:g}:\n\n{self.timing_text}",
             *self._notes(),

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from gateway.cli.kit.columns import align
 from gateway.cli.show.limits import limits_as_json, limits_table, milliseconds, round_up
@@ -18,8 +18,11 @@ from gateway.config.plan.forecast import (
 from gateway.config.plan.line_load import load_of, read_rates, total_share
 from gateway.config.plan.settings import LinePlan, Plan
 from gateway.config.values.duration import show_duration
-from gateway.config.values.unitset import show_units
+from gateway.config.values.unitset import show_unit, show_units
 from gateway.devices.device import DeviceSettings
+
+#: So many devices without a unit are named beside limits that they share.
+_MOST_NAMED: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +37,7 @@ class _Unit:
 
     @property
     def device_name(self) -> str:
-        return self.device.name if self.units == str(self.device.known_as) else "(each)"
+        return self.device.name if self.units == show_unit(self.device.client_unit) else "(each)"
 
 
 def _units(plan: LinePlan, whole: Plan) -> list[_Unit]:
@@ -44,7 +47,7 @@ def _units(plan: LinePlan, whole: Plan) -> list[_Unit]:
         shared = [device for device in plan.shared if device.known_as not in mirrors]
         units = show_units(device.known_as for device in (shared if plan.shared else plan.devices))
         return [_unit(plan, plan.devices[0], units, "same")] if units else []
-    return [_unit(plan, device, str(device.known_as), str(device.unit)) for device in plan.devices]
+    return [_unit(plan, device, show_unit(device.client_unit), str(device.unit)) for device in plan.devices]
 
 
 def _unit(plan: LinePlan, device: DeviceSettings, units: str, wire_units: str) -> _Unit:
@@ -121,8 +124,13 @@ def _limits(units: list[_Unit], plan: LinePlan) -> Iterator[str]:
 
 
 def _name_units(units: list[_Unit]) -> str:
-    text = units[0].units if len(units) == 1 else show_units(unit.device.known_as for unit in units)
-    return f"unit{'' if text.isdecimal() else 's'} {text}"
+    if len(units) == 1 and units[0].device.client_unit is not None:
+        text = units[0].units
+    else:
+        text = show_units(each.device.client_unit for each in units if each.device.client_unit is not None)
+    named = [each.device.name for each in units if each.device.client_unit is None]
+    numbers = [f"unit{'' if text.isdecimal() else 's'} {text}"] if text else []
+    return ", ".join([*numbers, *named[:_MOST_NAMED], *(["..."] if len(named) > _MOST_NAMED else [])])
 
 
 def line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:

@@ -15,13 +15,14 @@ from gateway.config.plan.forecast import (
 )
 from gateway.config.plan.settings import Plan, ServerPlan, UpstreamPlan
 from gateway.config.values.duration import show_duration
+from gateway.config.values.unitset import show_unit
 
 
 def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
     """Show an upstream and the units behind it."""
     settings, waits = plan.upstream, longest_waits_behind(plan)
     wait = round_up(max(waits.values()))
-    rows = [(str(device.known_as), str(device.unit), round_up(waits[device.name])) for device in plan.devices]
+    rows = [(show_unit(device.client_unit), str(device.unit), round_up(waits[device.name])) for device in plan.devices]
     names = through(listeners_for(settings.name, whole), is_shared=bool(rows))
     return "\n".join(
         [
@@ -63,7 +64,7 @@ def upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
         "longest_wait_ms": milliseconds(max(waits.values())),
         "units": [
             {
-                "unit": str(device.known_as),
+                "unit": show_unit(device.client_unit),
                 "behind_the_server": str(device.unit),
                 "longest_wait_ms": milliseconds(waits[device.name]),
             }

@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 from gateway.cli.kit.table import Table
 from gateway.cli.show.advice import count_failed, count_ok
 from gateway.config.values.duration import show_age, show_duration
+from gateway.config.values.unitset import show_unit
 from gateway.fleet.status import FleetStatus
 from gateway.operator.answers.status import (
     ClientStatus,
@@ -51,7 +52,7 @@ def _asked_units(status: Status) -> list[UnitStatus]:
 
 def _users(status: Status) -> Iterator[_User]:
     """Find who takes most of each line's time."""
-    numbers = {unit.name: str(unit.unit) for unit in status.units}
+    numbers = {unit.name: show_unit(unit.unit) for unit in status.units}
     for line in status.lines:
         for user in line.users[:_USERS_SHOWN]:
             if user.share:
@@ -129,7 +130,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
         "Units (answer times in ms)",
         _asked_units,
         {
-            "UNIT": lambda unit: unit.unit,
+            "UNIT": lambda unit: show_unit(unit.unit),
             "AT": lambda unit: f"{unit.line}/{unit.on_the_wire}",
             "DEVICE": lambda unit: unit.name,
             "STATE": lambda unit: unit.state,

@@ -41,13 +41,16 @@ class NoResponseError(GatewayError):
 
 
 class Unit(Protocol):
-    """A unit that can be read and written. `number` is its unit ID for clients; `name` is empty if it is not known.
+    """A unit that can be read and written. `name` is empty if it is not known.
 
-    `gateway` is the control socket through which it is asked, None without a gateway. `functions` is None for all or
-    unknown; `limits` is the most items for a function.
+    `number` is its unit ID for clients, None if it has only a name. `gateway` is the control socket through which it is
+    asked, None without a gateway. `functions` is None for all or unknown; `limits` is the most items for a function.
     """
 
-    number: int
+    @property
+    def number(self) -> int | None:
+        """See above."""
+
     name: str
     gateway: Path | None
     points: tuple[Point, ...]
@@ -85,6 +88,7 @@ class DaemonUnit:
         self._daemon = daemon
         unit = daemon.ask(UNIT, OneUnit(int(wanted) if wanted.isdecimal() else wanted))
         self.number = unit.unit
+        self.wanted: int | str = unit.name if unit.unit is None else unit.unit
         self.name = unit.name
         self.gateway: Path | None = daemon.gateway
         self.functions = None if unit.functions is None else frozenset(unit.functions)
@@ -95,10 +99,10 @@ class DaemonUnit:
 
     def ask(self, pdu: bytes) -> Answer:
         """Send a request as the client `control`. Raises DaemonError."""
-        answer = self._daemon.ask(REQUEST, OneRequest(self.number, pdu.hex(" ")))
+        answer = self._daemon.ask(REQUEST, OneRequest(self.wanted, pdu.hex(" ")))
         response, result = bytes.fromhex(answer.pdu or ""), answer.result
         reason = (result == "line_down" and answer.reason) or _REASONS.get(result) or answer.reason or result
-        head = bytes((self.number,))
+        head = bytes((self.number or 0,))
         sent, received = head + pdu, head + response
         if answer.sent:
             sent, received = bytes.fromhex(answer.sent), bytes.fromhex(answer.received)

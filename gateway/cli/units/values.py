@@ -88,6 +88,8 @@ def _cells(reading: Reading) -> dict[str, str]:
 
 
 def _called(unit: Unit) -> str:
+    if unit.number is None:
+        return unit.name
     return f"{unit.name} (unit {unit.number})" if unit.name else f"unit {unit.number}"
 
 

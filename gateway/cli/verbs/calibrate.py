@@ -81,7 +81,7 @@ def _run(args: argparse.Namespace) -> int:
         raise WrongUsageError("--write is for --active", "add --active, or leave out --write")
     with Conversation(which_gateway(args)) as daemon:
         unit = DaemonUnit(daemon, args.device)
-        source = Source(daemon, unit.number)
+        source = Source(daemon, unit.wanted)
         if args.active or args.seconds is not None:
             source.forget()
         if args.write:
@@ -132,7 +132,7 @@ class _Gathered:
 class Source:
     """The times that the gateway keeps, gathered: it keeps the last ones only. `about` says what they are of."""
 
-    def __init__(self, daemon: Conversation, unit: int) -> None:
+    def __init__(self, daemon: Conversation, unit: int | str) -> None:
         self._daemon = daemon
         self._unit = unit
         self._gathered: dict[tuple[int, int], _Gathered] = {}

@@ -1,7 +1,8 @@
 """Cross-checks of the units and their destinations."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Final
 
 from gateway.config.plan.lines import ASKED_AT_ZERO
@@ -27,6 +28,8 @@ class Claim:
     remedy: str = ""
     #: The names of the units, in their order.
     names: tuple[str, ...] = ()
+    #: What else may be done, if the other claim is that of another table.
+    or_none: str = ""
 
 
 #: So many devices are named in an advice.
@@ -48,15 +51,24 @@ def claims(config: Config) -> Iterator[Claim]:
     """Collect the claims of all tables except pass-through lines, which get the remaining units."""
     remedy = 'give one of them another unit ID for clients with "as"'
     for part in owners(config):
+        or_none = _without_units(part, config)
         owner = f'of {"line" if isinstance(part, Line) else "upstream"} "{part.label}"'
         for row in rows_of(part):
             path = (*row.path, "unit" if row.known_as is None else "as")
-            yield Claim(row.client_units, owner, path, row.source, remedy, tuple(device_names(part, row)))
+            yield Claim(row.client_units, owner, path, row.source, remedy, tuple(device_names(part, row)), or_none)
     for image in config.image:
         owner = f'of image "{image.label}"'
         yield Claim((image.unit,), owner, (*image.path, "unit"), image.source, names=(image.label,))
     if config.own is not None:
         yield Claim((config.own.unit,), "of the gateway itself", (*config.own.path, "unit"), config.own.source)
+
+
+def _without_units(part: Owner, config: Config) -> str:
+    """Say how the devices of a line or upstream do without unit IDs for clients."""
+    kind = "line" if isinstance(part, Line) else "upstream"
+    if listeners_for(part, config):
+        return f', or as = "none": the listener for the {kind} leads to it, and its name'
+    return f', or as = "none" and the {kind} a listener of its own: [[listen]] with {kind} = "{part.label}"'
 
 
 def not_configured(units: Iterable[int]) -> str:
@@ -74,25 +86,28 @@ def served_units(config: Config) -> frozenset[int]:
 
 
 def check_overlaps(config: Config) -> Iterator[Problem]:
-    """Find units with more than one destination."""
+    """Find units with more than one destination: one error for all that two tables have in common."""
     owners: dict[int, Claim] = {}
+    taken: dict[tuple[str, str], list[tuple[int, Claim, Claim]]] = {}
     for claim in claims(config):
-        taken: dict[str, list[int]] = {}
         for unit in claim.units:
             first = owners.setdefault(unit, claim)
             if first is not claim:
-                taken.setdefault(f"{first.owner} ({first.source})", []).append(unit)
-        for owner, units in taken.items():
-            verb = "is already a unit" if len(units) == 1 else "are already units"
-            yield error(claim.path, f"{show_units(units)} {verb} {owner}", claim.remedy)
+                taken.setdefault((claim.owner, first.owner), []).append((unit, claim, first))
+    for found in taken.values():
+        units, (_, claim, first) = {unit for unit, *_ in found}, found[0]
+        verb = "is already a unit" if len(units) == 1 else "are already units"
+        remedy = claim.remedy + (claim.or_none if first.owner != claim.owner else "")
+        yield error(claim.path, f"{show_units(units)} {verb} {first.owner} ({first.source})", remedy)
 
 
 def check_numbers_as_names(config: Config) -> Iterator[Problem]:
     """Find units that are called by the number of another one: digits mean a number."""
     for claim in claims(config):
-        for unit, name in zip(claim.units, claim.names, strict=False):
+        for unit, name in zip(claim.units or repeat(None), claim.names, strict=False):
             if name.isdecimal() and int(name) != unit:
-                what = f'"{name}" is a number, and means unit {name}; this is unit {unit}'
+                this = "this device has none" if unit is None else f"this is unit {unit}"
+                what = f'"{name}" is a number, and means unit {name}; {this}'
                 yield error((*claim.path[:-1], "name"), what, f'add a letter, such as "unit-{name}"')
 
 
@@ -185,14 +200,15 @@ def _mirrored(config: Config) -> frozenset[str]:
 
 
 def _check_row(row: Device, owner: Owner) -> Iterator[Problem]:
-    if len(row.client_units) != len(row.units):
+    if row.client_units and len(row.client_units) != len(row.units):
         yield error(
             (*row.path, "as"),
             f"names {len(row.client_units)} units for clients, but there are {len(row.units)} {_where(owner)}",
             f'as many as in unit = "{show_units(row.units)}" are needed',
         )
     if len(row.units) > 1 and row.name is not None and "*" not in row.name:
-        remedy = f'write "{row.name}-*": * becomes the unit that clients use'
+        becomes = "that clients use" if row.client_units else _where(owner)
+        remedy = f'write "{row.name}-*": * becomes the unit {becomes}'
         yield error((*row.path, "name"), f"{len(row.units)} devices cannot have one name", remedy)
     if 0 in row.client_units:
         what = "unit 0 stands for every device" if isinstance(owner, Line) else "clients cannot ask for unit 0"
@@ -205,14 +221,14 @@ def _where(owner: Owner) -> str:
 
 
 def _check_wire_units(owner: Owner) -> Iterator[Problem]:
-    asked_as: dict[int, int] = {}
+    asked_as: dict[int, int | str] = {}
     for row in rows_of(owner):
-        for unit, known_as in zip(row.units, row.client_units, strict=False):
-            if asked_as.setdefault(unit, known_as) != known_as:
-                yield warning(
-                    (*row.path, "unit"),
-                    f"unit {unit} {_where(owner)} already has the unit ID {asked_as[unit]} for clients",
-                )
+        known: Sequence[int | str] = row.client_units or device_names(owner, row)
+        for unit, known_as in zip(row.units, known, strict=False):
+            first = asked_as.setdefault(unit, known_as)
+            if first != known_as:
+                has = f"has the unit ID {first} for clients" if isinstance(first, int) else f"is {first}"
+                yield warning((*row.path, "unit"), f"unit {unit} {_where(owner)} already {has}")
 
 
 def _check_reserved(line: Line) -> Iterator[Problem]:

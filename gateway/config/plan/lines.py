@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Final, Literal
 
 from gateway.config.plan.fleet import lease_of
-from gateway.config.plan.names import Owner, device_names, rows_of, unlisted_units
+from gateway.config.plan.names import Owner, device_names, keys_of, rows_of, unlisted_units
 from gateway.config.plan.reach import listeners_for, own_units, units_without_devices
 from gateway.config.plan.settings import (
     SHARED_ARRIVES_WITHIN,
@@ -167,7 +167,7 @@ def _of_row(owner: Owner, row: Device, profiles: dict[str, Profile]) -> Iterator
     if BROADCAST_UNIT in row.units and isinstance(owner, Line):
         profile = replace(profile, functions=ASKED_AT_ZERO)
     answer_time, wake = _answer_time(owner, row, profile), _wake(owner, row, profile)
-    for unit, known_as, name in zip(row.units, row.client_units, device_names(owner, row), strict=True):
+    for unit, known_as, name in zip(row.units, keys_of(owner, row), device_names(owner, row), strict=True):
         yield DeviceSettings(
             name=name,
             unit=unit,

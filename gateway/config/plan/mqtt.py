@@ -17,13 +17,14 @@ from gateway.tls.settings import ClientTls
 
 
 class Publishable(NamedTuple):
-    """A unit that has points: a device on the line with this name, an image, a mirror."""
+    """A unit that has points: a device on the line with this name, an image, a mirror; see PublishedDevice."""
 
     name: str
     unit: int
     line: str
     profile: Profile
     points: tuple[Point, ...]
+    on_the_wire: int | None = None
 
 
 def add_mqtt(plan: Plan, config: Config) -> Plan:
@@ -38,7 +39,8 @@ def publishable(plan: Plan) -> Iterator[Publishable]:
     for line, devices in (*behind, *others):
         for device in devices:
             points = plan.points.get(device.known_as, ())
-            yield Publishable(device.name, device.known_as, line, device.profile, points)
+            on_the_wire = device.unit if device.client_unit is None else None
+            yield Publishable(device.name, device.known_as, line, device.profile, points, on_the_wire)
     own: tuple[ImageSettings | MirrorSettings, ...] = (*plan.images, *plan.mirrors)
     for each in own:
         yield Publishable(each.name, each.unit, "", each.profile, plan.points.get(each.unit, ()))
@@ -69,7 +71,8 @@ def _published(unit: Publishable, mqtt: Mqtt) -> PublishedDevice:
     points = tuple(_points(unit.points, rows, may_write=mqtt.write))
     profile = unit.profile
     title = profile.title or profile.name
-    return PublishedDevice(unit.name, unit.unit, unit.line, title, points, profile.limits, profile.functions)
+    limits, functions = profile.limits, profile.functions
+    return PublishedDevice(unit.name, unit.unit, unit.line, title, points, limits, functions, unit.on_the_wire)
 
 
 def _points(points: Iterable[Point], rows: Iterable[Publish], *, may_write: bool) -> Iterator[PublishedPoint]:

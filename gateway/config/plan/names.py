@@ -4,6 +4,7 @@ from gateway.config.schema.config import Config
 from gateway.config.schema.device import Device
 from gateway.config.schema.line import Line
 from gateway.config.schema.upstream import Upstream
+from gateway.devices.device import key_of
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 
 #: A part of the config that has devices.
@@ -23,8 +24,13 @@ def rows_of(owner: Owner) -> tuple[Device, ...]:
 def device_names(owner: Owner, row: Device) -> list[str]:
     """Name the devices of a row, in the order of its units."""
     if row.name is None:
-        return [f"{owner.label}/{unit}" for unit in row.client_units]
-    return [row.name.replace("*", str(unit)) for unit in row.client_units]
+        return [f"{owner.label}/{number}" for number in row.numbers]
+    return [row.name.replace("*", str(number)) for number in row.numbers]
+
+
+def keys_of(owner: Owner, row: Device) -> list[int]:
+    """Give the numbers of the devices of a row within the gateway: those for clients, or what stands in their place."""
+    return [*row.client_units] or [key_of(name) for name in device_names(owner, row)]
 
 
 def all_device_names(line: Line) -> list[str]:

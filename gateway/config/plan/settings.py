@@ -74,7 +74,7 @@ class LinePlan:
 
     @property
     def shared(self) -> tuple[DeviceSettings, ...]:
-        """List the devices that general listeners lead to."""
+        """List the devices that more than the listeners for this line lead to: general ones, or their names."""
         return tuple(device for device in self.devices if device.known_as not in self.own_units)
 
     @property
@@ -194,7 +194,9 @@ class MqttPlan:
     @property
     def usual_rights(self) -> tuple[UsualRight, ...]:
         """Say who may do what without a row of `[[access]]` that names it."""
-        units = show_units(device.unit for device in self.devices)
+        units = show_units(device.unit for device in self.devices if device.on_the_wire is None)
+        named = sum(device.on_the_wire is not None for device in self.devices)
+        units = ", ".join(filter(None, (units, f"{named} by name" if named else "")))
         return (UsualRight("the broker", units, "read, write" if self.write else "read"),)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 
-from gateway.config.plan.names import device_names, owners, rows_of
+from gateway.config.plan.names import device_names, keys_of, owners, rows_of
 from gateway.config.plan.points import points_of
 from gateway.config.plan.reach import is_apart, passing_units
 from gateway.config.plan.settings import Plan
@@ -51,7 +51,7 @@ def own_points(plan: Plan) -> tuple[Point, ...]:
 def _device_points(
     config: Config, of_profile: Callable[[str], tuple[Point, ...]]
 ) -> Iterator[tuple[str, int, tuple[Point, ...]]]:
-    """Name, unit and points of each device. On a line that is apart units are not those of the clients."""
+    """Name, key and points of each device. On a line that is apart units are not those of the clients."""
     for line in config.line:
         if line.role == "client" and line.devices is None and not is_apart(line, config):
             points = of_profile(line.profile)
@@ -59,8 +59,8 @@ def _device_points(
     for owner in owners(config):
         for row in rows_of(owner):
             points = (*of_profile(row.profile or owner.profile), *points_of(row.points))
-            named = zip(device_names(owner, row), row.client_units, strict=True)
-            yield from ((name, unit, points) for name, unit in named)
+            named = zip(device_names(owner, row), keys_of(owner, row), strict=True)
+            yield from ((name, key, points) for name, key in named)
 
 
 def _points_in(areas: Mapping[Area, tuple[Range, ...]], points: Iterable[Point]) -> tuple[Point, ...]:

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from gateway.config.schema.profile import PointTable
 from gateway.config.schema.table import Table
-from gateway.config.values.key_types import Duration, DurationOrZero, ListOf, Name, Units, UnitsFrom0
+from gateway.config.values.key_types import Duration, DurationOrZero, ListOf, Name, UnitsFrom0, UnitsOrNone
 
 
 class Device(Table):
@@ -18,15 +18,17 @@ class Device(Table):
         "specification, but some devices have them. On a line, 0 is for a single device with an unknown address; only "
         "its holding registers can be read. Behind another server, 0-255 are its units.",
     )
-    known_as: Units | None = Field(
+    known_as: UnitsOrNone | None = Field(
         None,
         alias="as",
-        description="Its unit ID for clients, 1-255; as many as in `unit`. Default: the same.",
+        description="Its unit ID for clients, 1-255; as many as in `unit`. Default: the same. `none`: it has none, and "
+        "only a listener for its line or upstream leads to it, and its name; a gateway can have any number of those. "
+        "Of the rows of `[[access]]` without `listen`, only those for all units count for it.",
     )
     name: Name | None = Field(
         None,
-        description="Its name in logs; `*` stands for the unit ID for clients. Default: the name of the line or "
-        "upstream, and the unit ID.",
+        description="Its name in logs; `*` stands for the unit ID for clients, or without one for `unit`. Default: the "
+        "name of the line or upstream, and this number.",
     )
     profile: str | None = Field(None, description="The kind of device. Default: the `profile` of the line or upstream.")
     priority: Literal["normal", "high"] = Field(
@@ -46,5 +48,10 @@ class Device(Table):
 
     @property
     def client_units(self) -> tuple[int, ...]:
-        """Give the units that clients use for `units`, in the same order."""
+        """Give the units that clients use for `units`, in the same order; none if they have none."""
         return self.units if self.known_as is None else self.known_as
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Give the numbers that are part of names: the units that clients use, or else those on the wire."""
+        return self.client_units or self.units

@@ -36,7 +36,13 @@ from gateway.config.values.port import parse_port
 from gateway.config.values.ranges import parse_ranges
 from gateway.config.values.site import Site, parse_lease_name, parse_other_servers, parse_site
 from gateway.config.values.size import parse_size_or_zero, show_size
-from gateway.config.values.unitset import check_own_unit, parse_unit0, parse_units, parse_units_or_all
+from gateway.config.values.unitset import (
+    check_own_unit,
+    parse_unit0,
+    parse_units,
+    parse_units_or_all,
+    parse_units_or_none,
+)
 from gateway.profiles.point import Writing
 from gateway.profiles.profile import Range
 from gateway.timing.characters import CharacterFormat
@@ -108,6 +114,11 @@ Unit0 = Annotated[
     Kind('`"refuse"`, `"broadcast"` or a unit', any_of(one_of("refuse", "broadcast"), NUMBER), '"{}"'.format),
 ]
 Units = Annotated[tuple[int, ...], PlainValidator(parse_units), _UNITS]
+UnitsOrNone = Annotated[
+    tuple[int, ...],
+    PlainValidator(parse_units_or_none),
+    Kind('units or `"none"`', any_of(one_of("none"), _RANGES)),
+]
 OwnUnit = Annotated[int, AfterValidator(check_own_unit)]
 UnitsFrom0 = Annotated[tuple[int, ...], PlainValidator(partial(parse_units, first=0)), _UNITS]
 UnitsOrAll = Annotated[

@@ -59,6 +59,15 @@ def check_own_unit(value: int) -> int:
     return value
 
 
+def parse_units_or_none(value: object) -> tuple[int, ...]:
+    """Parse a unit set, or "none", which has no unit.
+
+    Raises:
+        WrongValue: it is neither.
+    """
+    return () if value == "none" else parse_units(value)
+
+
 def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
     """Parse a unit set, or "all". Any from 0 to 255 is accepted: which are possible depends on other keys.
 
@@ -77,6 +86,11 @@ def show_units(units: Iterable[int]) -> str:
         else:
             runs.append([unit, unit])
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
+
+
+def show_unit(unit: int | None) -> str:
+    """Show the unit that clients use for a device; a dash for one that they ask by its name."""
+    return "-" if unit is None else str(unit)
 
 
 def _parse_part(part: object, allowed: range) -> range:

@@ -10,7 +10,7 @@ class BenchRead:
     Unless `answer_time_known`, the device is assumed to respond at once.
     """
 
-    unit: int
+    unit: int | None
     name: str
     area: str
     address: int

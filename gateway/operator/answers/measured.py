@@ -25,7 +25,7 @@ class MeasuredRow:
 class Measured:
     """A device on a line, and its response times."""
 
-    unit: int
+    unit: int | None
     name: str
     source: str
     profile: str

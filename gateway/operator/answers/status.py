@@ -194,14 +194,15 @@ class TimesStatus:
 class UnitStatus:
     """A unit on a line or behind an upstream, which `line` names: `unit` to clients, `on_the_wire` there.
 
-    Its last `failures` requests have failed; after three it rests, and `rests_ms` are left of that. The last valid
-    response came `last_answer_ms` ago, the last error after a request was sent `last_error_ms` ago. `exceptions` are
-    those of the unit itself, by code. `functions` and `function_times` are by function code, 0 for all unknown ones;
-    `counts` and `times` are of all functions. A client's time-out should be longer than `longest_wait_ms`.
+    `unit` is None if clients ask it by its name, or by a listener for the line or upstream. Its last `failures`
+    requests have failed; after three it rests, and `rests_ms` are left of that. The last valid response came
+    `last_answer_ms` ago, the last error after a request was sent `last_error_ms` ago. `exceptions` are those of the
+    unit itself, by code. `functions` and `function_times` are by function code, 0 for all unknown ones; `counts` and
+    `times` are of all functions. A client's time-out should be longer than `longest_wait_ms`.
     """
 
     line: str
-    unit: int
+    unit: int | None
     on_the_wire: int
     name: str
     source: str
@@ -228,7 +229,7 @@ class MovedStatus:
     """
 
     line: str
-    unit: int
+    unit: int | None
     name: str
     on_the_wire: tuple[int, ...]
     configured: int

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from gateway.devices.device import key_of
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range
 
@@ -11,12 +12,13 @@ from gateway.profiles.profile import Range
 class UnitHead:
     """A unit as clients see it: what answers for it, and what it accepts.
 
-    `kind` is device, upstream, image, mirror or gateway. `functions` is None if it accepts all. `limits` are the most
-    items by function. `areas` are the first and last address of each range that exists, by area; an area that is
-    missing exists in full. A response takes at most `longest_wait_ms`; 0 for a unit that the gateway answers itself.
+    `unit` is None for a device that they ask by its name, or by a listener for its line or upstream. `kind` is device,
+    upstream, image, mirror or gateway. `functions` is None if it accepts all. `limits` are the most items by function.
+    `areas` are the first and last address of each range that exists, by area; an area that is missing exists in full. A
+    response takes at most `longest_wait_ms`; 0 for a unit that the gateway answers itself.
     """
 
-    unit: int
+    unit: int | None
     name: str
     kind: str
     profile: str
@@ -24,6 +26,11 @@ class UnitHead:
     limits: Mapping[int, int]
     areas: Mapping[str, tuple[Range, ...]]
     longest_wait_ms: float
+
+    @property
+    def key(self) -> int:
+        """The number that routers know it by."""
+        return key_of(self.name) if self.unit is None else self.unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +42,7 @@ class UnitPicture(UnitHead):
 
 @dataclass(frozen=True, slots=True)
 class Units:
-    """All units, by number."""
+    """All units, by number; those without one come last."""
 
     units: tuple[UnitHead, ...]
 
@@ -48,7 +55,7 @@ class RequestAnswer:
     `reason` say why.
     """
 
-    unit: int
+    unit: int | None
     pdu: str | None
     elapsed_ms: float
     sent: str = ""

@@ -48,7 +48,7 @@ class Failure:
 class Values:
     """Values of a unit: of one `area`, or of points, which each name theirs. Requests took `elapsed_ms` in all."""
 
-    unit: int
+    unit: int | None
     name: str
     area: Area | None = field(default=None, metadata=IF_KNOWN)
     values: Sequence[Value]
@@ -86,7 +86,7 @@ class Cell:
 class Cells:
     """Addresses of an image or mirror. Clients get no values of a mirror that are older than `stale_ms`."""
 
-    unit: int
+    unit: int | None
     name: str
     area: Area
     stale_ms: float | None

@@ -5,6 +5,7 @@ from socket import gethostname
 from typing import Any
 
 from gateway import __version__
+from gateway.modbus.codes import HIGHEST_UNIT
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
@@ -26,6 +27,9 @@ def tell(gateway: Gateway, router: Router, up: float) -> Mapping[str, Any]:
 
 
 def served_units(gateway: Gateway, router: Router) -> Iterator[int]:
-    """List the units that other sites reach here now: none of a line on which another gateway may ask."""
+    """List the units that other sites reach here now: none of a line on which another gateway may ask.
+
+    They ask by numbers only, so not for a device without one.
+    """
     elsewhere = {unit for line in gateway.lines if line.is_standby for unit in line.devices}
-    return (unit for unit in router.routes if unit not in elsewhere)
+    return (unit for unit in router.routes if unit <= HIGHEST_UNIT and unit not in elsewhere)

@@ -51,7 +51,7 @@ class ClientsPage:
             denied=await self._denied(request[VISITOR].host),
             rights=rights_in_words(self._operator.gateway),
             entrances=tuple(routers(self._operator.running)),
-            units=[(each.unit, each.name) for each in units_of(self._operator)],
+            units=[(each.unit, each.name) for each in units_of(self._operator) if each.unit is not None],
             functions=FUNCTIONS,
             asked=asked,
             verdict=found,

@@ -61,7 +61,7 @@ class ImagePage:
         asked = _asked(request.query, whole_image.areas)
         area, ranges = asked["area"], whole_image.areas.get(asked["area"], ())
         start = asked["from"]
-        may_read = may(self._operator.router(asker.door), asker.host, unit.unit, READERS[area][0])
+        may_read = may(self._operator.router(asker.door), asker.host, unit.key, READERS[area][0])
         shown = self._window(unit, Span(area, start, MOST)) if may_read else None
         grid = grid_of(shown, area, asked["type"], asked["swap"]) if shown is not None else None
         size, is_panel = 1 if grid is None else grid.size, "kiosk" in request.query
@@ -87,7 +87,7 @@ class ImagePage:
         )
 
     def _window(self, unit: UnitPicture, span: Span) -> ImageWindow | None:
-        return window(self._operator.gateway, unit.unit, span, asyncio.get_running_loop().time())
+        return window(self._operator.gateway, unit.key, span, asyncio.get_running_loop().time())
 
 
 def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> dict[str, Any]:

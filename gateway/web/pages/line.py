@@ -70,7 +70,7 @@ class LinePage:
             function_name=function_name,
             why=why,
             with_page=with_page,
-            numbers={unit.name: unit.unit for unit in units},
+            numbers={unit.name: unit.unit for unit in units if unit.unit is not None},
             # The template calls these in the thread that makes the page.
             busy_outline=lambda: busy_outline(past, name),
             hours=lambda: hours(past, name),

@@ -45,4 +45,6 @@ def shown_lines(status: Status) -> Iterator[ShownLine]:
 
 
 def _units_on(status: Status, name: str) -> tuple[tuple[int, str], ...]:
-    return tuple((each.unit, each.name) for each in status.units if each.line == name)
+    """List the units on a line, by the numbers that frames are shown with."""
+    there = (each for each in status.units if each.line == name)
+    return tuple((each.on_the_wire if each.unit is None else each.unit, each.name) for each in there)

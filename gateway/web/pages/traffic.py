@@ -8,6 +8,7 @@ from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.listeners.sockets import split_host
+from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import read_parameters
 from gateway.operator.status import recent_status
@@ -58,7 +59,7 @@ class TrafficPage:
             chosen=dict.fromkeys(CHOICES, "") | chosen,
             lines=lines,
             modes={name: (each.mode, each.baud, each.format) for name, each in lines.items()},
-            units=[(each.unit, each.name) for each in units_of(self._operator)],
+            units=[_choice(each) for each in units_of(self._operator)],
             functions=FUNCTIONS,
             clients=sorted({split_host(each.client) for each in status.clients}),
             results=RESULTS,
@@ -67,3 +68,8 @@ class TrafficPage:
             asked=asked,
             outcome=outcome,
         )
+
+
+def _choice(unit: UnitPicture) -> tuple[int | str, str]:
+    """Make the choice of a unit: what selects it, and its text."""
+    return (unit.name, unit.name) if unit.unit is None else (unit.unit, f"{unit.unit} {unit.name}")

@@ -86,10 +86,10 @@ class UnitPage:
         if unit.kind not in ("device", "upstream"):
             return see_other(path_of("images", unit))
         try:
-            failed, why = failures(self._operator.running, unit.unit, visitor.host), ""
+            failed, why = failures(self._operator.running, unit.name, visitor.host), ""
         except WrongQuestion as wrong:
             failed, why = (), str(wrong)
-        times = answer_times(self._operator.gateway, unit.unit)
+        times = answer_times(self._operator.gateway, unit)
         status = await self._status(unit)
         return await self._renderer.page(
             "unit.html",
@@ -109,7 +109,7 @@ class UnitPage:
             kinds=_kinds(status),
             blocked=_blocked(status),
             longest_limit=max((each.limit_ms or 0.0 for each in times), default=0.0),
-            mirrors=mirrors_of(self._operator.gateway, unit.unit),
+            mirrors=mirrors_of(self._operator.gateway, unit.key),
             **self.values_shown(unit, request),
             **_form(_USUAL),
         )
@@ -138,7 +138,7 @@ class UnitPage:
         area, points = _asked_for(asked)
         outcome, why = Outcome(), None
         try:
-            outcome = await read(unit, points, ask_for(self._operator, unit.unit, asker_of(request)))
+            outcome = await read(unit, points, ask_for(self._operator, unit.key, asker_of(request)))
         except WrongQuestion as wrong:
             why = complaint_of(wrong)
         values = [_shown(reading, None) for reading in outcome.readings]
@@ -163,10 +163,10 @@ class UnitPage:
         known = {reading.point.name: _shown(reading, age * 1000) for reading in outcome.readings}
         troubles = {point.name: outcome.trouble_of(point) for point in unit.points}
         may_read = {
-            area: may(router, asker.host, unit.unit, READERS[area][0]) for area in {point.area for point in unit.points}
+            area: may(router, asker.host, unit.key, READERS[area][0]) for area in {point.area for point in unit.points}
         }
         now = asyncio.get_running_loop().time()
-        there = kept(self._operator.gateway, unit.unit, [point.span for point in unit.points], now)
+        there = kept(self._operator.gateway, unit.key, [point.span for point in unit.points], now)
         points = [
             _best(point, known.get(point.name), each if may_read[point.area] else None, troubles[point.name])
             for point, each in zip(unit.points, there, strict=True)

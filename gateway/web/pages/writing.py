@@ -81,7 +81,7 @@ class WriteRights:
 
     def _is_allowed(self, unit: UnitPicture, function: int, visitor: Visitor) -> bool:
         is_known = unit.functions is None or function in unit.functions
-        return is_known and may(self._operator.router("web"), visitor.host, unit.unit, function)
+        return is_known and may(self._operator.router("web"), visitor.host, unit.key, function)
 
 
 class WritePages:
@@ -114,10 +114,10 @@ class WritePages:
         unit, visitor = unit_in(request, self._operator), request[VISITOR]
         points, values = _wanted(unit, form)
         readings, pdu = prepared(unit, points, values)
-        if not may(self._operator.router("web"), visitor.host, unit.unit, pdu[0]):
+        if not may(self._operator.router("web"), visitor.host, unit.key, pdu[0]):
             raise ProblemError(403, f"[[access]] does not let {visitor.client} write {points[0].area}", exception=1)
-        expected = target(self._operator.gateway, unit.unit)
-        ask = ask_for(self._operator, unit.unit, asker_of(request))
+        expected = target(self._operator.gateway, unit.key)
+        ask = ask_for(self._operator, unit.key, asker_of(request))
         before, why = await _read(unit, [each.point for each in readings], ask)
         wanted = [replace(each, before=items) for each, items in zip(readings, before, strict=True)]
         now = asyncio.get_running_loop().time()
@@ -172,7 +172,7 @@ class WritePages:
         unit = question.unit
         if not self._is_as_asked(question):
             return Result(_CHANGED, 0.0)
-        ask = ask_for(self._operator, unit.unit, asker_for(visitor, is_awaited))
+        ask = ask_for(self._operator, unit.key, asker_for(visitor, is_awaited))
         answer = await ask(question.pdu)
         forget_values(self._operator, unit)
         if answer.exception is not None:
@@ -183,10 +183,9 @@ class WritePages:
 
     def _is_as_asked(self, question: Question) -> bool:
         """Return whether the same unit still answers, and its points still mean the same."""
-        number = question.unit.unit
+        gateway, unit = self._operator.gateway, question.unit
         try:
-            gateway = self._operator.gateway
-            return picture(gateway, number) == question.unit and target(gateway, number) is question.target
+            return picture(gateway, unit.name) == unit and target(gateway, unit.key) is question.target
         except WrongQuestion:
             return False
 

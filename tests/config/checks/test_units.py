@@ -86,6 +86,7 @@ def test_a_unit_that_clients_use_leads_to_one_device():
         (
             'error: line[1].devices[0].unit: 1 is already a unit of line "a" (gateway.toml:4)'
             ' | give one of them another unit ID for clients with "as"'
+            ', or as = "none" and the line a listener of its own: [[listen]] with line = "b"'
         ),
         (
             'error: line[1].devices[1].as: 3 is already a unit of line "b" (gateway.toml:8)'
@@ -116,6 +117,7 @@ def test_several_units_of_one_owner_are_told_at_once():
         (
             'error: line[1].devices[0].unit: 8-9 are already units of line "a" (gateway.toml:4)'
             ' | give one of them another unit ID for clients with "as"'
+            ', or as = "none" and the line a listener of its own: [[listen]] with line = "b"'
         )
     ]
 
