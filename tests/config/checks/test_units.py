@@ -198,3 +198,74 @@ def test_the_unit_of_the_gateway_does_not_pass_through():
 def test_a_server_line_may_serve_the_gateway():
     server = '[[line]]\nname = "panel"\nport = "/dev/b"\nrole = "server"\nserves = [246]\n'
     assert problems(LINE + server + "[self]\nunit = 246\n") == []
+
+
+OWN = """
+[[listen]]
+bind = "tcp://127.0.0.1:502"
+
+[[listen]]
+bind = "tcp://127.0.0.1:503"
+line = "b"
+"""
+TWO = LINE.replace("unit = 1", 'unit = "1-9"').replace("one", "*") + (
+    '[[line]]\nname = "b"\nport = "/dev/b"\ndevices = [{ unit = "1-2" }, { unit = 3 }, { unit = "4-5" }]\n'
+)
+
+
+def test_a_line_with_its_own_listener_is_told_that_its_devices_need_no_units():
+    """All that two lines have in common is one error: the file of five lines with 240 devices each had 960."""
+    assert problems(OWN + TWO) == [
+        (
+            'error: line[1].devices[0].unit: 1-5 are already units of line "a" (gateway.toml:11)'
+            ' | give one of them another unit ID for clients with "as", or as = "none": the listener for the line leads'
+            " to it, and its name"
+        )
+    ]
+    assert problems(OWN + TWO.replace(" }, {", ', as = "none" }, {').replace(" }]", ', as = "none" }]')) == []
+
+
+def test_devices_without_units_need_no_listener():
+    """They may be published, mirrored, or asked by name."""
+    text = '[[line]]\nname = "{0}"\nport = "/dev/{0}"\ndevices = [{{ unit = "1-247", as = "none" }}]\n'
+    assert problems("".join(text.format(name) for name in "abcd")) == []
+
+
+def test_the_name_of_a_device_without_a_unit_is_no_number():
+    text = '[[line]]\nport = "/dev/a"\ndevices = [{{ unit = 5, as = "none", name = "{}" }}]\n'
+    assert problems(text.format("five")) == []
+    assert problems(text.format("5")) == [
+        (
+            'error: line[0].devices[0].name: "5" is a number, and means unit 5; this device has none'
+            ' | add a letter, such as "unit-5"'
+        )
+    ]
+
+
+def test_one_address_with_two_names():
+    text = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = "1-2", as = "none" }, { unit = 2, as = 7 }]\n'
+    assert problems(text) == ["warning: line[0].devices[1].unit: unit 2 on the wire already is a/2"]
+
+
+def test_names_of_devices_without_units_have_the_unit_on_the_wire():
+    text = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = "1-2", as = "none" }]\n'
+    config = parse(text + '[[line]]\nport = "/dev/b"\ndevices = [{ unit = "7-8", as = "none", name = "x-*" }]\n').config
+    assert config is not None
+    devices = [device for line in resolve(config).lines for device in line.devices]
+    assert [(each.name, each.unit, each.client_unit) for each in devices] == [
+        ("a/1", 1, None),
+        ("a/2", 2, None),
+        ("x-7", 7, None),
+        ("x-8", 8, None),
+    ]
+
+
+def test_a_row_without_units_has_names_of_its_own():
+    text = '[[line]]\nport = "/dev/a"\ndevices = [{ unit = "1-3", as = "none", name = "x" }]\n'
+    assert problems(text) == [
+        'error: line[0].devices[0].name: 3 devices cannot have one name | write "x-*": * becomes the unit on the wire'
+    ]
+
+
+def test_a_lone_device_without_an_address_needs_no_unit_either():
+    assert problems('[[line]]\nport = "/dev/a"\ndevices = [{ unit = 0, as = "none", name = "x" }]\n') == []
