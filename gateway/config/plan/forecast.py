@@ -197,9 +197,10 @@ def _reads(plan: LinePlan) -> Iterator[tuple[FunctionLimits, DeviceSettings]]:
                 yield limits, device
 
 
-def _limiting(device: DeviceSettings) -> tuple[int, int]:
-    """Give what the limits of a device depend on, as identities: the units of a row of the config share these."""
-    return id(device.profile), id(device.answer_time)
+def _limiting(device: DeviceSettings) -> Hashable:
+    """Give what the limits of a device depend on; tables and profiles as identities."""
+    time = device.answer_time
+    return id(device.profile), id(time.table), time.margin, time.timeout, time.fixed
 
 
 def _is_repeated(function: int | None) -> bool:
