@@ -19,7 +19,7 @@ from gateway.operator.asked import ToExplain, Traced
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.unit_names import UnitNames
-from gateway.operator.units import find_unit
+from gateway.operator.units import find_unit, shown_unit
 from gateway.ports.port import SiteSettings
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
@@ -159,14 +159,14 @@ def _of_whom(running: Running, who: str, names: UnitNames) -> tuple[int | None, 
     """
     gateway = running.gateway
     try:
-        unit = find_unit(gateway.plan, int(who) if who.isdecimal() and len(who) <= _DIGITS else who)
+        named = int(who) if who.isdecimal() and len(who) <= _DIGITS else who
+        return shown_unit(find_unit(gateway.plan, named)), names.is_of(named)
     except WrongQuestion:
         if any(each.name == who for each in lines(gateway)):
             return None, _is_of_line(gateway, who)
         if _is_client(running.ring, who):
             return None, _asked_by_any(who)
         raise
-    return unit, names.is_of(unit)
 
 
 def causes(

@@ -205,6 +205,19 @@ async def test_events_and_the_trace_have_its_address_and_its_name() -> None:
         assert {(fact["unit"], fact["name"]) for fact in facts} == {(3, "hall-3")}
 
 
+async def test_failures_and_the_doctor_have_its_name() -> None:
+    async with gateway_bench(CONFIG + ALL) as bench:
+        there = furnish(bench)
+        there["hall"][3].silent = True
+        assert await by_name(bench, "hall-3") == "83 0B"
+        found = await ask(bench.running, "why", who="hall-3")
+        [story] = found["stories"]
+        assert found["unit"] is None
+        assert (story["unit"], story["name"], story["result"]) == (3, "hall-3", "timeout")
+        examined = await ask(bench.running, "doctor", line="hall", ask=False)
+        assert "hall-3" in {finding.about for finding in examined["findings"]}
+
+
 async def test_numbers_never_stand_where_it_has_none() -> None:
     """What stands in their place inside the gateway is shown nowhere."""
     async with gateway_bench(CONFIG + MIRROR + ALL + SELF) as bench:

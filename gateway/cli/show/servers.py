@@ -23,7 +23,8 @@ def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
     settings, waits = plan.upstream, longest_waits_behind(plan)
     wait = round_up(max(waits.values()))
     rows = [(show_unit(device.client_unit), str(device.unit), round_up(waits[device.name])) for device in plan.devices]
-    names = through(listeners_for(settings.name, whole), is_shared=bool(rows))
+    is_shared = any(device.client_unit is not None for device in plan.devices)
+    names = through(listeners_for(settings.name, whole), is_shared=is_shared)
     return "\n".join(
         [
             f"Upstream {settings.name}: {plan.port.port}",
@@ -64,7 +65,7 @@ def upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
         "longest_wait_ms": milliseconds(max(waits.values())),
         "units": [
             {
-                "unit": show_unit(device.client_unit),
+                "unit": None if device.client_unit is None else str(device.client_unit),
                 "behind_the_server": str(device.unit),
                 "longest_wait_ms": milliseconds(waits[device.name]),
             }

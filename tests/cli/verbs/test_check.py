@@ -187,6 +187,33 @@ def test_listeners_for_one_line_say_where_they_lead(config, capsys):
     assert '  Through "b" and no other listener: 1-247, as on the wire.\n' in said
 
 
+WITHOUT_UNITS = """
+[[listen]]
+name = "a"
+bind = "tcp://127.0.0.1:1502"
+line = "x"
+
+[[line]]
+name = "x"
+port = "/dev/null"
+devices = [{ unit = "1-5", as = "none", name = "meter-*" }]
+"""
+
+
+def test_devices_without_units_are_shown_by_their_names(config, capsys):
+    main(["check", config(WITHOUT_UNITS)])
+    said = capsys.readouterr().out
+    assert "  UNIT  ON THE WIRE  DEVICE   PROFILE  LONGEST WAIT\n  -     1            meter-1  generic" in said
+    assert '  Through "a" and no other listener: 1-5, as on the wire.\n' in said
+    assert "  Time limits of generic, meter-1, meter-2, meter-3, ...\n" in said
+    main(["check", "--json", config(WITHOUT_UNITS)])
+    units = json.loads(capsys.readouterr().out)["lines"][0]["units"]
+    assert [(each["unit"], each["device"], each["on_the_wire"]) for each in units[:2]] == [
+        (None, "meter-1", "1"),
+        (None, "meter-2", "2"),
+    ]
+
+
 def test_listeners_for_one_line_as_json(config, capsys):
     main(["check", "--json", config(OWN + FILE)])
     picture = json.loads(capsys.readouterr().out)
