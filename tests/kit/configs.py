@@ -40,6 +40,7 @@ OF_KIND: Mapping[str, st.SearchStrategy[Any]] = {
     "size": st.sampled_from(["0", "64 KiB", "4 MiB"]),
     "duration": st.sampled_from(["auto", "0", "0.001 ms", "1 ms", "10 ms", "100 ms", "1 s", "5 min", "168 h"]),
     '`"refuse"`': st.sampled_from(["refuse", "broadcast", 1, 2, 5]),
+    'units or `"none"`': _UNITS | st.just("none"),
     "units": _UNITS,
     "addresses": st.sampled_from([0, 20, 65536, "0-9", "16-40", ["0-31", "48-80"], "40001-40010", []]),
     "value": st.integers(0, 65535) | st.booleans(),

@@ -24,6 +24,7 @@ from gateway.operator.status import status
 from gateway.profiles.profile import Profile
 from gateway.routing.access import EVERYTHING, AccessRow, Rights
 from gateway.timing.characters import LineTiming
+from kit.asking import ask
 from kit.configs import accepted_configs
 from kit.device import Answer
 from kit.gateway_bench import Client, GatewayBench, keep_lines_open
@@ -99,6 +100,8 @@ class Printed:
         self.picture = picture
         #: Who answers for each unit that clients use, and which place each device's name stands for.
         self.devices: dict[int, Place] = {}
+        #: Those that have a name only.
+        self.named: dict[str, Place] = {}
         self.images = {one["unit"]: one["name"] for one in picture["images"]}
         self.mirrors = {one["unit"]: one["of"] for one in picture["mirrors"]}
         self.places: dict[str, Place] = {}
@@ -106,7 +109,11 @@ class Printed:
         for unit, name, place in self._all_devices():
             assert unit not in self.units, f"unit {unit} is printed twice"
             assert name not in self.places, f"{name} is printed twice"
-            self.devices[unit] = self.places[name] = place
+            self.places[name] = place
+            if unit is None:
+                self.named[name] = place
+            else:
+                self.devices[unit] = place
         for line in picture["lines"]:
             if line["passes_through"]:  # mirrors, and listeners for this line, may be in front of units there
                 wait = max((row["longest_wait_ms"] / 1000 for row in line["units"]), default=LONG)
@@ -127,9 +134,16 @@ class Printed:
     def units(self) -> dict[int, Any]:
         return self.devices | self.images | self.mirrors
 
-    def _all_devices(self) -> Iterator[tuple[int, str, Place]]:
+    def _all_devices(self) -> Iterator[tuple[int | None, str, Place]]:
         for line in self.picture["lines"]:
+            for row in line["units"]:
+                if row["unit"] is None:
+                    place = Place(line["port"], int(row["on_the_wire"]))
+                    self.waits[place] = row["longest_wait_ms"] / 1000
+                    yield None, row["device"], place
             for row in line["units"] if line["shared"] else ():
+                if row["unit"] is None:
+                    continue
                 units = parse_units(row["unit"].split(", "))
                 on_the_wire = units if row["on_the_wire"] == "same" else [int(row["on_the_wire"])]
                 for unit, wire_unit in zip(units, on_the_wire, strict=True):
@@ -139,6 +153,8 @@ class Printed:
                     yield unit, name, place
         for upstream in self.picture["upstreams"]:
             for row in upstream["units"]:
+                if row["unit"] is None:  # its name is not printed
+                    continue
                 unit = int(row["unit"])
                 place = Place(upstream["to"], int(row["behind_the_server"]))
                 self.waits[place] = row["longest_wait_ms"] / 1000
@@ -194,6 +210,15 @@ class Scene:
         else:
             await self._check_image(unit, printed.images[unit])
 
+    async def check_name(self, name: str) -> None:
+        """Who answers for a device without a unit is who was printed, by its name at the control socket."""
+        place = self.printed.named[name]
+        profile = next(each.profile for one in self.lines.values() for each in one.devices if each.name == name)
+        pdu = question(profile)
+        if pdu is not None:
+            answer = await ask(self.bench.running, "request", unit=name, pdu=pdu.hex())
+            await self._check_answer(bytes.fromhex(answer["pdu"]), pdu, place)
+
     async def check_line(self, name: str) -> None:
         """What a listener for one line leads to: addresses on the wire."""
         (line,) = (one for one in self.printed.picture["lines"] if one["name"] == name)
@@ -208,10 +233,12 @@ class Scene:
         """What a listener for one upstream leads to: all units of that server."""
         (upstream,) = (one for one in self.printed.picture["upstreams"] if one["name"] == name)
         named = [int(row["behind_the_server"]) for row in upstream["units"]]
+        (plan,) = (one for one in self.bench.gateway.plan.upstreams if one.upstream.name == name)
+        profiles = {device.unit: device.profile for device in (*plan.unnamed, *reversed(plan.devices))}
         for unit in dict.fromkeys([*named[:MOST_ASKED], *range(0, 256, 51)]):
             place = Place(upstream["to"], unit)
             self.printed.waits[place] = upstream["longest_wait_ms"] / 1000
-            await self._check_device(unit, place, Profile("upstream"))
+            await self._check_device(unit, place, profiles[unit])
 
     async def check_served(self, server: dict[str, Any], unit: int) -> None:
         """What the outside client of a server line gets from `unit`, if it is there in time."""
@@ -342,6 +369,8 @@ async def check_everything(scene: Scene) -> None:
             await scene.check_upstream(listener["upstream"])
         else:
             await check_listener(scene, listener)
+    for name in [*scene.printed.named][:MOST_ASKED]:
+        await scene.check_name(name)
     for server in scene.printed.picture["servers"]:
         for row in server["units"]:
             await scene.check_served(server, row["unit"])
