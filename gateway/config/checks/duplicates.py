@@ -33,7 +33,7 @@ def _generate_names(config: Config) -> dict[str, Table]:
     """Make the default names of units. Duplicates among them come from duplicate lines or units."""
     lines = client_lines(config)
     made: dict[str, Table] = {name: line for line in lines if line.devices is None for name in all_device_names(line)}
-    rows = [(owner, row) for owner in owners(config) for row in rows_of(owner) if row.name is None]
+    rows = [(owner, row) for owner in owners(config) for row in rows_of(owner) if row.name is None and row.client_units]
     made |= {name: row for owner, row in rows for name in device_names(owner, row)}
     for upstream in config.upstream:
         made |= dict.fromkeys(unlisted_units(upstream).values() if listeners_for(upstream, config) else (), upstream)
@@ -41,10 +41,13 @@ def _generate_names(config: Config) -> dict[str, Table]:
 
 
 def _list_names(config: Config) -> Iterator[tuple[str, Table]]:
+    """List the names in the file, and those of devices without units: their numbers may be those of others too."""
+    known = set[str]()
     for owner in owners(config):
         for row in rows_of(owner):
-            if row.name is not None:
+            if row.name is not None or (not row.client_units and owner.label not in known):
                 yield from ((name, row) for name in device_names(owner, row))
+        known.add(owner.label)
     if config.own is not None:
         yield NAME, config.own
     yield from ((image.label, image) for image in config.image)

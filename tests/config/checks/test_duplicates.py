@@ -143,3 +143,25 @@ def test_two_server_lines_with_one_name_are_told_once():
 def test_names_that_access_has_for_others_are_taken(name):
     found = problems(f'{LINE}[[listen]]\nname = "{name}"\nbind = "tcp://127.0.0.1:5020"\n')
     assert any(f'listen[0].name: "{name}" is what [[access]] calls' in problem for problem in found)
+
+
+@pytest.mark.parametrize(
+    ("rows", "name"),
+    [
+        ('{ unit = 5, as = "none" }, { unit = 5, as = "none" }', "a/5"),
+        ('{ unit = 5, as = 41 }, { unit = 41, as = "none" }', "a/41"),
+        ('{ unit = "40-41", as = "none" }, { unit = 5, as = 41 }', "a/41"),
+        ('{ unit = 5, as = "none" }, { unit = 6, name = "a/5" }', "a/5"),
+    ],
+)
+def test_a_device_without_a_unit_has_a_name_of_its_own(rows, name):
+    """Its number on the wire may be that of another one for clients, and its name is all that tells them apart."""
+    text = f'[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{rows}]\n'
+    errors = [each for each in problems(text) if each.startswith("error")]
+    assert len(errors) == 1
+    assert f'"{name}" is already used in' in errors[0]
+
+
+def test_two_lines_of_one_name_are_one_error():
+    text = '[[line]]\nname = "a"\nport = "/dev/{}"\ndevices = [{{ unit = "1-9", as = "none" }}]\n'
+    assert len(problems(text.format("a") + text.format("b"))) == 1
