@@ -153,12 +153,10 @@ class Printed:
                     yield unit, name, place
         for upstream in self.picture["upstreams"]:
             for row in upstream["units"]:
-                if row["unit"] is None:  # its name is not printed
-                    continue
-                unit = int(row["unit"])
+                unit = None if row["unit"] is None else int(row["unit"])
                 place = Place(upstream["to"], int(row["behind_the_server"]))
                 self.waits[place] = row["longest_wait_ms"] / 1000
-                yield unit, f"{upstream['name']}/{unit}", place
+                yield unit, row["device"], place
 
 
 class Scene:
@@ -213,7 +211,10 @@ class Scene:
     async def check_name(self, name: str) -> None:
         """Who answers for a device without a unit is who was printed, by its name at the control socket."""
         place = self.printed.named[name]
-        profile = next(each.profile for one in self.lines.values() for each in one.devices if each.name == name)
+        plan = self.bench.gateway.plan
+        owners = (*plan.lines, *plan.upstreams)
+        profile = next(each.profile for one in owners for each in one.devices if each.name == name)
+        self._nothing_was_heard()
         pdu = question(profile)
         if pdu is not None:
             answer = await ask(self.bench.running, "request", unit=name, pdu=pdu.hex())
@@ -258,8 +259,7 @@ class Scene:
 
     async def ask(self, unit: int, pdu: bytes, place: Place | None = None) -> bytes:
         """The response, which comes within the longest wait that was printed for `place`, or at once."""
-        for one in self.everybody.values():
-            one.heard.clear()
+        self._nothing_was_heard()
         client = Client(self.bench.gateway, listener=self._listener)
         client.ask(0 if unit == self._unit0 else unit, pdu.hex())
         is_silent = self.printed.picture["listeners"][self._listener]["on_failure"] == "silent"
@@ -272,6 +272,10 @@ class Scene:
                 return NOTHING
             raise
         return bytes.fromhex(response)
+
+    def _nothing_was_heard(self) -> None:
+        for one in self.everybody.values():
+            one.heard.clear()
 
     async def _check_device(self, unit: int, place: Place, profile: Profile) -> None:
         pdu = question(profile)

@@ -67,6 +67,7 @@ def upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
             {
                 "unit": None if device.client_unit is None else str(device.client_unit),
                 "behind_the_server": str(device.unit),
+                "device": device.name,
                 "longest_wait_ms": milliseconds(waits[device.name]),
             }
             for device in plan.devices
