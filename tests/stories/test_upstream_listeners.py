@@ -11,6 +11,7 @@ from gateway.operator.asked import Traced
 from gateway.operator.metrics import read
 from gateway.operator.status import status
 from gateway.operator.trace import page
+from kit.asking import ask
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.over_tcp import OverTcpClient
 
@@ -240,3 +241,16 @@ def reloaded(bench: GatewayBench, text: str):
     gateway = bench.rebuilt(text)
     bench.running.apply(gateway)
     return gateway
+
+
+async def test_a_unit_without_a_number_for_other_clients_has_its_name() -> None:
+    config = CONFIG.replace("{ as = 73, unit = 1 }", '{ unit = "7-8", as = "none", name = "meter-*" }')
+    rows = '[[access]]\nunits = 7\nallow = ["write"]\n[[access]]\nallow = ["read"]\n'
+    async with gateway_bench(config + rows) as bench:
+        servers = Servers(bench)
+        assert await bench.client(listener=SCADA).asks(7, READ) == "83 0A"
+        assert await bench.client(listener=ROOF).asks(7, READ) == "03 02 00 07"
+        assert await bench.client(listener=ROOF).asks(7, WRITE) == "86 01", "the row for unit 7 is about another one"
+        answer = await ask(bench.running, "request", unit="meter-8", pdu=READ)
+        assert (answer["unit"], answer["pdu"]) == (None, "03 02 00 08")
+        assert servers.heard == [("roof", 7, 3), ("roof", 8, 3)]
