@@ -592,62 +592,91 @@ def test_its_repr_is_a_line_of_status() -> None:
 
 
 class Witness(Asker):
-    """Remembers which request was answered with what."""
+    """Remembers which request was answered with what, and how many requests the server had got when it was made."""
 
-    def __init__(self, client: str) -> None:
+    def __init__(self, client: str, bench: UpstreamBench) -> None:
         super().__init__(client)
-        self.outcomes: list[tuple[int, str, str]] = []
+        self.outcomes: list[tuple[int, str, str, int]] = []
+        self._bench = bench
+        self._sent_before: dict[int, int] = {}
+
+    def ask(self, pdu: str, unit: int = 7, now: float = 0.0):
+        request = super().ask(pdu, unit=unit, now=now)
+        self._sent_before[id(request)] = len(self._bench.sent)
+        return request
 
     def answer(self, request, pdu):
         super().answer(request, pdu)
-        self.outcomes.append((request.unit, request.pdu.hex(), pdu.hex()))
+        self.outcomes.append((request.unit, request.pdu.hex(" "), pdu.hex(), self._sent_before.pop(id(request))))
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_whatever_the_server_does_each_request_gets_one_answer_and_only_its_own(seed: int) -> None:
-    """Answers late, twice, never, out of order, with wrong units and shapes; values say what was asked."""
+KEYS = [
+    {"in_flight": 4},
+    {"in_flight": 4, "retries": 2, "rest": 0.0},
+    {"in_flight": 3, "retries": 1, "wake": 0.5, "coalesce": False},
+    {"in_flight": 1, "gap": 0.02, "retries": 1, "wake": 1.0},
+    {"in_flight": 2, "after_connect": 0.1, "rest": 0.0},
+]
+
+
+@pytest.mark.parametrize("keys", KEYS, ids=str)
+@pytest.mark.parametrize("seed", range(8))
+def test_whatever_the_server_does_each_request_gets_one_answer_and_only_its_own(seed: int, keys: dict) -> None:
+    """Answers late, twice, never, out of order, with wrong units and shapes; values say which sending is answered.
+
+    It asks for the same, from the same unit, and was sent after the client has asked.
+    """
     chance = random.Random(seed)
-    bench = UpstreamBench(in_flight=4, queue=8, max_wait=0.4)
-    askers = [Witness(f"10.0.0.{number}:1") for number in range(6)]
-    asked, on_the_way = 0, []
+    bench = UpstreamBench(queue=8, max_wait=0.4, **keys)
+    askers = [Witness(f"10.0.0.{number}:1", bench) for number in range(6)]
+    on_the_way: list[int] = []
     for _ in range(600):
         before = len(bench.sent)
-        bench.ask(f"03 00 {asked % 256:02X} 00 01", chance.choice([37, 38]), chance.choice(askers))
-        asked += 1
-        on_the_way += bench.sent[before:]
+        bench.ask(f"03 00 {chance.randrange(4):02X} 00 01", chance.choice([37, 38]), chance.choice(askers))
         for _ in range(chance.randrange(3)):
+            on_the_way += range(before, before := len(bench.sent))
             if on_the_way:
                 play(bench, chance, on_the_way)
         bench.pass_time(chance.choice([0, 0.01, 0.1, 0.3]))
-        if chance.random() < 0.02:
-            bench.upstream.port_down(bench.now)
-            on_the_way.clear()
-            bench.connect()
-        if chance.random() < 0.02:
-            bench.hang_up()
-            on_the_way.clear()
-            bench.pass_time(chance.choice([0, 0.1, 1.0]))
-            bench.connect()
+        on_the_way += range(before, len(bench.sent))
+        end_connection(bench, chance, on_the_way)
     bench.pass_time(10)
     assert (bench.upstream.under_way, bench.upstream.waiting) == (0, 0)
     assert not bench.upstream._sent._instead
     assert not bench.upstream._sent._asking
     outcomes = [outcome for asker in askers for outcome in asker.outcomes]
-    assert len(outcomes) == asked
+    assert len(outcomes) == 600
     good = [outcome for outcome in outcomes if not outcome[2].startswith("83")]
     assert len(good) > 50
-    assert all(answer == f"0302{unit - 30:02x}{pdu[4:6]}" for unit, pdu, answer in good)
+    for unit, pdu, answer, sent_before in good:
+        number = int(answer[4:], 16)
+        assert number >= sent_before
+        assert (bench.sent[number].unit, bench.sent[number].pdu) == (unit - 30, pdu.upper())
 
 
-def play(bench: UpstreamBench, chance: random.Random, on_the_way: list) -> None:
-    request = on_the_way.pop(chance.randrange(len(on_the_way)))
-    address = bytes.fromhex(request.pdu)[2]
-    pdu = bytes((3, 2, request.unit, address))
+def end_connection(bench: UpstreamBench, chance: random.Random, on_the_way: list[int]) -> None:
+    if chance.random() < 0.02:
+        bench.upstream.port_down(bench.now)
+    elif chance.random() < 0.02:
+        bench.hang_up()
+        bench.pass_time(chance.choice([0, 0.1, 1.0]))
+    else:
+        return
+    on_the_way.clear()
+    before = len(bench.sent)
+    bench.connect()
+    on_the_way += range(before, len(bench.sent))
+
+
+def play(bench: UpstreamBench, chance: random.Random, on_the_way: list[int]) -> None:
+    number = on_the_way.pop(chance.randrange(len(on_the_way)))
+    request = bench.sent[number]
+    pdu = b"\x03\x02" + number.to_bytes(2, "big")
     match chance.randrange(8):
         case 0:
             return
         case 1:
-            on_the_way.append(request)
+            on_the_way.append(number)
         case 2:
             bench.hear(encode(request.transaction, request.unit ^ 1, pdu))
         case 3:
