@@ -183,7 +183,15 @@ async def test_one_hiccup_of_many_requests_keeps_it_too() -> None:
         for client in clients:
             client.ask(1, READ)
         assert [await client.answer() for client in clients] == ["83 0B"] * 6
-        assert bench.lines[FIRST].openings == 1
+        assert state(bench) == ("up", FIRST)
+
+
+async def test_each_address_gets_three_requests() -> None:
+    async with gateway_bench(config('timeout = "200 ms"\nrest = "off"', FIRST, SECOND)) as bench:
+        client = bench.client()
+        for number in range(12):
+            assert state(bench) == ("up", (FIRST, SECOND)[number // 3 % 2])
+            assert await client.asks(number % 3 + 1, READ) == "83 0B"
 
 
 async def test_a_late_answer_of_the_first_address_reaches_nobody_at_the_second() -> None:

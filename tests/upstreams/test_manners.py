@@ -284,8 +284,9 @@ def test_nothing_is_sent_again_after_the_end_of_the_connection() -> None:
         assert len(bench.sent) == 1
 
 
-def test_a_repeat_that_waits_when_the_connection_is_lost_was_sent() -> None:
-    bench = UpstreamBench(retries=1, gap=0.05, in_flight=1)
+@pytest.mark.parametrize("keys", [{"retries": 1}, {"wake": 30.0}])
+def test_a_repeat_that_waits_when_the_connection_is_lost_was_sent(keys: dict) -> None:
+    bench = UpstreamBench(gap=0.05, in_flight=1, **keys)
     bench.ask()
     bench.ask(unit=38)
     bench.pass_time(TIMEOUT)
@@ -300,6 +301,7 @@ def test_a_late_response_to_the_first_sending_answers_a_read_that_is_sent_again(
         bench.pass_time(TIMEOUT + 0.01)
         bench.respond("03 02 00 01", to=0)
         assert bench.client.answers == ["03 02 00 01"]
+        assert bench.upstream.overdue == len(bench.sent) - 1
         bench.pass_time(0.1)
         for sent in range(1, len(bench.sent)):
             bench.respond("03 02 00 02", to=sent)
