@@ -267,3 +267,38 @@ async def test_a_server_that_closes_after_each_answer_at_once_is_served_too(keys
             client.ask(unit, READ)
         assert [await client.answer() for _ in range(5)] == ["03 02 00 01"] * 5
         assert "LineLost" not in str(told(bench))
+
+
+# --- the longest wait ---
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        "",
+        "retries = 2",
+        'retries = 1\nwake = "1 s"\ngap = "30 ms"',
+        'transaction_id = "zero"\nretries = 2\nwake = "1 s"',
+        'transaction_id = "zero"\nafter_connect = "200 ms"\nretries = 1\ngap = "30 ms"',
+    ],
+)
+async def test_nobody_waits_longer_than_check_says(keys: str) -> None:
+    """The server is silent, and takes long to accept connections."""
+    async with gateway_bench(config(f'timeout = "300 ms"\nmax_wait = "1 s"\nrest = "off"\n{keys}')) as bench:
+        line, longest = bench.lines[FIRST], bench.gateway.longest_waits["there/1"]
+        line.opens_in = 0.25 + ("after" in keys) * 0.2
+        clients = [bench.client(f"10.0.0.{number}:1") for number in range(4)]
+        took: list[float] = []
+
+        async def ask(number: int) -> None:
+            for round_ in range(10):
+                began = clients[number].now()
+                answer = await clients[number].asks(1, f"03 00 {number:02X} 00 01")
+                assert answer in {"83 0A", "83 0B", "83 06"}
+                took.append(clients[number].now() - began)
+                await asyncio.sleep(round_ % 3)
+
+        await asyncio.gather(*map(ask, range(4)))
+        assert max(took) <= longest
+        repeats = 1 + keys.count("wake") + sum(int(one[-1]) for one in keys.splitlines() if "retries" in one)
+        assert max(took) >= 0.3 * repeats

@@ -130,15 +130,19 @@ def times_for_repeats(plan: LinePlan) -> tuple[float, float]:
 def longest_waits_behind(plan: UpstreamPlan) -> dict[str, float]:
     """Compute the longest wait for each unit behind another server, by its name: for its turn, and for the response.
 
-    Reads are repeated at once. The first requests wait for the connection, and for what has to pass after it.
+    Reads are repeated at once, and sent once more to wake a device; where the server answers with identifier 0, over a
+    new connection. The first requests wait for the connection, and for what has to pass after it.
     """
     settings = plan.upstream
-    before = settings.max_wait + settings.gap + (plan.port.after_connect if isinstance(plan.port, TcpSettings) else 0.0)
+    before = settings.max_wait + settings.gap + settings.after_connect
+    is_zero = settings.transaction_id == "zero"
     waits: dict[Hashable, float] = {}
     for device in (*plan.devices, *plan.unnamed):
         kind = _limiting(device)
         if kind not in waits:
-            waits[kind] = before + (1 + settings.retries) * _longest_limit_behind(device)
+            limit, repeats = _longest_limit_behind(device), (device.wake > 0.0) + settings.retries
+            connecting = min(limit, settings.max_wait) + settings.after_connect if is_zero else 0.0
+            waits[kind] = before + limit + repeats * (settings.gap + connecting + limit)
     return {device.name: waits[_limiting(device)] for device in (*plan.devices, *plan.unnamed)}
 
 
@@ -198,9 +202,9 @@ def _reads(plan: LinePlan) -> Iterator[tuple[FunctionLimits, DeviceSettings]]:
 
 
 def _limiting(device: DeviceSettings) -> Hashable:
-    """Give what the limits of a device depend on; tables and profiles as identities."""
+    """Give what the waits for a device depend on; tables and profiles as identities."""
     time = device.answer_time
-    return id(device.profile), id(time.table), time.margin, time.timeout, time.fixed
+    return id(device.profile), id(time.table), time.margin, time.timeout, time.fixed, device.wake
 
 
 def _is_repeated(function: int | None) -> bool:
