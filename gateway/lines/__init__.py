@@ -3,6 +3,7 @@
 - line         the state machine: one request at a time
 - turns        fair turns: each address one per round, urgent ones first
 - queue, scheduler    requests that wait, are refused, or must not be sent yet
+- waiting      what lines and upstreams decide alike, and what differs
 - ledger, exchange    responses that may still come: late, to other clients, held back by a connection (ADR 5)
 - attribution  the owner of each received frame: the table of rules (ADR 14)
 - receiver, echo, pacing    the outcome of a request; copies of our own requests; when the port is read (ADR 11)

@@ -3,6 +3,7 @@
 - opener, opening    opens ports by their settings
 - serial_port, serial_transport    an open serial port (ADR 15)
 - tcp, network    TCP connections; look-ups of names
+- addresses    several addresses of one server
 - reconnector  opens a port again after a loss
 - error_boundary    keeps a defect in one line from the others
 """

@@ -118,6 +118,18 @@ async def test_a_listener_for_a_site_has_its_units_under_their_numbers_there(nat
         assert await client.asks(41, WRITE) == "86 01"
 
 
+async def test_equal_reads_of_several_clients_are_requests_of_each(nats):
+    """Headers name one client and its role; the owner's line shares the reads."""
+    async with sites(ASKER.replace("units", "in_flight = 1\nunits"), OWNER) as (a, b):
+        on_line(b)
+        clients = [a.client(f"10.0.0.{number}:1") for number in range(4)]
+        for client in clients:
+            client.ask(41, READ)
+        assert [await client.answer() for client in clients] == ["03 02 00 00"] * 4
+        (upstream,) = a.gateway.upstreams
+        assert (upstream.devices[41].counts[3].sent, upstream.devices[41].counts[3].coalesced) == (4, 0)
+
+
 async def test_another_site_only_reads_until_a_row_names_it(nats):
     async with sites(ASKER, OWNER) as (a, b):
         devices = on_line(b)
