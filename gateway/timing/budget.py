@@ -82,19 +82,35 @@ class Budget:
         return self.line.frame(len(asked.data))
 
 
+class ServerBudget:
+    """The time limits of requests to another server: bytes take no time."""
+
+    def limit(self, asked: RequestPdu, answer_time: AnswerTime) -> float:
+        """Compute the seconds until the request fails."""
+        return limit_behind_server(asked, answer_time)
+
+    def response_wire_time(self, asked: RequestPdu) -> float:  # noqa: ARG002 - see Budget
+        """Return 0."""
+        return 0.0
+
+    def request_wire_time(self, asked: RequestPdu) -> float:  # noqa: ARG002 - see Budget
+        """Return 0."""
+        return 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class Pace:
     """What takes time on a line; all in seconds.
 
     `gap` is the silence before each request, and `frame_end` the one by which a device notices the end of its request:
-    no answer comes sooner. `latency` is what the port adds to each answer. Without a wire bytes take no time.
+    no answer comes sooner. `latency` is what the port adds to each answer. Without a wire (`timing` None) bytes take no
+    time.
     """
 
-    timing: LineTiming
+    timing: LineTiming | None
     gap: float
-    frame_end: float
+    frame_end: float = 0.0
     latency: float = 0.0
-    has_wire: bool = True
 
     def time_of(self, asked: RequestPdu, table: TimingTable) -> float:
         """Compute the time from the first character of the request until the next one may be sent.
@@ -102,10 +118,7 @@ class Pace:
         A function without a row in `table` is answered as soon as can be, so the time is the shortest possible one.
         """
         answer = table.time(asked.function, asked.items) or 0.0
-        if not self.has_wire:
+        if self.timing is None:
             return self.gap + answer + self.latency
-        frames = self._wire_time(len(asked.data)) + self._wire_time(asked.longest_response)
+        frames = sum(self.timing.frame(size) for size in (len(asked.data), asked.longest_response) if size)
         return self.gap + frames + max(answer, self.frame_end) + self.latency
-
-    def _wire_time(self, pdu_size: int) -> float:
-        return self.timing.frame(pdu_size) if pdu_size else 0.0

@@ -133,5 +133,5 @@ def test_an_ascii_read_takes_two_characters_for_each_byte():
 
 
 def test_bytes_take_no_time_without_a_wire():
-    pace = Pace(RTU, gap=0.002, frame_end=0.004, latency=0.001, has_wire=False)
+    pace = Pace(None, gap=0.002, frame_end=0.004, latency=0.001)
     assert pace.time_of(READ_TEN, TABLE) == pytest.approx(0.002 + 0.050 + 0.001)

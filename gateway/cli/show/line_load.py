@@ -1,22 +1,37 @@
-"""What `check` shows of a line's time: what its polls take of it, and how often its devices can be read."""
+"""What `check` shows of the time of a line or upstream: what its polls take, and how often devices can be read."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from gateway.cli.kit.columns import align
 from gateway.config.plan.line_load import PollLoad, ReadRate, load_of, total_share
-from gateway.config.plan.settings import LinePlan, Plan
+from gateway.config.plan.settings import LinePlan, Plan, UpstreamPlan
 from gateway.config.values.duration import show_duration
 
 
-def polls_as_text(line: LinePlan, plan: Plan) -> Iterator[str]:
-    """Show a table of the declared polls of a line, if it has any."""
-    load = load_of(line, plan)
+def polls_as_text(owner: LinePlan | UpstreamPlan, plan: Plan) -> Iterator[str]:
+    """Show a table of the declared polls of a line or upstream, if it has any."""
+    load = load_of(owner, plan)
     if load:
-        rows = [(one.poll.by, one.poll.of.name, one.poll.what, show_duration(one.poll.every), _time(one.time),
-                 _percent(one.share)) for one in load]  # fmt: skip
-        table = align([("BY", "OF", "READS", "EVERY", "LINE TIME", "SHARE"), *rows], "    ")
-        yield f"  Declared polls take {_percent(total_share(load))} of the line\n{table}"
+        rows = [(one.poll.by, one.poll.of.name, one.poll.what, show_duration(one.poll.every),
+                 _time(one.time) if one.time else "-", _percent(one.share) if one.time else "-")
+                for one in load]  # fmt: skip
+        of, time = ("line", "LINE TIME") if isinstance(owner, LinePlan) else ("connection", "TIME")
+        table = align([("BY", "OF", "READS", "EVERY", time, "SHARE"), *rows], "    ")
+        yield f"  Declared polls take {_total(load)} of the {of}{_assumed(load)}\n{table}"
+
+
+def _total(load: tuple[PollLoad, ...]) -> str:
+    if not any(one.time for one in load):
+        return "an unknown share"
+    at_least = "" if all(one.has_time for one in load) else "at least "
+    return f"{at_least}{_percent(total_share(load))}"
+
+
+def _assumed(load: tuple[PollLoad, ...]) -> str:
+    """Say whose answer times are not in the sum."""
+    profiles = dict.fromkeys(one.poll.of.profile.name for one in load if not one.has_time)
+    return f" (answer times not known: {', '.join(profiles)})" if profiles else ""
 
 
 def rates_as_text(rates: Sequence[ReadRate], of: str) -> Iterator[str]:
@@ -39,6 +54,7 @@ def polls_as_json(load: Iterable[PollLoad]) -> list[dict[str, Any]]:
             "every_ms": round(1000 * one.poll.every, 3),
             "line_time_ms": round(1000 * one.time, 3),
             "share": round(one.share, 4),
+            "answer_time_known": one.has_time,
         }
         for one in load
     ]

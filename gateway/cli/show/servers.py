@@ -1,9 +1,20 @@
 """The upstreams and server lines of a config, as `check` shows them."""
 
+from collections.abc import Iterator
 from typing import Any
 
 from gateway.cli.kit.columns import align
+from gateway.cli.show.devices import (
+    device_as_json,
+    devices_table,
+    failures_as_text,
+    limits_as_text,
+    one_of_each_kind,
+    shown_devices,
+    wakes_as_text,
+)
 from gateway.cli.show.limits import milliseconds, round_up
+from gateway.cli.show.line_load import polls_as_json, polls_as_text
 from gateway.cli.show.lines import show_silence
 from gateway.cli.show.listeners import ON_FAILURE_SILENT, listeners_for, through
 from gateway.cli.show.sites import timeout_advice
@@ -13,27 +24,51 @@ from gateway.config.plan.forecast import (
     longest_waits_behind,
     waits_behind,
 )
+from gateway.config.plan.line_load import load_of, total_share
 from gateway.config.plan.settings import Plan, ServerPlan, UpstreamPlan
 from gateway.config.values.duration import show_duration
-from gateway.config.values.unitset import show_unit
+from gateway.ports.port import TcpSettings
 
 
 def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
-    """Show an upstream and the units behind it."""
-    settings, waits = plan.upstream, longest_waits_behind(plan)
-    wait = round_up(max(waits.values()))
-    rows = [(show_unit(device.client_unit), str(device.unit), round_up(waits[device.name])) for device in plan.devices]
-    is_shared = any(device.client_unit is not None for device in plan.devices)
-    names = through(listeners_for(settings.name, whole), is_shared=is_shared)
+    """Show an upstream, the units behind it with their time limits, and what its polls take of the connection."""
+    waits = longest_waits_behind(plan)
+    devices = shown_devices(plan, plan.devices, waits)
+    names = through(listeners_for(plan.name, whole), is_shared=any(one.client_unit is not None for one in plan.devices))
+    longest = round_up(max(waits.values()))
     return "\n".join(
         [
-            f"Upstream {settings.name}: {plan.port.port}",
-            f"  {settings.in_flight} in flight",
-            *([align([("UNIT", "BEHIND THE SERVER", "LONGEST WAIT"), *rows], "  ")] if rows else []),
-            *([f"{names}: 0-255, as behind the server; longest wait {wait}."] if names else []),
+            f"Upstream {plan.name}: {', else '.join(port.port for port in (plan.port, *plan.others))}",
+            f"  {', '.join(_manners(plan))}",
+            *failures_as_text(plan.upstream),
+            *([devices_table(devices, "BEHIND THE SERVER")] if devices else []),
+            *([f"{names}: 0-255, as behind the server; longest wait {longest}."] if names else []),
             *timeout_advice(plan),
+            *wakes_as_text(plan.devices),
+            *polls_as_text(plan, whole),
+            *(limits_as_text(one, of) for one, of in one_of_each_kind(devices)),
         ]
     )
+
+
+def _manners(plan: UpstreamPlan) -> Iterator[str]:
+    """Say how the server is asked: how many requests at once, and what else is not the default."""
+    settings, after_connect = plan.upstream, _after_connect(plan)
+    yield f"{settings.in_flight} in flight"
+    if settings.gap:
+        yield f"gap {show_duration(settings.gap)}"
+    if after_connect:
+        yield f"{show_duration(after_connect)} of silence after connecting"
+    if settings.idle:
+        yield f"closed after {show_duration(settings.idle)} without a request"
+    if settings.transaction_id == "zero":
+        yield "transaction identifier 0 is taken too"
+    if not settings.coalesce:
+        yield "equal reads are not shared"
+
+
+def _after_connect(plan: UpstreamPlan) -> float:
+    return plan.port.after_connect if isinstance(plan.port, TcpSettings) else 0.0
 
 
 def server_as_text(server: ServerPlan, plan: Plan) -> str:
@@ -56,21 +91,30 @@ def server_as_text(server: ServerPlan, plan: Plan) -> str:
 
 def upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
     """Make an upstream for programs."""
-    waits = longest_waits_behind(plan)
+    settings, waits, load = plan.upstream, longest_waits_behind(plan), load_of(plan, whole)
     return {
-        "name": plan.upstream.name,
+        "name": plan.name,
         "to": plan.port.port,
-        "in_flight": plan.upstream.in_flight,
-        "own_listeners": listeners_for(plan.upstream.name, whole),
+        "others": [other.port for other in plan.others],
+        "in_flight": settings.in_flight,
+        "gap_ms": milliseconds(settings.gap),
+        "after_connect_ms": milliseconds(_after_connect(plan)),
+        "idle_ms": milliseconds(settings.idle),
+        "transaction_id": settings.transaction_id,
+        "coalesce": settings.coalesce,
+        "retries": settings.retries,
+        "rest_ms": None if settings.rest is None else milliseconds(settings.rest),
+        "own_listeners": listeners_for(plan.name, whole),
         "longest_wait_ms": milliseconds(max(waits.values())),
+        "polls": polls_as_json(load),
+        "polls_share": round(total_share(load), 4),
         "units": [
             {
-                "unit": None if device.client_unit is None else str(device.client_unit),
-                "behind_the_server": str(device.unit),
-                "device": device.name,
-                "longest_wait_ms": milliseconds(waits[device.name]),
+                "behind_the_server": one.wire_units,
+                **device_as_json(one),
+                "wake_ms": milliseconds(one.device.wake),
             }
-            for device in plan.devices
+            for one in shown_devices(plan, plan.devices, waits)
         ],
     }
 

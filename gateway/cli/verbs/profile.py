@@ -24,7 +24,7 @@ from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, p
 from gateway.config.values.duration import show_duration
 from gateway.config.values.ranges import show_ranges
 from gateway.profiles.profile import Profile, Range
-from gateway.timing.budget import AnswerTime
+from gateway.timing.budget import AnswerTime, Budget
 from gateway.timing.characters import CharacterFormat, LineTiming
 
 #: The text for whether a point can be written.
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     profile = profile_of(args.name, tables[args.name])
     timing = LineTiming(mode, args.baud, format_)
     answer_time = AnswerTime(profile.timing, profile.margin, profile.timeout)
-    limits = function_limits(profile, answer_time, timing, ASSUMED_LATENCY)
+    limits = function_limits(profile, answer_time, Budget(timing, ASSUMED_LATENCY))
     points = tables[args.name].points
     print(_as_json(profile, timing, limits, points) if args.json else _as_text(profile, timing, limits, points))
     return FINE

@@ -1,21 +1,25 @@
-"""Cross-checks of what the config asks of its lines."""
+"""Cross-checks of what the config asks of its lines and upstreams."""
 
 from collections.abc import Iterator
 
 from gateway.config.plan.line_load import FULL, load_of, total_share
-from gateway.config.plan.reach import client_lines
+from gateway.config.plan.names import owners
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, warning
 from gateway.config.schema.config import Config
+from gateway.config.schema.line import Line
 
 
 def check_load(config: Config, plan: Plan) -> Iterator[Problem]:
-    """Find lines that have no time for anything but their declared polls."""
-    for line, line_plan in zip(client_lines(config), plan.lines, strict=True):
-        share = total_share(load_of(line_plan, plan))
+    """Find lines and upstreams that have no time for anything but their declared polls."""
+    for owner, of_plan in zip(owners(config), (*plan.lines, *plan.upstreams), strict=True):
+        load = load_of(of_plan, plan)
+        share = total_share(load)
         if share >= FULL:
-            what = f"the polls of {_pollers(config)} need {share:.0%} of its time"
-            yield warning(line.path, what, "poll less often, or raise the rate of the line")
+            at_least = "" if all(each.has_time for each in load) else "at least "
+            what = f"the polls of {_pollers(config)} need {at_least}{share:.0%} of its time"
+            faster = ", or raise the rate of the line" if isinstance(owner, Line) else ""
+            yield warning(owner.path, what, f"poll less often{faster}")
 
 
 def _pollers(config: Config) -> str:

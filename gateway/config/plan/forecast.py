@@ -21,8 +21,7 @@ from gateway.modbus.functions import (
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.ports.port import TcpSettings
 from gateway.profiles.profile import Profile
-from gateway.timing.budget import AnswerTime, Budget, limit_behind_server
-from gateway.timing.characters import LineTiming
+from gateway.timing.budget import AnswerTime, Budget, ServerBudget
 
 #: A guard is longer than the transaction by this many seconds: the delay that the operating system may add.
 _MARGIN: Final = 0.05
@@ -61,10 +60,9 @@ class FunctionLimits:
 
 
 def function_limits(
-    profile: Profile, answer_time: AnswerTime, timing: LineTiming, latency: float
+    profile: Profile, answer_time: AnswerTime, budget: Budget | ServerBudget
 ) -> tuple[FunctionLimits, ...]:
     """Compute the limits of all functions of a device."""
-    budget = Budget(timing, latency)
     return tuple(_limits_of(function, profile, budget, answer_time) for function in _functions(profile))
 
 
@@ -73,7 +71,7 @@ def longest_wait(plan: LinePlan, device: DeviceSettings, *, repeats: bool = True
 
     With `repeats`, it ends with the last one.
     """
-    limits = function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency)
+    limits = function_limits(device.profile, device.answer_time, plan.budget)
     longest = max(one.request + one.most_items for one in limits)
     if plan.line.retries and repeats:
         longest = max(
@@ -140,19 +138,11 @@ def longest_waits_behind(plan: UpstreamPlan) -> dict[str, float]:
     for device in (*plan.devices, *plan.unnamed):
         kind = _limiting(device)
         if kind not in waits:
-            limit, repeats = _longest_limit_behind(device), (device.wake > 0.0) + settings.retries
+            limits = function_limits(device.profile, device.answer_time, plan.budget)
+            limit, repeats = max(one.most_items for one in limits), (device.wake > 0.0) + settings.retries
             connecting = min(limit, settings.max_wait) + settings.after_connect if is_zero else 0.0
             waits[kind] = before + limit + repeats * (settings.gap + connecting + limit)
     return {device.name: waits[_limiting(device)] for device in (*plan.devices, *plan.unnamed)}
-
-
-def _longest_limit_behind(device: DeviceSettings) -> float:
-    profile = device.profile
-    requests = (
-        request_for(each, most_items(each, profile)) if each in TABLE_FUNCTIONS else _largest_request(each)
-        for each in _functions(profile)
-    )
-    return max(limit_behind_server(asked, device.answer_time) for asked in requests)
 
 
 def least_timeouts_at_other_sites(plan: Plan) -> dict[str, float]:
@@ -196,7 +186,7 @@ def longest_wait_outside(server: ServerPlan) -> float:
 def _reads(plan: LinePlan) -> Iterator[tuple[FunctionLimits, DeviceSettings]]:
     """Find the limits of the reading functions of each kind of device."""
     for device in one_of_each_kind(plan):
-        for limits in function_limits(device.profile, device.answer_time, plan.line.timing, plan.latency):
+        for limits in function_limits(device.profile, device.answer_time, plan.budget):
             if limits.function in READING_FUNCTIONS:
                 yield limits, device
 
@@ -235,7 +225,9 @@ def _functions(profile: Profile) -> Iterator[int]:
         yield from sorted(profile.functions)
 
 
-def _limits_of(function: int, profile: Profile, budget: Budget, answer_time: AnswerTime) -> FunctionLimits:
+def _limits_of(
+    function: int, profile: Profile, budget: Budget | ServerBudget, answer_time: AnswerTime
+) -> FunctionLimits:
     if function not in TABLE_FUNCTIONS:
         named = None if profile.functions is None else function
         functions = {*KNOWN_FUNCTIONS - TABLE_FUNCTIONS, _UNKNOWN_FUNCTION} if named is None else {named}

@@ -1,11 +1,11 @@
-"""What a plan asks of its lines: the share of each that declared polls take, and how often devices can be read."""
+"""What a plan asks of its lines and upstreams: what declared polls take of each, and how often devices can be read."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from gateway.config.plan.forecast import most_items, one_of_each_kind
-from gateway.config.plan.settings import LinePlan, Plan
+from gateway.config.plan.settings import LinePlan, Plan, UpstreamPlan
 from gateway.config.values.reserved_names import MQTT
 from gateway.devices.device import DeviceSettings
 from gateway.images.polls import joined
@@ -38,11 +38,15 @@ class DeclaredPoll:
 
 
 class PollLoad(NamedTuple):
-    """A declared poll, the seconds that its line needs for it, and the share of the line that this is."""
+    """A declared poll, the seconds that its line or upstream needs for it, and the share of its time that this is.
+
+    Unless the profile of the device `has_time` for it, they are the least that it can take.
+    """
 
     poll: DeclaredPoll
     time: float
     share: float
+    has_time: bool
 
 
 class ReadRate(NamedTuple):
@@ -64,7 +68,7 @@ class ReadRate(NamedTuple):
 
 def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
     """Find every read that the gateway sends by itself, because the config says so."""
-    devices = {device.name: device for line in plan.lines for device in line.devices}
+    devices = {device.name: device for owner in (*plan.lines, *plan.upstreams) for device in owner.devices}
     for mirror in plan.mirrors:
         if mirror.of in devices:
             for poll in joined(mirror.polls, mirror.profile.limits):
@@ -76,15 +80,17 @@ def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
                 yield DeclaredPoll(MQTT, devices[published.name], what, request, every)
 
 
-def load_of(line: LinePlan, plan: Plan) -> tuple[PollLoad, ...]:
-    """Compute what the declared polls take of a line. If it is more than there is, they come less often."""
-    names = {device.name for device in line.devices}
-    found = ((poll, time_of(line, poll.of, poll.request)) for poll in declared_polls(plan) if poll.of.name in names)
-    return tuple(PollLoad(poll, time, time / poll.every) for poll, time in found)
+def load_of(owner: LinePlan | UpstreamPlan, plan: Plan) -> tuple[PollLoad, ...]:
+    """Compute what the declared polls take of a line or upstream. If it is more than there is, they come less often."""
+    names, at_once = {device.name for device in owner.devices}, 1
+    if isinstance(owner, UpstreamPlan):
+        at_once = owner.upstream.in_flight
+    found = ((poll, time_of(owner, poll.of, poll.request)) for poll in declared_polls(plan) if poll.of.name in names)
+    return tuple(PollLoad(poll, time, time / poll.every / at_once, _has_time(poll)) for poll, time in found)
 
 
 def total_share(load: tuple[PollLoad, ...]) -> float:
-    """Add up the share of a line that all of its polls take."""
+    """Add up the share of a line or upstream that all of its polls take."""
     return sum(each.share for each in load)
 
 
@@ -97,9 +103,9 @@ def read_rates(line: LinePlan, device: DeviceSettings) -> tuple[ReadRate, ...]:
     return tuple(_rate(line, device, area, count) for count in (*(c for c in _USUAL_COUNTS if c < most), most))
 
 
-def time_of(line: LinePlan, device: DeviceSettings, request: bytes) -> float:
-    """Compute the seconds that a line needs for a request to a device."""
-    return _pace(line, device).time_of(parse_request(request), device.profile.timing)
+def time_of(owner: LinePlan | UpstreamPlan, device: DeviceSettings, request: bytes) -> float:
+    """Compute the seconds that a line or upstream needs for a request to a device."""
+    return _pace(owner, device).time_of(parse_request(request), device.profile.timing)
 
 
 def read_area(profile: Profile) -> Area | None:
@@ -134,10 +140,16 @@ def _time_of_read(line: LinePlan, device: DeviceSettings, count: int) -> float:
     return 0.0 if span is None else time_of(line, device, read_request(span))
 
 
-def _pace(line: LinePlan, device: DeviceSettings) -> Pace:
-    settings = line.line
-    timing, frame_end = settings.timing, settings.timing.frame_end(device.profile.idle_chars)
-    return Pace(timing, settings.silence_before_request, frame_end, _usual_latency(line), settings.wire != "direct")
+def _has_time(poll: DeclaredPoll) -> bool:
+    return poll.request[0] in poll.of.profile.timing.rows
+
+
+def _pace(owner: LinePlan | UpstreamPlan, device: DeviceSettings) -> Pace:
+    if isinstance(owner, UpstreamPlan):
+        return Pace(None, owner.upstream.gap)
+    settings, frame_end = owner.line, owner.line.timing.frame_end(device.profile.idle_chars)
+    timing = None if settings.wire == "direct" else settings.timing
+    return Pace(timing, settings.silence_before_request, frame_end, _usual_latency(owner))
 
 
 def _usual_latency(line: LinePlan) -> float:

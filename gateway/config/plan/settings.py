@@ -20,6 +20,7 @@ from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice
 from gateway.routing.access import DEFAULT_ROWS, AccessRow, Network
+from gateway.timing.budget import Budget, ServerBudget
 from gateway.tls.settings import ClientTls, SecretFile, Secured, ServerTls
 from gateway.upstreams.settings import UpstreamSettings
 
@@ -60,9 +61,19 @@ class LinePlan:
     lease: LeasePlan | None = None
 
     @property
+    def name(self) -> str:
+        """The name of the line."""
+        return self.line.name
+
+    @property
     def latency(self) -> float:
         """Give the latency of the port, as far as it is known before the port is open."""
         return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
+
+    @property
+    def budget(self) -> Budget:
+        """Give what the time limits of its devices are computed with."""
+        return Budget(self.line.timing, self.latency)
 
     @property
     def meaning(self) -> "LinePlan":
@@ -103,6 +114,16 @@ class UpstreamPlan:
     #: connection is the same without.
     usual: DeviceSettings | None = None
     unnamed: tuple[DeviceSettings, ...] = field(default=(), compare=False)
+
+    @property
+    def name(self) -> str:
+        """The name of the upstream."""
+        return self.upstream.name
+
+    @property
+    def budget(self) -> ServerBudget:
+        """Give what the time limits of its devices are computed with."""
+        return ServerBudget()
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from gateway.config.reading.builtin_profiles import builtin_profiles
 from gateway.config.resolve import resolve
 from gateway.config.schema.profile import ProfileTable
 from gateway.listeners.sessions.server_line import UNNOTICED
-from gateway.timing.budget import AnswerTime
+from gateway.timing.budget import AnswerTime, Budget
 from gateway.timing.characters import CharacterFormat, LineTiming
 
 RTU = LineTiming("rtu", 19200, CharacterFormat(8, "E", 1))
@@ -26,7 +26,7 @@ LATENCY = 0.005
 
 def limits_of(profile):
     answer_time = AnswerTime(profile.timing, profile.margin, profile.timeout)
-    return {one.function: one for one in function_limits(profile, answer_time, RTU, LATENCY)}
+    return {one.function: one for one in function_limits(profile, answer_time, Budget(RTU, LATENCY))}
 
 
 def builtin(name):

@@ -1,0 +1,119 @@
+"""The devices of a line or upstream, as `check` shows them: their units, longest waits and time limits."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from gateway.cli.kit.columns import align
+from gateway.cli.show.limits import limits_as_json, limits_table, milliseconds, round_up
+from gateway.config.plan.forecast import FunctionLimits, function_limits
+from gateway.config.plan.settings import LinePlan, UpstreamPlan
+from gateway.config.values.duration import show_duration
+from gateway.config.values.unitset import show_unit, show_units
+from gateway.devices.device import DeviceSettings
+from gateway.lines.settings import LineSettings
+from gateway.upstreams.upstream import UpstreamSettings
+
+#: So many devices without a unit are named beside limits that they share.
+_MOST_NAMED: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ShownDevice:
+    """A device, or all units of a line that passes them through."""
+
+    units: str
+    wire_units: str
+    device: DeviceSettings
+    limits: tuple[FunctionLimits, ...]
+    longest_wait: float
+
+    @property
+    def device_name(self) -> str:
+        """The name of the device, or what stands for those of all units."""
+        return self.device.name if self.units == show_unit(self.device.client_unit) else "(each)"
+
+
+def shown_devices(
+    plan: LinePlan | UpstreamPlan, devices: Iterable[DeviceSettings], waits: Mapping[str, float]
+) -> list[ShownDevice]:
+    """List devices of a line or upstream, each for itself; `waits` are the longest ones, by name."""
+    return [_shown(plan, each, show_unit(each.client_unit), str(each.unit), waits) for each in devices]
+
+
+def all_alike(plan: LinePlan, units: str, waits: Mapping[str, float]) -> ShownDevice:
+    """Make the row of a line that passes these units through."""
+    return _shown(plan, plan.devices[0], units, "same", waits)
+
+
+def _shown(
+    plan: LinePlan | UpstreamPlan, device: DeviceSettings, units: str, wire_units: str, waits: Mapping[str, float]
+) -> ShownDevice:
+    limits = function_limits(device.profile, device.answer_time, plan.budget)
+    return ShownDevice(units, wire_units, device, limits, waits[device.name])
+
+
+def devices_table(devices: Iterable[ShownDevice], place: str) -> str:
+    """Show devices as a table; `place` is the heading of their units on the wire, or behind the server."""
+    rows = [
+        (one.units, one.wire_units, one.device_name, one.device.profile.name, round_up(one.longest_wait))
+        for one in devices
+    ]
+    return align([("UNIT", place, "DEVICE", "PROFILE", "LONGEST WAIT"), *rows], "  ")
+
+
+def one_of_each_kind(devices: Iterable[ShownDevice]) -> Iterator[tuple[ShownDevice, str]]:
+    """Choose a device for each profile and its limits, and name the units for which it stands."""
+    alike: dict[tuple[str, tuple[FunctionLimits, ...]], list[ShownDevice]] = {}
+    for one in devices:
+        alike.setdefault((one.device.profile.name, one.limits), []).append(one)
+    yield from ((same[0], f"{name}, {_name_units(same)}") for (name, _), same in alike.items())
+
+
+def limits_as_text(one: ShownDevice, of: str) -> str:
+    """Show the limits of a device: in one line if all functions have the same."""
+    limits = {each for row in one.limits for each in (row.one_item, row.most_items)}
+    if len(limits) == 1:
+        return f"  Time limit of {of}: {show_duration(limits.pop())}"
+    return f"  Time limits of {of}\n{limits_table(one.limits, '    ')}"
+
+
+def failures_as_text(settings: LineSettings | UpstreamSettings, retry_within: str = "") -> Iterator[str]:
+    """Say what happens after a failure, where that is not the default."""
+    if settings.retries:
+        yield f"  retries {settings.retries}{retry_within}"
+    if settings.rest is not None:
+        yield f"  rest {show_duration(settings.rest) if settings.rest else 'off'}"
+
+
+def wakes_as_text(devices: Iterable[DeviceSettings]) -> Iterator[str]:
+    """Say which devices sleep."""
+    names: dict[float, list[str]] = {}
+    for device in devices:
+        names.setdefault(device.wake, []).append(device.name)
+    for wake, alike in names.items():
+        if wake:
+            sleeps, its = ("sleep", "their") if len(alike) > 1 else ("sleeps", "its")
+            what = f"after {show_duration(wake)} without a request {its} first read is sent twice"
+            yield f"  {', '.join(alike)} {sleeps}: {what}."
+
+
+def device_as_json(one: ShownDevice) -> dict[str, Any]:
+    """Make a device for programs, but for its unit on the wire."""
+    return {
+        "unit": None if one.device.client_unit is None else one.units,
+        "device": one.device_name,
+        "profile": one.device.profile.name,
+        "longest_wait_ms": milliseconds(one.longest_wait),
+        "limits": limits_as_json(one.limits),
+    }
+
+
+def _name_units(devices: list[ShownDevice]) -> str:
+    if len(devices) == 1 and devices[0].device.client_unit is not None:
+        text = devices[0].units
+    else:
+        text = show_units(one.device.client_unit for one in devices if one.device.client_unit is not None)
+    named = [one.device.name for one in devices if one.device.client_unit is None]
+    numbers = [f"unit{'' if text.isdecimal() else 's'} {text}"] if text else []
+    return ", ".join([*numbers, *named[:_MOST_NAMED], *(["..."] if len(named) > _MOST_NAMED else [])])
