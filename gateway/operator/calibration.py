@@ -11,9 +11,9 @@ from gateway.operator.asked import OneUnit
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
-from gateway.runtime.gateway import Gateway
+from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
-from gateway.timing.budget import Budget
+from gateway.timing.budget import Budget, ServerBudget
 
 
 async def tell_times(operator: Operator, asked: OneUnit, _asker: Asker) -> Measured:
@@ -27,35 +27,35 @@ def measured(gateway: Gateway, wanted: object) -> Measured:
     A number means the device that every client can reach; else the one on the first line where it is an address.
 
     Raises:
-        WrongQuestion: there is none, or it is on no line.
+        WrongQuestion: there is none, or the gateway answers it itself.
     """
     unit = find_unit(gateway.plan, wanted)
-    found = [line for line in gateway.lines if unit in line.devices]
+    found = [owner for owner in gateway.owners if unit in owner.devices]
     if found:
-        line = min(found, key=lambda each: unit in each.plan.own_units)
-        return _measured(line, line.devices[unit])
-    called = f"unit {wanted}" if isinstance(wanted, int) else wanted
-    raise WrongQuestion(f"{called} is not a device on a line: only those have a timing table")
+        owner = min(found, key=lambda each: isinstance(each, GatewayLine) and unit in each.plan.own_units)
+        return _measured(owner, owner.devices[unit])
+    raise WrongQuestion(f"the gateway answers unit {unit} itself: only devices have a timing table")
 
 
-def _measured(line: GatewayLine, device: Device) -> Measured:
-    settings, timing = device.settings, line.driver.line.settings.timing
+def _measured(owner: Owner, device: Device) -> Measured:
+    settings, timing = device.settings, None
+    if isinstance(owner, GatewayLine):
+        timing = owner.driver.line.settings.timing
     return Measured(
         unit=settings.client_unit,
         name=settings.name,
         source=device.source,
         profile=settings.profile.name,
-        mode=timing.mode,
-        baud=timing.baud,
-        format=str(timing.format),
+        mode="tcp" if timing is None else timing.mode,
+        baud=0 if timing is None else timing.baud,
+        format="" if timing is None else str(timing.format),
         margin=settings.answer_time.margin,
         timeout_ms=round(settings.answer_time.timeout * 1000, 1),
-        rows=tuple(_rows(line, device)),
+        rows=tuple(_rows(device, owner.budget)),
     )
 
 
-def _rows(line: GatewayLine, device: Device) -> Iterator[MeasuredRow]:
-    budget = Budget(line.driver.line.settings.timing, line.plan.latency)
+def _rows(device: Device, budget: Budget | ServerBudget) -> Iterator[MeasuredRow]:
     for function, times in sorted(device.counts.times.items()):
         if function not in TABLE_FUNCTIONS:
             continue

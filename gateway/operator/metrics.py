@@ -14,6 +14,7 @@ from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
 from gateway.observe.families import Family, Spread
+from gateway.runtime.gateway import Owner
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
@@ -36,9 +37,8 @@ async def read(running: Running) -> list[Family]:
     """Read all metrics of the running gateway, with pauses for its lines; each unit is read in its turn."""
     now = asyncio.get_running_loop().time
     gateway = running.gateway
-    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
     requests, times, units = _Requests(), _Times(), _Units()
-    await in_slices(part for each in (requests, times, units) for owner in owners for part in each.read(owner))
+    await in_slices(part for each in (requests, times, units) for owner in gateway.owners for part in each.read(owner))
     requests.read_routers(running)
     return [
         *requests.families,
@@ -67,7 +67,7 @@ class _Requests:
         )
         self.families = (self._results, self._exceptions, self._coalesced, self._retries, self._errors)
 
-    def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
+    def read(self, owner: Owner) -> Iterator[None]:
         """Add the counts of a line or upstream, one unit at a time."""
         coalesced = retries = 0
         errors = [0] * len(_ERRORS)
@@ -105,7 +105,7 @@ class _Times:
         self._share = _histogram("budget_used_ratio", "The share of its time limit that a response took.")
         self.families = (self._request, self._answer, self._wait, self._share)
 
-    def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
+    def read(self, owner: Owner) -> Iterator[None]:
         """Add the times of a line or upstream, one unit at a time."""
         for unit, counts in _counted(owner):
             for function in counts:
@@ -151,7 +151,7 @@ class _Units:
         )
         self.families = (self._up, self._limit)
 
-    def read(self, owner: GatewayLine | GatewayUpstream) -> Iterator[None]:
+    def read(self, owner: Owner) -> Iterator[None]:
         """Add the units of a line or upstream that were asked, one at a time."""
         now = asyncio.get_running_loop().time
         for unit, device in _asked(owner):
@@ -212,7 +212,7 @@ def _process(running: Running) -> Iterable[Family]:
     return lag, reload, build
 
 
-def _asked(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, Device]]:
+def _asked(owner: Owner) -> list[tuple[str, Device]]:
     """List the units that were asked, by their numbers for clients; by name without one, or if it is another unit's."""
     asked = [(device, device.settings.client_unit) for device in owner.all_devices if device.counts]
     return [
@@ -221,7 +221,7 @@ def _asked(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, Device]]:
     ]
 
 
-def _counted(owner: GatewayLine | GatewayUpstream) -> list[tuple[str, UnitCounts]]:
+def _counted(owner: Owner) -> list[tuple[str, UnitCounts]]:
     """List the counters by unit; broadcasts are unit 0."""
     units = [(unit, device.counts) for unit, device in _asked(owner)]
     return [("0", owner.every_device.counts), *units] if isinstance(owner, GatewayLine) else units

@@ -8,9 +8,6 @@ from gateway.operator.asked import PastOfLine, PastOfUnit
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.units import picture
-from gateway.runtime.gateway import Gateway
-from gateway.runtime.gateway_line import GatewayLine
-from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.timing.history import STEP, LineUse, Past, UnitUse
 
 
@@ -20,7 +17,7 @@ async def tell_line(operator: Operator, asked: PastOfLine, _asker: Asker) -> Lin
     Raises:
         WrongQuestion: there is no such line, or no history.
     """
-    if all(each.name != asked.name for each in _owners(operator.gateway)):
+    if all(each.name != asked.name for each in operator.gateway.owners):
         raise WrongQuestion(f"there is no history of a line {asked.name}")
     return line_past(past_of(operator, slots_in(asked.hours)), asked.name)
 
@@ -33,15 +30,11 @@ async def tell_unit(operator: Operator, asked: PastOfUnit, _asker: Asker) -> Uni
     """
     gateway = operator.gateway
     name = asked.unit if isinstance(asked.unit, str) else picture(gateway, asked.unit).name
-    for owner in _owners(gateway):
+    for owner in gateway.owners:
         if any(device.settings.name == name for device in owner.all_devices):
             return unit_past(past_of(operator, slots_in(asked.hours)), owner.name, name)
     known = picture(gateway, asked.unit).name
     raise WrongQuestion(f"there is no history of {known}, which is not on a line")
-
-
-def _owners(gateway: Gateway) -> tuple[GatewayLine | GatewayUpstream, ...]:
-    return (*gateway.lines, *gateway.upstreams)
 
 
 def past_of(operator: Operator, slots: int) -> Past:

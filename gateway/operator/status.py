@@ -36,7 +36,7 @@ from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
 from gateway.ports.reconnector import Reconnector
 from gateway.readconfig.expiry import certificates
-from gateway.runtime.gateway import Gateway, Listener
+from gateway.runtime.gateway import Gateway, Listener, Owner
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
@@ -133,9 +133,8 @@ def _of_add_ons(running: "Running") -> dict[str, Any]:
     return {field: () if one is None else (one,) for field, one in told}
 
 
-def _devices(gateway: Gateway) -> list[tuple[GatewayLine | GatewayUpstream, Device]]:
-    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    return [(owner, device) for owner in owners for device in owner.all_devices]
+def _devices(gateway: Gateway) -> list[tuple[Owner, Device]]:
+    return [(owner, device) for owner in gateway.owners for device in owner.all_devices]
 
 
 def _listener(listener: Listener) -> ListenerStatus:
@@ -232,7 +231,7 @@ def _upstream(parts: GatewayUpstream) -> UpstreamStatus:
         under_way=upstream.under_way,
         overdue=upstream.overdue,
         unasked_frames=upstream.unasked_frames,
-        counts=total_of_units(device.counts for device in parts.all_devices),
+        counts=total_of_units(parts.counts),
     )
 
 
@@ -242,7 +241,7 @@ def _port_state(reconnector: Reconnector) -> Literal["up", "down", "not tried"]:
     return "up" if reconnector.error is None else "down"
 
 
-def _unit(parts: GatewayLine | GatewayUpstream, device: Device, now: float) -> UnitStatus:
+def _unit(parts: Owner, device: Device, now: float) -> UnitStatus:
     settings, breaker, counts = device.settings, device.breaker, device.counts
     times = {function: counts.times[function] for function in counts}
     return UnitStatus(

@@ -116,6 +116,8 @@ def find_line(gateway: Gateway, wanted: object) -> GatewayLine:
     line = next((each for each in gateway.lines if each.name == wanted), None)
     if line is not None:
         return line
+    if any(wanted == upstream.name for upstream in gateway.upstreams):
+        raise WrongQuestion(f"{wanted} is a connection to another server: that is for lines only")
     if any(wanted == server.name for server in gateway.servers):
         raise WrongQuestion(f"on {wanted} the gateway is a server: an outside client asks there")
     raise no_such_line(wanted, (each.name for each in gateway.lines))

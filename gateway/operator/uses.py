@@ -7,9 +7,8 @@ from typing import Final, NamedTuple
 
 from gateway.devices.device import Device, EveryDevice
 from gateway.lines.counts import RESULTS
-from gateway.runtime.gateway import Gateway
+from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
-from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.timing.history import LineUse, UnitUse
 
 #: The lines never wait longer for a look than this, in seconds.
@@ -21,7 +20,6 @@ _FAILED: Final = attrgetter("bad_frame", "ambiguous", "line_lost")
 _UNSENT: Final = attrgetter("line_down", "resting", "overdue", "echo_suspected", "queue_full", "expired")
 
 _LookedAt = Device | EveryDevice
-_Part = GatewayLine | GatewayUpstream
 
 
 class _Total(NamedTuple):
@@ -47,7 +45,7 @@ class Look:
     def __init__(self) -> None:
         self._at = asyncio.get_running_loop().time()
         self._units: dict[_LookedAt, _Total] = {}
-        self._busy: dict[_Part, float] = {}
+        self._busy: dict[Owner, float] = {}
 
     async def take(self, gateway: Gateway) -> Uses:
         """Return what lines and units have done since the last look, with pauses in which lines work."""
@@ -56,10 +54,9 @@ class Look:
         lines: dict[str, LineUse] = {}
         units: dict[str, UnitUse] = {}
         totals: dict[_LookedAt, _Total] = {}
-        busy: dict[_Part, float] = {}
+        busy: dict[Owner, float] = {}
         until = now() + _SLICE
-        parts: tuple[_Part, ...] = (*gateway.lines, *gateway.upstreams)
-        for part in parts:
+        for part in gateway.owners:
             sent = failed = 0
             for device in _devices(part):
                 if now() >= until:
@@ -79,7 +76,7 @@ class Look:
         return Uses(lines, units)
 
 
-def _devices(part: _Part) -> list[_LookedAt]:
+def _devices(part: Owner) -> list[_LookedAt]:
     all_of_them = [part.every_device] if isinstance(part, GatewayLine) else []
     return [*all_of_them, *part.all_devices]
 
@@ -102,6 +99,6 @@ def _total(device: _LookedAt) -> _Total:
     return total
 
 
-def _busy_seconds(part: _Part, now: float) -> float:
+def _busy_seconds(part: Owner, now: float) -> float:
     """Return how many seconds a line was busy since its start; 0 for an upstream, with several requests at once."""
     return part.driver.line.phases(now).busy if isinstance(part, GatewayLine) else 0.0

@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 #: A listener of any protocol.
 Listener = TcpListener | UdpListener
 
+#: A part that has devices.
+Owner = GatewayLine | GatewayUpstream
 #: A part that keeps a port or a connection open.
-Part = GatewayLine | GatewayUpstream | GatewayServer
+Part = Owner | GatewayServer
 #: The driver of a part. That of a site is loaded only if needed.
 Driver = Union[LineDriver, TcpDriver, SerialListener, "Asker"]
 
@@ -68,10 +70,14 @@ class Gateway:
         return (*self.lines, *self.servers, *self.upstreams)
 
     @property
+    def owners(self) -> tuple[Owner, ...]:
+        """The lines and upstreams: the parts that have devices."""
+        return (*self.lines, *self.upstreams)
+
+    @property
     def longest_waits(self) -> Mapping[str, float]:
         """The longest wait for each unit that is not in the gateway itself, in seconds, by its name."""
-        owners: tuple[GatewayLine | GatewayUpstream, ...] = (*self.lines, *self.upstreams)
-        return {name: wait for owner in owners for name, wait in owner.longest_wait.items()}
+        return {name: wait for owner in self.owners for name, wait in owner.longest_wait.items()}
 
     def load_images(self) -> None:
         """Let new persistent images load the values saved under their names."""

@@ -26,6 +26,7 @@ from gateway.runtime import remembered
 from gateway.runtime.port_records import kept_in
 from gateway.runtime.remembered_port import RememberedPort
 from gateway.state.memory import Memory
+from gateway.timing.budget import Budget
 from gateway.timing.characters import CharacterFormat
 from gateway.trace.ring import Ring
 
@@ -118,6 +119,11 @@ class GatewayLine:
     def all_devices(self) -> tuple[Device, ...]:
         """Its units."""
         return tuple(self.devices.values())
+
+    @property
+    def budget(self) -> Budget:
+        """What the time limits of its devices are computed with, at its present rate."""
+        return Budget(self.driver.line.settings.timing, self.plan.latency)
 
     @property
     def sent(self) -> int:

@@ -9,10 +9,12 @@ from gateway.config.plan.forecast import longest_waits_behind
 from gateway.config.plan.settings import UpstreamPlan
 from gateway.devices.device import Device
 from gateway.events import Emit
+from gateway.lines.counts import UnitCounts
 from gateway.ports.addresses import Addresses
 from gateway.ports.port import SiteSettings
 from gateway.ports.reconnector import Reconnector
 from gateway.runtime.port_records import kept_in
+from gateway.timing.budget import ServerBudget
 from gateway.trace.ring import Ring
 from gateway.upstreams.driver import TcpDriver
 from gateway.upstreams.upstream import Upstream
@@ -50,6 +52,16 @@ class GatewayUpstream:
     def all_devices(self) -> tuple[Device, ...]:
         """Its units; of those that the config does not name, the ones that were asked."""
         return (*self.devices.values(), *(device for device in self.unnamed.values() if device.counts))
+
+    @property
+    def counts(self) -> tuple[UnitCounts, ...]:
+        """The counters of its units."""
+        return tuple(device.counts for device in self.all_devices)
+
+    @property
+    def budget(self) -> ServerBudget:
+        """What the time limits of its devices are computed with."""
+        return self.plan.budget
 
     def unnamed_of(self, plan: UpstreamPlan) -> dict[int, Device]:
         """Return the units that `plan` does not name: existing ones and new ones."""

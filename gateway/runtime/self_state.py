@@ -5,10 +5,10 @@ from typing import Final, Protocol
 from gateway.images.self_image import SelfImage
 from gateway.images.self_map import LAYOUT, LINES, SERVERS, UPSTREAMS, Shown, Values
 from gateway.images.services import BUS_BUSY, BUS_MESSAGES, COMMUNICATION_ERRORS, NO_RESPONSES
-from gateway.lines.counts import Counts, UnitCounts, total, total_of_units
+from gateway.lines.counts import Counts, total, total_of_units
 from gateway.modbus.codes import HIGHEST_UNIT
 from gateway.ports.reconnector import Reconnector
-from gateway.runtime.gateway import Gateway
+from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
@@ -42,10 +42,8 @@ def shown(running: Watched, now: float) -> Shown:
     lines = tuple(_line(running, line, now) for line in gateway.lines)
     servers = tuple(map(_server, gateway.servers))
     upstreams = tuple(_upstream(each, now) for each in gateway.upstreams)
-    owners: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
-    units = (owner.counts if isinstance(owner, GatewayLine) else _counts(owner) for owner in owners)
-    counts = total(map(total_of_units, units))
-    failing = {unit for owner in owners for unit in _failing(owner, now)}
+    counts = total(total_of_units(owner.counts) for owner in gateway.owners)
+    failing = {unit for owner in gateway.owners for unit in _failing(owner, now)}
     down = [sum(part["state"] == _DOWN for part in parts) for parts in (lines, servers, upstreams)]
     values: Values = {
         "layout": LAYOUT,
@@ -57,7 +55,7 @@ def shown(running: Watched, now: float) -> Shown:
         "server-lines-down": down[1],
         "upstreams": len(upstreams),
         "upstreams-down": down[2],
-        "units": sum(len(owner.all_devices) for owner in owners),
+        "units": sum(len(owner.all_devices) for owner in gateway.owners),
         "units-failing": len(failing),
         "clients": sum(listener.clients for listener in gateway.listeners),
         "reload-failed": int(not running.reload_succeeded),
@@ -111,7 +109,7 @@ def _server(server: GatewayServer) -> Values:
 
 
 def _upstream(upstream: GatewayUpstream, now: float) -> Values:
-    counts = total_of_units(_counts(upstream))
+    counts = total_of_units(upstream.counts)
     return {
         "state": _state(upstream.reconnector),
         "waiting": upstream.driver.upstream.waiting,
@@ -131,7 +129,7 @@ def _state(reconnector: Reconnector) -> int:
     return _UP if reconnector.error is None else _DOWN
 
 
-def _failing(owner: GatewayLine | GatewayUpstream, now: float) -> list[int]:
+def _failing(owner: Owner, now: float) -> list[int]:
     """List the keys of units that failed to answer last time; while their line is down, all that were ever asked."""
     is_down = _state(owner.reconnector) == _DOWN
     return [
@@ -139,10 +137,6 @@ def _failing(owner: GatewayLine | GatewayUpstream, now: float) -> list[int]:
         for device in owner.all_devices
         if device.breaker.failures or device.breaker.is_resting(now) or (is_down and device.counts)
     ]
-
-
-def _counts(upstream: GatewayUpstream) -> list[UnitCounts]:
-    return [device.counts for device in upstream.all_devices]
 
 
 def _answered(counts: Counts) -> int:

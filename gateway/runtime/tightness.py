@@ -8,8 +8,7 @@ from typing import Final
 
 from gateway.devices.device import Device
 from gateway.events import Emit, TimingTight
-from gateway.runtime.gateway import Gateway
-from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway import Gateway, Owner
 from gateway.timing.histogram import SHARES, Histogram
 from gateway.timing.measured import Times
 
@@ -51,7 +50,7 @@ class TightLimits:
         return [event for line, device in _devices(gateway) for event in self._tight(line, device, before, now)]
 
     def _tight(
-        self, line: GatewayLine, device: Device, before: dict[tuple[str, str, int], _Seen], now: float
+        self, line: Owner, device: Device, before: dict[tuple[str, str, int], _Seen], now: float
     ) -> Iterator[TimingTight]:
         for function, times in device.counts.times.items():
             key = (line.name, device.name, function)
@@ -70,11 +69,11 @@ class TightLimits:
                 yield _event(line, device, function, share, times.limit)
 
 
-def _devices(gateway: Gateway) -> Iterator[tuple[GatewayLine, Device]]:
-    return ((line, device) for line in gateway.lines for device in line.devices.values())
+def _devices(gateway: Gateway) -> Iterator[tuple[Owner, Device]]:
+    return ((owner, device) for owner in gateway.owners for device in owner.all_devices)
 
 
-def _event(line: GatewayLine, device: Device, function: int, share: float, limit: float) -> TimingTight:
+def _event(line: Owner, device: Device, function: int, share: float, limit: float) -> TimingTight:
     return TimingTight(
         line=line.name,
         unit=device.unit,

@@ -26,6 +26,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.units import may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
+from gateway.runtime.gateway import Owner
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
@@ -44,8 +45,6 @@ from gateway.tools.search import search
 
 #: How long an examination waits for another one to end, in seconds.
 _TURN: Final = 60.0
-#: The parts with units that can be read.
-_Asked = GatewayLine | GatewayUpstream
 
 #: A unit is read until it has this many requests, or until it has failed to answer this often.
 SAMPLES: Final = 4
@@ -98,7 +97,7 @@ async def examined(
     upstreams = [upstream for upstream in gateway.upstreams if wanted in (None, upstream.name)]
     if wanted is not None and not (lines or servers or upstreams):
         raise no_such_line(wanted, [part.name for part in gateway.parts])
-    asked: tuple[_Asked, ...] = (*lines, *upstreams)
+    asked: tuple[Owner, ...] = (*lines, *upstreams)
     if asks:
         found_about = await asyncio.gather(*(_about(running, part, is_there, asks=True) for part in asked))
     else:  # in turn, each with pauses
@@ -129,7 +128,7 @@ def _about_page(running: Running) -> Iterator[Finding]:
         yield Finding("fix", "web", running.page_trouble, "correct [web] in the config, then restart the gateway")
 
 
-async def _about(running: Running, part: _Asked, is_there: IsThere, *, asks: bool) -> list[Finding]:
+async def _about(running: Running, part: Owner, is_there: IsThere, *, asks: bool) -> list[Finding]:
     if isinstance(part, GatewayUpstream):
         return await _about_upstream(running, part, is_there, asks=asks)
     line, now = part, asyncio.get_running_loop().time
@@ -166,11 +165,11 @@ def _told_of_reads(asked: int, *, is_cut_short: bool) -> str:
     return ("one read of a configured unit" if asked == 1 else f"{asked} reads of configured units") + limit
 
 
-def _has_sent(part: _Asked, said: list[str]) -> Finding:
+def _has_sent(part: Owner, said: list[str]) -> Finding:
     return Finding("note", part.name, f"doctor has sent {', and '.join(said)}")
 
 
-async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple[int, bool]:
+async def _ask_units(running: Running, part: Owner, is_there: IsThere) -> tuple[int, bool]:
     """Read units with too little evidence. Return the number of requests, and whether LONGEST_ASKING cut it short."""
 
     def is_wanted() -> bool:
@@ -195,7 +194,7 @@ async def _ask_units(running: Running, part: _Asked, is_there: IsThere) -> tuple
     return asked, False
 
 
-def _doubtful_first(part: _Asked) -> list[Device]:
+def _doubtful_first(part: Owner) -> list[Device]:
     """Return the units to read, failing ones first: then later answers prove that the line still works."""
     named = part.plan.shared if isinstance(part, GatewayLine) else part.plan.devices
     names = {settings.name for settings in named}
@@ -241,7 +240,7 @@ def _told(found: Search) -> list[str]:
     return told
 
 
-def _needs_more(part: _Asked, device: Device, asked_here: int) -> bool:
+def _needs_more(part: Owner, device: Device, asked_here: int) -> bool:
     unit = unit_evidence(part, device)
     if unit.answered and unit.in_a_row:  # did it lose a few requests, does it answer again?
         return not asked_here or max(unit.in_a_row, asked_here) < ENOUGH_IN_A_ROW
@@ -252,7 +251,7 @@ def _needs_more(part: _Asked, device: Device, asked_here: int) -> bool:
     return unit.asked < SAMPLES and unit.timeouts < FAILURES and not unit.late
 
 
-def _failed_ago(part: _Asked) -> float:
+def _failed_ago(part: Owner) -> float:
     """Return the seconds since the last failure of a unit that has not answered since; infinite if there is none."""
     failing = (device.counts.last_error_at for device in part.all_devices if device.breaker.failures)
     return part.now() - max(failing, default=NEVER)

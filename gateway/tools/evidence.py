@@ -7,7 +7,7 @@ from gateway.diagnosis.last import NOW, Last
 from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
 from gateway.ports.port import SerialSettings
-from gateway.runtime.gateway import Gateway, Listener
+from gateway.runtime.gateway import Gateway, Listener, Owner
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.recent import Recent
@@ -15,7 +15,7 @@ from gateway.timing.histogram import SHARES, merged
 from gateway.timing.measured import NEVER
 
 
-async def units_evidence(part: GatewayLine | GatewayUpstream) -> tuple[UnitEvidence, ...]:
+async def units_evidence(part: Owner) -> tuple[UnitEvidence, ...]:
     """Gather the evidence about the units of a line or an upstream, with pauses for other work."""
     return tuple(await in_slices(unit_evidence(part, device) for device in shown_devices(part)))
 
@@ -59,19 +59,19 @@ def line_evidence(
     )
 
 
-def shown_devices(part: GatewayLine | GatewayUpstream) -> list[Device]:
+def shown_devices(part: Owner) -> list[Device]:
     """Select the devices to show: all that the config names, and others that got requests."""
     return [device for device in part.all_devices if device.counts or _is_configured(part, device)]
 
 
-def _is_configured(part: GatewayLine | GatewayUpstream, device: Device) -> bool:
+def _is_configured(part: Owner, device: Device) -> bool:
     """Tell whether the config names the device."""
     if isinstance(part, GatewayLine):
         return not part.plan.passes_through
     return part.unnamed.get(device.settings.unit) is not device
 
 
-def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEvidence:
+def unit_evidence(part: Owner, device: Device) -> UnitEvidence:
     """Gather the evidence about a device of a line or an upstream."""
     settings, counts = device.settings, device.counts
     whole = total(counts.values())
@@ -86,7 +86,7 @@ def unit_evidence(part: GatewayLine | GatewayUpstream, device: Device) -> UnitEv
         unit=settings.client_unit,
         on_the_wire=device.unit,
         name=settings.name,
-        source=device.source if isinstance(part, GatewayLine) else part.plan.upstream.source,
+        source=device.source,
         profile=settings.profile.name,
         answered=whole.ok + whole.exception,
         exceptions=whole.exception,
@@ -128,9 +128,8 @@ def client_evidence(listener: Listener, gateway: Gateway, now: float) -> list[Cl
     """Gather the evidence about clients of a listener that left before their response."""
     if not isinstance(listener, TcpListener):
         return []
-    parts: tuple[GatewayLine | GatewayUpstream, ...] = (*gateway.lines, *gateway.upstreams)
     own = listener.settings.only
-    waits = [wait for part in parts if own in ("", part.name) for wait in part.longest_wait.values()]
+    waits = [wait for part in gateway.owners if own in ("", part.name) for wait in part.longest_wait.values()]
     longest = max(waits, default=0.0)
     return [
         ClientEvidence(host, listener.settings.name, each.count, each.waited, longest, Last(now - each.at))

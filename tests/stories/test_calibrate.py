@@ -220,7 +220,7 @@ def test_a_device_that_falls_silent_ends_it(daemon: Daemon, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("words", "code", "complaint"),
     [
-        (["shift"], 1, "unit 200 is not a device on a line"),
+        (["shift"], 1, "the gateway answers unit 200 itself: only devices have a timing table"),
         (["axis"], 1, 'nothing has the name "axis"; did you mean "axis-1"'),
         (["axis-1", "--write", "10"], 2, "--write is for --active"),
     ],

@@ -42,10 +42,9 @@ class Calibration(Proposal):
     def text(self) -> str:
         """Show all of it for people."""
         about = self.about
-        where = f"{about.mode} {about.baud} {about.format}"
         called = about.name if about.unit is None else f"{about.name} (unit {about.unit})"
         parts = [
-            f"{called}, profile {about.profile}, {where}: {self.count} responses",
+            f"{called}, profile {about.profile}, {_where(about)}: {self.count} responses",
             align([_HEADINGS, *map(self._cells, self.rows)]),
             f"For the profile, with margin = {self.margin:g}:\n\n{self.timing_text}",
             *self._notes(),
@@ -100,10 +99,13 @@ class Calibration(Proposal):
 def measured_profile(table: Calibration) -> str:
     """Make the text of a profile with these times."""
     about, count = table.about, table.count
-    where = f"{about.mode} {about.baud} {about.format}"
     today = datetime.now().astimezone().date()
-    origin = f"Measured by modbus-gateway calibrate {about.name}, {today}: {count} responses, {where}."
+    origin = f"Measured by modbus-gateway calibrate {about.name}, {today}: {count} responses, {_where(about)}."
     return profile_text(about.profile, table.timing_text, table.margin, origin)
+
+
+def _where(about: Measured) -> str:
+    return f"{about.mode} {about.baud} {about.format}" if about.baud else "Modbus TCP"
 
 
 def _ms(seconds: float) -> float:

@@ -7,7 +7,7 @@ from typing import Any, Final
 from gateway.cli.kit.columns import align
 from gateway.cli.show.limits import limits_as_json, limits_table, milliseconds, round_up
 from gateway.config.plan.forecast import FunctionLimits, function_limits
-from gateway.config.plan.settings import LinePlan, UpstreamPlan
+from gateway.config.plan.settings import LinePlan, OwnerPlan
 from gateway.config.values.duration import show_duration
 from gateway.config.values.unitset import show_unit, show_units
 from gateway.devices.device import DeviceSettings
@@ -34,9 +34,7 @@ class ShownDevice:
         return self.device.name if self.units == show_unit(self.device.client_unit) else "(each)"
 
 
-def shown_devices(
-    plan: LinePlan | UpstreamPlan, devices: Iterable[DeviceSettings], waits: Mapping[str, float]
-) -> list[ShownDevice]:
+def shown_devices(plan: OwnerPlan, devices: Iterable[DeviceSettings], waits: Mapping[str, float]) -> list[ShownDevice]:
     """List devices of a line or upstream, each for itself; `waits` are the longest ones, by name."""
     return [_shown(plan, each, show_unit(each.client_unit), str(each.unit), waits) for each in devices]
 
@@ -47,7 +45,7 @@ def all_alike(plan: LinePlan, units: str, waits: Mapping[str, float]) -> ShownDe
 
 
 def _shown(
-    plan: LinePlan | UpstreamPlan, device: DeviceSettings, units: str, wire_units: str, waits: Mapping[str, float]
+    plan: OwnerPlan, device: DeviceSettings, units: str, wire_units: str, waits: Mapping[str, float]
 ) -> ShownDevice:
     limits = function_limits(device.profile, device.answer_time, plan.budget)
     return ShownDevice(units, wire_units, device, limits, waits[device.name])

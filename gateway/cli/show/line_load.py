@@ -5,11 +5,11 @@ from typing import Any
 
 from gateway.cli.kit.columns import align
 from gateway.config.plan.line_load import PollLoad, ReadRate, load_of, total_share
-from gateway.config.plan.settings import LinePlan, Plan, UpstreamPlan
+from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan
 from gateway.config.values.duration import show_duration
 
 
-def polls_as_text(owner: LinePlan | UpstreamPlan, plan: Plan) -> Iterator[str]:
+def polls_as_text(owner: OwnerPlan, plan: Plan) -> Iterator[str]:
     """Show a table of the declared polls of a line or upstream, if it has any."""
     load = load_of(owner, plan)
     if load:

@@ -28,6 +28,7 @@ from gateway.config.plan.line_load import load_of, total_share
 from gateway.config.plan.settings import Plan, ServerPlan, UpstreamPlan
 from gateway.config.values.duration import show_duration
 from gateway.ports.port import TcpSettings
+from gateway.upstreams.upstream import UpstreamSettings
 
 
 def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
@@ -39,7 +40,8 @@ def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
     return "\n".join(
         [
             f"Upstream {plan.name}: {', else '.join(port.port for port in (plan.port, *plan.others))}",
-            f"  {', '.join(_manners(plan))}",
+            f"  {', '.join(_pace(plan))}",
+            *_peculiarities(plan.upstream),
             *failures_as_text(plan.upstream),
             *([devices_table(devices, "BEHIND THE SERVER")] if devices else []),
             *([f"{names}: 0-255, as behind the server; longest wait {longest}."] if names else []),
@@ -51,8 +53,8 @@ def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
     )
 
 
-def _manners(plan: UpstreamPlan) -> Iterator[str]:
-    """Say how the server is asked: how many requests at once, and what else is not the default."""
+def _pace(plan: UpstreamPlan) -> Iterator[str]:
+    """Say when the server is asked: how many requests at once, and what else is not the default."""
     settings, after_connect = plan.upstream, _after_connect(plan)
     yield f"{settings.in_flight} in flight"
     if settings.gap:
@@ -61,10 +63,13 @@ def _manners(plan: UpstreamPlan) -> Iterator[str]:
         yield f"{show_duration(after_connect)} of silence after connecting"
     if settings.idle:
         yield f"closed after {show_duration(settings.idle)} without a request"
+
+
+def _peculiarities(settings: UpstreamSettings) -> Iterator[str]:
     if settings.transaction_id == "zero":
-        yield "transaction identifier 0 is taken too"
+        yield "  responses with transaction identifier 0 are taken too"
     if not settings.coalesce:
-        yield "equal reads are not shared"
+        yield "  equal reads do not share a transaction"
 
 
 def _after_connect(plan: UpstreamPlan) -> float:

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     add = parser.add_argument
-    add("device", help="name or unit ID of a device on a line")
+    add("device", help="name or unit ID of a device")
     add(
         "--for",
         dest="seconds",

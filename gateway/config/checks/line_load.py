@@ -12,7 +12,7 @@ from gateway.config.schema.line import Line
 
 def check_load(config: Config, plan: Plan) -> Iterator[Problem]:
     """Find lines and upstreams that have no time for anything but their declared polls."""
-    for owner, of_plan in zip(owners(config), (*plan.lines, *plan.upstreams), strict=True):
+    for owner, of_plan in zip(owners(config), plan.owners, strict=True):
         load = load_of(of_plan, plan)
         share = total_share(load)
         if share >= FULL:

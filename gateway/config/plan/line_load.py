@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from gateway.config.plan.forecast import most_items, one_of_each_kind
-from gateway.config.plan.settings import LinePlan, Plan, UpstreamPlan
+from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan, UpstreamPlan
 from gateway.config.values.reserved_names import MQTT
 from gateway.devices.device import DeviceSettings
 from gateway.images.polls import joined
@@ -68,7 +68,7 @@ class ReadRate(NamedTuple):
 
 def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
     """Find every read that the gateway sends by itself, because the config says so."""
-    devices = {device.name: device for owner in (*plan.lines, *plan.upstreams) for device in owner.devices}
+    devices = {device.name: device for owner in plan.owners for device in owner.devices}
     for mirror in plan.mirrors:
         if mirror.of in devices:
             for poll in joined(mirror.polls, mirror.profile.limits):
@@ -80,7 +80,7 @@ def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
                 yield DeclaredPoll(MQTT, devices[published.name], what, request, every)
 
 
-def load_of(owner: LinePlan | UpstreamPlan, plan: Plan) -> tuple[PollLoad, ...]:
+def load_of(owner: OwnerPlan, plan: Plan) -> tuple[PollLoad, ...]:
     """Compute what the declared polls take of a line or upstream. If it is more than there is, they come less often."""
     names, at_once = {device.name for device in owner.devices}, 1
     if isinstance(owner, UpstreamPlan):
@@ -103,7 +103,7 @@ def read_rates(line: LinePlan, device: DeviceSettings) -> tuple[ReadRate, ...]:
     return tuple(_rate(line, device, area, count) for count in (*(c for c in _USUAL_COUNTS if c < most), most))
 
 
-def time_of(owner: LinePlan | UpstreamPlan, device: DeviceSettings, request: bytes) -> float:
+def time_of(owner: OwnerPlan, device: DeviceSettings, request: bytes) -> float:
     """Compute the seconds that a line or upstream needs for a request to a device."""
     return _pace(owner, device).time_of(parse_request(request), device.profile.timing)
 
@@ -144,7 +144,7 @@ def _has_time(poll: DeclaredPoll) -> bool:
     return poll.request[0] in poll.of.profile.timing.rows
 
 
-def _pace(owner: LinePlan | UpstreamPlan, device: DeviceSettings) -> Pace:
+def _pace(owner: OwnerPlan, device: DeviceSettings) -> Pace:
     if isinstance(owner, UpstreamPlan):
         return Pace(None, owner.upstream.gap)
     settings, frame_end = owner.line, owner.line.timing.frame_end(device.profile.idle_chars)

@@ -126,6 +126,10 @@ class UpstreamPlan:
         return ServerBudget()
 
 
+#: A part that has devices.
+OwnerPlan = LinePlan | UpstreamPlan
+
+
 @dataclass(frozen=True, slots=True)
 class ServerPlan:
     """A server line: its port, its settings, and the recipients of its broadcasts."""
@@ -272,6 +276,11 @@ class Plan:
     fleet: FleetPlan | None = None
     #: How many bytes the ring of `trace` has; 0 for none.
     ring: int = DEFAULT_RING
+
+    @property
+    def owners(self) -> "tuple[OwnerPlan, ...]":
+        """The lines and upstreams: the parts that have devices."""
+        return (*self.lines, *self.upstreams)
 
     @property
     def add_ons(self) -> Mapping[str, WebPlan | MqttPlan | FleetPlan]:

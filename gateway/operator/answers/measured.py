@@ -23,7 +23,7 @@ class MeasuredRow:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A device on a line, and its response times."""
+    """A device and its response times. Behind another server `mode` is tcp, without `baud` (0) and `format` (empty)."""
 
     unit: int | None
     name: str

@@ -101,9 +101,7 @@ class UnitPage:
             function_name=function_name,
             exception_name=exception_name,
             clock=day_and_time,
-            calibrate=f"modbus-gateway calibrate {quote(unit.name)}"
-            if unit.kind == "device" and any(each.responses for each in times)
-            else "",
+            calibrate=f"modbus-gateway calibrate {quote(unit.name)}" if any(each.responses for each in times) else "",
             failures=failed,
             why_no_failures=why,
             kinds=_kinds(status),
