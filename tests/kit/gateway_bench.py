@@ -3,6 +3,7 @@
 import asyncio
 from contextlib import asynccontextmanager, closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from gateway.clock.lazy_timer import LazyTimer
@@ -13,6 +14,7 @@ from gateway.events import Event
 from gateway.images.drivers.store import Store
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
+from gateway.modbus.frame import Frame
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.request import Caller
 from gateway.runtime.gateway import Gateway
@@ -22,7 +24,7 @@ from gateway.runtime.running import Running
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.paced_line import PacedLine
 from gateway.state.memory import Memory
-from kit.device import SimulatedLine
+from kit.device import SimulatedDevice, SimulatedLine
 from kit.memory import MemoryLine
 
 #: How long a test waits for a response, in virtual seconds.
@@ -161,6 +163,19 @@ class GatewayBench:
         def answer(data: bytes) -> None:
             for delay, response in devices.received(data, loop.time()):
                 loop.call_later(delay, line.deliver, response)
+
+        line.on_write = answer
+
+    def attach_server(self, to: str, *devices: SimulatedDevice) -> None:
+        """Let simulated devices answer behind the server at the address `to` of an upstream."""
+        loop, line, framer = asyncio.get_running_loop(), self.lines[to], mbap.MbapFramer()
+
+        def answer(data: bytes) -> None:
+            for asked in framer.cut(data):
+                frame, answering = Frame(asked.unit, asked.pdu), partial(mbap.encode, asked.transaction)
+                for device in devices:
+                    for delay, response in device.ask(frame, answering) if device.unit == asked.unit else ():
+                        loop.call_later(delay, line.deliver, response)
 
         line.on_write = answer
 
