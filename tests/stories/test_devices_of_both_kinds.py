@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 import pytest
 
+from gateway.config.reading.source import place_of
 from gateway.operator.metrics import read
 from gateway.operator.status import status
 from gateway.plant.discovery import Discovery
@@ -204,7 +205,8 @@ async def test_doctor_finds_the_same_and_names_the_same_keys():
             findings = (await ask(bench.running, "doctor", ask=False))["findings"]
             fixes = [each for each in findings if each.level == "fix"]
             rows.append([(each.about, each.what) for each in fixes])
-            assert fixes[1].remedy == f'{bench.gateway.owners[0].devices[38].source}: timeout = "750 ms"'
+            place = place_of(bench.gateway.owners[0].devices[38].source, "timeout")
+            assert fixes[1].remedy == f'{place}: timeout = "750 ms"'
     assert [about for about, _ in rows[1]] == ["unit 37, inverter", "unit 38, meter"]
     assert [about for about, _ in rows[0]] == [about for about, _ in rows[1]]
 
