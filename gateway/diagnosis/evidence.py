@@ -1,9 +1,14 @@
 """The evidence for the rules. Counters start with the gateway; times are in seconds."""
 
 from dataclasses import dataclass
+from typing import Final
 
 from gateway.diagnosis.last import NOW, Last
+from gateway.diagnosis.pauses import ENOUGH, NO_PAUSES, Pauses
+from gateway.modbus.explain import OTHER_IDENTIFIER
 from gateway.ports.port import CharacterErrors
+
+_IDENTIFIER_ZERO: Final = OTHER_IDENTIFIER.format(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,11 +152,15 @@ class Search:
 class LineEvidence:
     """A client line, or an upstream, which gets up to `in_flight` requests at once.
 
-    `reason` is why it is down or `is_standby`; empty while the line is up.
+    `reason` is why it is down or `is_standby`; empty while the line is up. In the last minute it was lost `losses`
+    times, the last time for the reason `last_loss`.
 
     `sent` requests have left; `copies` of them were received again, of the last `copies_in_a_row` each. `others`
     requests of other clients were heard; `last_copy` and `last_other` are the last of both. `errors` are the driver's
     counts of damaged characters, None where it has none; `last_parity` and `last_framing` are the last of these.
+
+    Of an upstream: `pauses` is how its last requests fared by what was before them, and responses with identifier 0 are
+    taken if it `takes_zero`.
     """
 
     name: str
@@ -160,6 +169,8 @@ class LineEvidence:
     format: str
     reason: str = ""
     is_standby: bool = False
+    losses: int = 0
+    last_loss: str = ""
     is_serial: bool = True
     echo: bool = False
     busy_share: float | None = None
@@ -175,6 +186,25 @@ class LineEvidence:
     units: tuple[UnitEvidence, ...] = ()
     search: Search | None = None
     in_flight: int = 0
+    pauses: Pauses = NO_PAUSES
+    takes_zero: bool = False
+
+    @property
+    def with_zero(self) -> int:
+        """Number of responses that were dropped because their transaction identifier was 0."""
+        if not self.in_flight or self.takes_zero:
+            return 0
+        return sum(unit.explained for unit in self.units if unit.why == _IDENTIFIER_ZERO)
+
+    @property
+    def tells_losses(self) -> bool:
+        """Whether a row of its own says why requests are lost."""
+        return self.pauses.needs_gap or self.pauses.needs_turns
+
+    @property
+    def answers_zero(self) -> bool:
+        """Whether the server does not return transaction identifiers."""
+        return self.with_zero >= ENOUGH
 
     @property
     def is_silent(self) -> bool:

@@ -1,19 +1,23 @@
 """Rules about a client line, or an upstream."""
 
 from collections.abc import Callable, Iterator
+from math import ceil
 from typing import Final
 
 from gateway.config.reading.source import to_write
-from gateway.config.values.duration import show_age
+from gateway.config.values.duration import show_age, show_duration
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
 from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.last import RECENT, Last
 from gateway.diagnosis.units import about_unit
+from gateway.ports.port import CLOSED_AT_ONCE
 
 #: An echoing adapter returns this share of the requests at least: noise may hide some.
 ECHOED: Final = 0.8
 #: This many are no coincidence.
 ENOUGH: Final = 3
+_CLOSED_AT_ONCE: Final = CLOSED_AT_ONCE.partition("{port}")[2]
+_ONE_CLIENT_ONLY: Final = "it may serve one client only: let the other one ask this gateway instead, or disconnect it"
 #: From this share of the received characters on, errors are a fault; from this share of the time on, a line is full.
 WRONG: Final = 0.01
 FULL: Final = 0.9
@@ -25,7 +29,9 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
         yield Finding("note", line.name, f"does not ask: {line.reason}")
         return
     if line.reason:
-        remedy = "see the rows about its port" if line.is_serial else "check its address, and the device server"
+        remedy = "see the rows about its port"
+        if not line.is_serial:
+            remedy = against_loss(line.reason, "check its address, and the device server")
         yield Finding("fix", line.name, f"{IS_DOWN}{line.reason}", remedy)
         return
     findings = [finding for rule in _RULES for finding in rule(line)]
@@ -42,6 +48,20 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
         yield Finding("note", line.name, "is up; no client has asked a unit yet")
     elif len(asked) < len(line.units):
         yield Finding("note", line.name, f"not asked yet: {len(line.units) - len(asked)} of {len(line.units)} units")
+
+
+def against_loss(reason: str, otherwise: str) -> str:
+    """Choose what to do about a connection that was lost or refused for this reason."""
+    return _ONE_CLIENT_ONLY if _CLOSED_AT_ONCE in reason else otherwise
+
+
+def _losses(line: LineEvidence) -> Iterator[Finding]:
+    """Find a connection that is lost again and again, or as soon as it is needed."""
+    is_in_use = any(unit.ago is not None and unit.ago <= RECENT for unit in line.units)
+    if not line.is_serial and (line.losses >= ENOUGH or (line.losses and not is_in_use)):
+        times = "once" if line.losses == 1 else f"{line.losses} times"
+        what = f"was lost {times} in the last minute; the last reason: {line.last_loss}"
+        yield Finding("fix", line.name, what, against_loss(line.last_loss, "check the server, and the network to it"))
 
 
 def _how_it_is(line: LineEvidence, units: list[UnitEvidence]) -> Finding:
@@ -158,6 +178,28 @@ def _check_line(line: LineEvidence) -> str:
     return f"check power, wires (are A and B swapped?), rate and parity ({line.format}) at the devices"
 
 
+def _zero(line: LineEvidence) -> Iterator[Finding]:
+    """Find a server that does not return transaction identifiers."""
+    if line.answers_zero:
+        what = f"answers with transaction identifier 0 in place of that of the request: {line.with_zero} responses did"
+        yield Finding("fix", line.name, what, to_write(line.source, {"transaction_id": '"zero"'}))
+
+
+def _hurry(line: LineEvidence) -> Iterator[Finding]:
+    """Find a server that needs silence before a request, or one request at a time."""
+    pauses = line.pauses
+    if pauses.needs_gap:
+        soon, later = pauses.soon, pauses.later
+        what = f"loses requests that come soon after a response: {soon.lost} of {soon.asked} within "
+        what += f"{show_duration(ceil(1000 * pauses.silence) / 1000)}, {later.lost} of {later.asked} later"
+        yield Finding("fix", line.name, what, to_write(line.source, {"gap": f'"{show_duration(pauses.needed)}"'}))
+    elif pauses.needs_turns:
+        beside, alone = pauses.beside, pauses.alone
+        what = f"loses requests that come while it has another one: {beside.lost} of {beside.asked}, "
+        what += f"{alone.lost} of {alone.asked} that came alone"
+        yield Finding("fix", line.name, what, to_write(line.source, {"in_flight": "1"}))
+
+
 def _full(line: LineEvidence) -> Iterator[Finding]:
     if line.busy_share is not None and line.busy_share >= FULL:
         what = f"was busy for {line.busy_share:.0%} of the last minute"
@@ -180,5 +222,8 @@ _RULES: Final[tuple[Callable[[LineEvidence], Iterator[Finding]], ...]] = (
     _parity,
     _framing,
     _overrun,
+    _losses,
+    _zero,
+    _hurry,
     _full,
 )

@@ -80,9 +80,9 @@ def _shares_its_address(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Fou
         yield _Found(max(unit.bad_frames, unit.twice), _row(last.level, unit, what, remedy))
 
 
-def _does_not_fit(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:  # noqa: ARG001 - a rule as the others
+def _does_not_fit(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     """Find intact frames that do not answer the request: neither wires nor addresses are wrong."""
-    if unit.why and unit.explained > WRONG * unit.asked:
+    if unit.why and unit.explained > WRONG * unit.asked and not line.answers_zero:
         what = f"{unit.explained} of {unit.asked} responses did not fit their requests{unit.last_bad}: {unit.why}"
         remedy = "compare function, addresses, number and values with what the document of the device allows"
         level = unit.last_bad.level if unit.explained >= ENOUGH else "note"
@@ -111,7 +111,7 @@ def _is_silent(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
         return
     search = line.search
     what = f"does not answer at address {unit.on_the_wire}"
-    if line.has_stopped or (line.is_silent if search is None else search.speeds):
+    if line.has_stopped or line.tells_losses or (line.is_silent if search is None else search.speeds):
         return  # the row of the line says it
     others = [str(each.unit) for each in line.units if each.is_answering and each.unit is not None]
     if others and not unit.is_configured:
@@ -147,7 +147,9 @@ def _never_answers(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
 
 def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     """Find a unit whose last requests failed, regardless of earlier answers."""
-    if not unit.in_a_row or unit.is_silent or unit.why or line.has_stopped or _others_tell(unit, line):
+    if not unit.in_a_row or unit.is_silent or unit.why or _others_tell(unit, line):
+        return
+    if line.has_stopped or line.tells_losses:
         return
     if any(each.finding.level == "fix" for each in _shares_its_address(unit, line)):
         return
@@ -160,7 +162,7 @@ def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]
 
 
 def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    if unit.is_silent or line.has_stopped or _others_tell(unit, line):
+    if unit.is_silent or line.has_stopped or line.tells_losses or _others_tell(unit, line):
         return
     bad = unit.bad_frames if unit.bad_frames >= max(ENOUGH, SOME * unit.asked) else unit.explained
     failed = unit.failed - min(bad + unit.late, unit.failed)  # the rest has rows of its own

@@ -13,6 +13,8 @@ from gateway.modbus.rtu import SHORTEST, crc_fits
 
 Mode = Literal["rtu", "ascii", "tcp"]
 
+#: The reason why a response with this transaction identifier is not the one to a request.
+OTHER_IDENTIFIER: Final = "intact, but its transaction identifier {:04X} is not that of the request"
 #: The framing of each mode, and the remedy for a device that uses another one.
 _NAMES: Final[dict[Mode, Framing]] = {"rtu": "RTU", "ascii": "ASCII", "tcp": "Modbus TCP"}
 _REMEDIES: Final[dict[Framing, str]] = {
@@ -63,7 +65,7 @@ def _explain_adu(asked: RequestPdu, unit: int | None, adu: mbap.TcpFrame | None)
     if adu.unit != unit and adu.unit not in mbap.NO_UNIT:
         return f"intact, but from unit {adu.unit}"
     if asked.accepts(adu.pdu):
-        return f"intact, but its transaction identifier {adu.transaction:04X} is not that of the request"
+        return OTHER_IDENTIFIER.format(adu.transaction)
     function = adu.pdu[0] & 0x7F
     unfit = "with a wrong size or address" if function == asked.function else f"of function {function:02}"
     return explain_pdu(asked, adu.pdu) or f"intact, but {unfit}"

@@ -2,12 +2,14 @@
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 from gateway.errors import PortError
 from gateway.timing.characters import CharacterFormat
 from gateway.tls.settings import ClientTls
 
+#: The error for a connection that its server closes at once.
+CLOSED_AT_ONCE: Final = "{port} takes the connection and closes it at once: is somebody else connected?"
 #: `serial`: at the line's rate, `direct`: at once, `auto`: depending on the port.
 Wire = Literal["auto", "serial", "direct"]
 

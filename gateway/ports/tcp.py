@@ -12,7 +12,7 @@ from typing import Any, Final, cast
 from gateway.errors import ConnectionEnded, PortClosed, PortError
 from gateway.hardware.ioctls import count_unsent
 from gateway.ports.network import AddressInfo, look_up, notice_vanished_peers
-from gateway.ports.port import Port, PortUser, TcpSettings
+from gateway.ports.port import CLOSED_AT_ONCE, Port, PortUser, TcpSettings
 from gateway.tls.reasons import explain
 
 #: How long it may take to look up the server's address, in seconds.
@@ -35,8 +35,6 @@ KEEPALIVE: Final = {"idle": 10, "interval": 5, "probes": 3}
 
 #: A server that closes a connection within this many seconds, without sending anything, closes it at once.
 AT_ONCE: Final = 1.0
-#: The error for a connection that its server closes at once.
-CLOSED_AT_ONCE: Final = "{port} takes the connection and closes it at once: is somebody else connected?"
 #: The error for one that does not answer when a connection is made.
 NO_ANSWER: Final = "{port} does not answer: is it on, and does every firewall let us through?"
 _NOT_SECURED: Final = "{port}: TLS failed: {reason}"

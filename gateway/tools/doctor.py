@@ -14,7 +14,7 @@ from gateway.diagnosis.clients import about_client
 from gateway.diagnosis.evidence import PortInUse, Search
 from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.last import RECENT
-from gateway.diagnosis.lines import about_line
+from gateway.diagnosis.lines import about_line, against_loss
 from gateway.diagnosis.state import about_state_file
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.errors import WrongQuestion
@@ -142,7 +142,7 @@ async def _about(running: Running, part: Owner, is_there: IsThere, *, asks: bool
         if found is not None:
             said += _told(found)
     units = await units_evidence(line)
-    findings = list(about_line(line_evidence(line, now(), running.recent, units, found)))
+    findings = list(about_line(line_evidence(line, now(), running.recent, running.ring, units, found)))
     if said:
         findings.append(_has_sent(line, said))
     return findings
@@ -154,7 +154,7 @@ async def _about_upstream(
     if upstream.reconnector.error is not None:
         return list(_why_down(running, upstream))
     asked, is_cut_short = await _ask_units(running, upstream, is_there) if asks else (0, False)
-    findings = list(about_line(upstream_evidence(upstream, await units_evidence(upstream))))
+    findings = list(about_line(upstream_evidence(upstream, await units_evidence(upstream), running.ring)))
     if asked:
         findings.append(_has_sent(upstream, [_told_of_reads(asked, is_cut_short=is_cut_short)]))
     return findings
@@ -274,7 +274,8 @@ def _why_down(running: Running, upstream: GatewayUpstream) -> Iterable[Finding]:
     if isinstance(port, SiteSettings):
         return running.add_ons.fleet.findings_about_upstream(upstream.name, port.site, error)
     place = place_of(upstream.plan.upstream.source, "to")
-    remedy = f'{place}: check to = "{upstream.reconnector.port_path}", and the server there'
+    otherwise = f'{place}: check to = "{upstream.reconnector.port_path}", and the server there'
+    remedy = against_loss(str(error), otherwise)
     return [Finding("fix", upstream.name, f"is down: {error}", remedy)]
 
 

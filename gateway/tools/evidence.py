@@ -1,9 +1,12 @@
 """Evidence about lines, units and clients for the rules of `diagnosis`, taken from the counters."""
 
+from typing import Any, Final
+
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
-from gateway.diagnosis.last import NOW, Last
+from gateway.diagnosis.last import NOW, RECENT, Last
+from gateway.diagnosis.pauses import NO_PAUSES, Pauses, pauses_before
 from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
 from gateway.ports.port import SerialSettings
@@ -13,6 +16,11 @@ from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.recent import Recent
 from gateway.timing.histogram import SHARES, merged
 from gateway.timing.measured import NEVER
+from gateway.trace.records import PortChanged, Record, Sent
+from gateway.trace.ring import Ring
+
+#: The most records of the trace that are looked at.
+_LOOKED_AT: Final = 4000
 
 
 async def units_evidence(part: Owner) -> tuple[UnitEvidence, ...]:
@@ -20,16 +28,46 @@ async def units_evidence(part: Owner) -> tuple[UnitEvidence, ...]:
     return tuple(await in_slices(unit_evidence(part, device) for device in shown_devices(part)))
 
 
-def upstream_evidence(upstream: GatewayUpstream, units: tuple[UnitEvidence, ...]) -> LineEvidence:
+def upstream_evidence(upstream: GatewayUpstream, units: tuple[UnitEvidence, ...], ring: Ring) -> LineEvidence:
     """Gather the evidence about an upstream that is up, including its `units`."""
     settings = upstream.plan.upstream
     return LineEvidence(
-        settings.name, settings.source, 0, "", is_serial=False, units=units, in_flight=settings.in_flight
+        settings.name,
+        settings.source,
+        0,
+        "",
+        **_losses(upstream, ring),
+        is_serial=False,
+        units=units,
+        in_flight=settings.in_flight,
+        pauses=_pauses(upstream.name, ring) if any(unit.timeouts for unit in units) else NO_PAUSES,
+        takes_zero=settings.transaction_id == "zero",
     )
 
 
+def _pauses(name: str, ring: Ring) -> Pauses:
+    return pauses_before(each for each in _recent(ring) if isinstance(each, Sent) and each.line == name)
+
+
+def _losses(owner: Owner, ring: Ring) -> dict[str, Any]:
+    """Find how often a connection was lost in the last minute, and why the last time."""
+    begin = owner.now() - RECENT
+    ports = [each for each in _recent(ring) if isinstance(each, PortChanged) and each.line == owner.name]
+    reasons = [each.reason for each in ports if each.reason and each.at >= begin]
+    return {"losses": len(reasons), "last_loss": reasons[-1] if reasons else ""}
+
+
+def _recent(ring: Ring) -> list[Record]:
+    return ring.after(max(ring.first, ring.added - _LOOKED_AT), _LOOKED_AT)
+
+
 def line_evidence(
-    line: GatewayLine, now: float, recent: Recent, units: tuple[UnitEvidence, ...], found: Search | None = None
+    line: GatewayLine,
+    now: float,
+    recent: Recent,
+    ring: Ring,
+    units: tuple[UnitEvidence, ...],
+    found: Search | None = None,
 ) -> LineEvidence:
     """Gather the evidence about a line, including its `units`; `found` is the result of a search there."""
     machine, plan = line.driver.line, line.plan
@@ -41,6 +79,7 @@ def line_evidence(
         baud=timing.baud,
         format=str(timing.format),
         reason=str(line.reconnector.error or ""),
+        **_losses(line, ring),
         is_standby=line.is_standby,
         is_serial=isinstance(plan.port, SerialSettings),
         echo=machine.settings.echo,

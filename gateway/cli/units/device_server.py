@@ -15,7 +15,8 @@ from gateway.errors import DaemonError, PortError
 from gateway.operator.operation import Nothing
 from gateway.operator.operations import STATUS
 from gateway.operator.results import read_result
-from gateway.ports.tcp import CLOSED_AT_ONCE, READ_SIZE
+from gateway.ports.port import CLOSED_AT_ONCE
+from gateway.ports.tcp import READ_SIZE
 from gateway.timing.budget import NETWORK_LATENCY
 
 _TAKEN: Final = (

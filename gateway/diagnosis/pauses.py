@@ -1,0 +1,121 @@
+"""How the last requests to another server fared, by what was before them: some servers lose those that come too soon.
+
+All is found in the records of the trace, so the more of them there are, the surer it is.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import ceil, inf
+from typing import Final, NamedTuple
+
+from gateway.trace.records import Sent
+
+#: Fewer than this prove nothing.
+ENOUGH: Final = 3
+#: Of those that came too soon, this share is lost at least; of the others at most this part of that share.
+LOST: Final = 0.2
+FEWER: Final = 0.25
+#: A server that needs more silence than this has another fault. One lost request in ten may have another reason.
+LONGEST: Final = 0.5
+_OTHER_REASONS: Final = 0.1
+#: The gaps that are proposed, and the longest of them if shorter ones are not known to be too short.
+_GAPS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+_USUAL_GAP: Final = 0.1
+_ANSWERED: Final = frozenset({"ok", "exception"})
+_LOST: Final = frozenset({"timeout", "sent_again"})
+
+
+@dataclass(frozen=True, slots=True)
+class Losses:
+    """Requests that got no response, `lost` of `asked`, among those that were sent in the same situation."""
+
+    lost: int = 0
+    asked: int = 0
+
+    @property
+    def share(self) -> float:
+        """The lost share."""
+        return self.lost / self.asked if self.asked else 0.0
+
+    def is_worse_than(self, other: "Losses") -> bool:
+        """Tell whether the situation explains the losses: in the `other` one there are few."""
+        is_bad = self.lost >= ENOUGH and self.share >= LOST
+        return is_bad and other.asked - other.lost >= ENOUGH and other.share <= FEWER * self.share
+
+
+@dataclass(frozen=True, slots=True)
+class Pauses:
+    """The losses of requests sent up to `silence` seconds after a response (`soon`) or `later`.
+
+    Those of the same requests when they are sorted otherwise: sent while another one was under way (`beside`) or not
+    (`alone`). `needed` is a gap that should do.
+    """
+
+    soon: Losses = Losses()
+    later: Losses = Losses()
+    beside: Losses = Losses()
+    alone: Losses = Losses()
+    silence: float = 0.0
+    needed: float = 0.0
+
+    @property
+    def needs_gap(self) -> bool:
+        """Whether the server loses requests that come soon after a response."""
+        return self.silence <= LONGEST and self.soon.is_worse_than(self.later)
+
+    @property
+    def needs_turns(self) -> bool:
+        """Whether it loses requests that come while it has another one."""
+        return self.beside.is_worse_than(self.alone)
+
+
+NO_PAUSES: Final = Pauses()
+
+
+class _Asked(NamedTuple):
+    is_lost: bool
+    pause: float
+    is_beside: bool
+
+
+def pauses_before(records: Iterable[Sent]) -> Pauses:
+    """Sort requests to one server by what was before them."""
+    found: list[_Asked] = []
+    last_response, ends_at = -inf, -inf
+    responses: list[float] = []
+    for each in sorted(records, key=lambda one: one.sent_at):
+        is_lost = each.result in _LOST
+        if not is_lost and each.result not in _ANSWERED:
+            continue
+        last_response = max((at for at in responses if at <= each.sent_at), default=last_response)
+        responses = [at for at in responses if at > each.sent_at]
+        found.append(_Asked(is_lost, each.sent_at - last_response, each.sent_at < ends_at))
+        ends_at = max(ends_at, each.at)
+        if not is_lost:
+            responses.append(each.at)
+    silence = _silence(sorted(one.pause for one in found if one.is_lost))
+    enough = min((one.pause for one in found if one.pause > silence and not one.is_lost), default=inf)
+    return Pauses(
+        soon=_losses(one for one in found if one.pause <= silence),
+        later=_losses(one for one in found if one.pause > silence),
+        beside=_losses(one for one in found if one.is_beside),
+        alone=_losses(one for one in found if not one.is_beside),
+        silence=silence,
+        needed=_needed(silence, enough),
+    )
+
+
+def _silence(lost: list[float]) -> float:
+    """Find the silence within which all but a few were lost that were lost."""
+    return lost[ceil((1 - _OTHER_REASONS) * len(lost)) - 1] if lost else 0.0
+
+
+def _needed(silence: float, was_enough: float) -> float:
+    """Choose a gap longer than `silence`, which was too short."""
+    at_least = min(was_enough, _USUAL_GAP)
+    return next((gap for gap in _GAPS if gap > silence and gap >= at_least), _GAPS[-1])
+
+
+def _losses(asked: Iterable[_Asked]) -> Losses:
+    lost = [one.is_lost for one in asked]
+    return Losses(sum(lost), len(lost))
