@@ -155,6 +155,8 @@ def _speed(line: LineEvidence) -> Iterator[Finding]:
 
 
 def _silence(line: LineEvidence) -> Iterator[Finding]:
+    if line.tells_losses:
+        return
     if line.search is None and line.is_silent:
         what = f"none of its {len(line.units)} units answers"
         if line.in_flight:
@@ -191,7 +193,7 @@ def _hurry(line: LineEvidence) -> Iterator[Finding]:
     if pauses.needs_gap:
         soon, later = pauses.soon, pauses.later
         what = f"loses requests that come soon after a response: {soon.lost} of {soon.asked} within "
-        what += f"{show_duration(ceil(1000 * pauses.silence) / 1000)}, {later.lost} of {later.asked} later"
+        what += f"{show_duration(max(1, ceil(1000 * pauses.silence)) / 1000)}, {later.lost} of {later.asked} later"
         yield Finding("fix", line.name, what, to_write(line.source, {"gap": f'"{show_duration(pauses.needed)}"'}))
     elif pauses.needs_turns:
         beside, alone = pauses.beside, pauses.alone

@@ -21,6 +21,7 @@ _OTHER_REASONS: Final = 0.1
 #: The gaps that are proposed, and the longest of them if shorter ones are not known to be too short.
 _GAPS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _USUAL_GAP: Final = 0.1
+_LONGER: Final = 1.2
 _ANSWERED: Final = frozenset({"ok", "exception"})
 _LOST: Final = frozenset({"timeout", "sent_again"})
 
@@ -111,9 +112,9 @@ def _silence(lost: list[float]) -> float:
 
 
 def _needed(silence: float, was_enough: float) -> float:
-    """Choose a gap longer than `silence`, which was too short."""
-    at_least = min(was_enough, _USUAL_GAP)
-    return next((gap for gap in _GAPS if gap > silence and gap >= at_least), _GAPS[-1])
+    """Choose a gap that is clearly longer than `silence`, which was too short."""
+    at_least = max(_LONGER * silence, min(was_enough, _USUAL_GAP))
+    return next((gap for gap in _GAPS if gap >= at_least), _GAPS[-1])
 
 
 def _losses(asked: Iterable[_Asked]) -> Losses:

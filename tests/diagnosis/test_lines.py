@@ -7,6 +7,8 @@ import pytest
 from gateway.diagnosis.evidence import LineEvidence, Search, UnitEvidence
 from gateway.diagnosis.last import Last
 from gateway.diagnosis.lines import about_line
+from gateway.diagnosis.pauses import Losses, Pauses
+from gateway.modbus.explain import OTHER_IDENTIFIER
 from gateway.ports.port import CharacterErrors
 
 LATE = {"latest": 0.52, "latest_limit": 0.4}
@@ -377,3 +379,53 @@ def test_units_of_one_row_of_the_config_get_one_time_out_which_suits_all():
         'gateway.toml:7: timeout = "750 ms", for meter-3, meter-5, meter-4',
         'gateway.toml:8: timeout = "1.5 s"',
     }
+
+
+ROOF = LineEvidence("roof", "gateway.toml:4", 0, "", is_serial=False, in_flight=16, units=(SILO, PRESS))
+CLOSED = "tcp://10.1.0.5:502 takes the connection and closes it at once: is somebody else connected?"
+ONE_CLIENT = "it may serve one client only: let the other one ask this gateway instead, or disconnect it"
+
+
+def with_identifier(identifier, count=2):
+    units = [replace(each, bad_frames=count, explained=count, why=identifier) for each in (SILO, PRESS)]
+    return replace(ROOF, units=tuple(replace(each, answered=0) for each in units))
+
+
+def test_a_server_that_answers_with_identifier_0():
+    line = with_identifier(OTHER_IDENTIFIER.format(0))
+    what = "answers with transaction identifier 0 in place of that of the request: 4 responses did"
+    assert fixes(line) == [("roof", what, 'gateway.toml:4: transaction_id = "zero"')]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        pytest.param(with_identifier(OTHER_IDENTIFIER.format(7)), id="any other identifier"),
+        pytest.param(with_identifier(OTHER_IDENTIFIER.format(0), 1), id="too few"),
+        pytest.param(replace(with_identifier(OTHER_IDENTIFIER.format(0)), takes_zero=True), id="it is taken already"),
+    ],
+)
+def test_other_responses_that_do_not_fit_do_not_make_it_one(line):
+    assert "roof" not in [about for about, *_ in fixes(line)]
+
+
+def test_a_connection_that_is_lost_again_and_again():
+    lost = replace(ROOF, losses=3, last_loss="connection reset by peer")
+    what = "was lost 3 times in the last minute; the last reason: connection reset by peer"
+    assert fixes(lost) == [("roof", what, "check the server, and the network to it")]
+    answering = tuple(replace(each, ago=5.0) for each in (SILO, PRESS))
+    assert fixes(replace(ROOF, losses=2, last_loss="reset", units=answering)) == []
+
+
+def test_a_server_that_closes_each_connection_at_once_may_serve_one_client_only():
+    refused = replace(ROOF, losses=1, last_loss=CLOSED)
+    what = f"was lost once in the last minute; the last reason: {CLOSED}"
+    assert fixes(refused) == [("roof", what, ONE_CLIENT)]
+    device_server = replace(LINE, is_serial=False, reason=CLOSED)
+    assert fixes(device_server) == [("hall", f"is down: {CLOSED}", ONE_CLIENT)]
+
+
+def test_units_of_a_server_that_loses_requests_for_a_known_reason_have_no_rows_of_their_own():
+    pauses = Pauses(soon=Losses(6, 6), later=Losses(0, 6), silence=0.002, needed=0.1)
+    failing = (replace(SILENT, timeouts=3), replace(PRESS, answered=50, timeouts=50, in_a_row=3))
+    assert [about for about, *_ in fixes(replace(ROOF, units=failing, pauses=pauses))] == ["roof"]

@@ -233,6 +233,8 @@ class Scene:
     async def check_upstream(self, name: str) -> None:
         """What a listener for one upstream leads to: all units of that server."""
         (upstream,) = (one for one in self.printed.picture["upstreams"] if one["name"] == name)
+        (plan,) = (one for one in self.bench.gateway.plan.upstreams if one.name == name)
+        profiles = {device.unit: device.profile for device in (*plan.unnamed, *plan.devices)}
         named = [int(row["behind_the_server"]) for row in upstream["units"]]
         (plan,) = (one for one in self.bench.gateway.plan.upstreams if one.upstream.name == name)
         profiles = {device.unit: device.profile for device in (*plan.unnamed, *reversed(plan.devices))}

@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,7 @@ from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
 from gateway.events import RequestTimeout
 from gateway.fleet.status import FleetStatus
+from gateway.modbus.mbap import MbapFramer, encode
 from gateway.plant.status import BrokerStatus
 from gateway.ports.port import CharacterErrors
 from gateway.tools.questions import outcome_of
@@ -566,6 +568,75 @@ async def test_units_that_only_a_listener_for_their_upstream_reaches_are_examine
         what = "a client asks for it and gets no answer; behind this server 248 can answer"
         assert ("note", "unit 7, plant-1/7", what) in await found(bench)
         assert server.take_written() == b""
+
+
+ROOF = """
+[[upstream]]
+name = "roof"
+to = "tcp://10.1.0.5"
+timeout = "200 ms"
+units = [{ unit = 1, as = 37, name = "inverter" }, { unit = 2, as = 38, name = "meter" }]
+"""
+
+
+class Server:
+    """A server that answers each read with a register 0; `answers` says with which identifier, or not at all."""
+
+    def __init__(self, bench, answers):
+        self.line, self._answers, self._framer = bench.lines["tcp://10.1.0.5:502"], answers, MbapFramer()
+        self.line.on_write = self._take
+        self.responded_at = -1.0
+
+    def _take(self, data):
+        for adu in self._framer.cut(data):
+            identifier = self._answers(self, adu.transaction)
+            if identifier is not None:
+                response = encode(identifier, adu.unit, b"\3\2\0\0")
+                asyncio.get_running_loop().call_later(0.01, self._respond, response)
+
+    def _respond(self, response):
+        self.responded_at = asyncio.get_running_loop().time()
+        self.line.deliver(response)
+
+
+async def asks(bench, count):
+    client = bench.client()
+    for number in range(count):
+        await client.asks(37 + number % 2, "03 00 00 00 01")
+
+
+async def test_a_server_that_answers_with_identifier_0_needs_a_key_for_that():
+    async with gateway_bench(ROOF) as bench:
+        Server(bench, lambda server, identifier: 0)
+        await asks(bench, 4)
+        findings = (await ask(bench.running, "doctor", ask=False))["findings"]
+        (fix,) = [each for each in findings if each.level == "fix"]
+        assert (fix.about, fix.remedy) == ("roof", 'gateway.toml:2: transaction_id = "zero"')
+
+
+async def test_a_server_that_loses_requests_which_come_soon_after_a_response_needs_a_gap():
+    def is_ready(server, identifier):
+        is_too_soon = asyncio.get_running_loop().time() - server.responded_at < 0.05
+        return None if is_too_soon else identifier
+
+    async with gateway_bench(ROOF) as bench:
+        bench.running.ring.resize(2**20)
+        Server(bench, is_ready)
+        await asks(bench, 20)
+        findings = (await ask(bench.running, "doctor", ask=False))["findings"]
+        (fix,) = [each for each in findings if each.level == "fix"]
+        assert (fix.about, fix.remedy) == ("roof", 'gateway.toml:2: gap = "100 ms"')
+        assert fix.what.startswith("loses requests that come soon after a response: 6 of 6 within 1 ms")
+
+
+async def test_a_server_that_takes_no_second_client_is_found_by_the_read_of_doctor_itself():
+    async with gateway_bench(ROOF) as bench:
+        bench.running.ring.resize(2**20)
+        server = bench.lines["tcp://10.1.0.5:502"]
+        server.opened = lambda: asyncio.get_running_loop().call_later(0.001, partial(server.hang_up, at_once=True))
+        server.hang_up()
+        rows = await found(bench)
+        assert "fix" in [level for level, about, _ in rows if about == "roof"]
 
 
 async def test_a_gateway_without_lines_and_upstreams_has_a_row_that_says_so():

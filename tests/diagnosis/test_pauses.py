@@ -1,0 +1,100 @@
+"""Which situation explains the requests that another server has lost: found in records of the trace."""
+
+import pytest
+
+from gateway.diagnosis.evidence import LineEvidence
+from gateway.diagnosis.lines import about_line
+from gateway.diagnosis.pauses import Pauses, pauses_before
+from gateway.errors import BrokenResponse, ResponseTimeout
+from gateway.trace.records import Incident, Sent
+
+READ = bytes.fromhex("03 00 00 00 01")
+ANSWER = bytes.fromhex("03 02 00 00")
+
+
+def asked(sent_at: float, ends_at: float, *, error=None) -> Sent:
+    response = None if error else ANSWER
+    record = Incident(ends_at, "roof", "x", "c", 1, 1, READ, response, sent_at, sent_at, sent_at, 1.0)
+    record.error = error
+    return record
+
+
+def one_after_the_other(*pauses: float, needs: float = 0.05, takes: float = 0.01, limit: float = 1.0) -> list[Sent]:
+    """Requests with these pauses before them, to a server that loses those that come too soon after a response."""
+    now, responded_at, records = 100.0, 0.0, []
+    for pause in pauses:
+        sent_at = now + pause
+        is_lost = sent_at - responded_at < needs
+        now = sent_at + (limit if is_lost else takes)
+        if not is_lost:
+            responded_at = now
+        records.append(asked(sent_at, now, error=ResponseTimeout() if is_lost else None))
+    return records
+
+
+def found(pauses: Pauses) -> list[tuple[str, str]]:
+    line = LineEvidence("roof", "gateway.toml:4", 0, "", is_serial=False, in_flight=16, pauses=pauses)
+    return [(each.what, each.remedy) for each in about_line(line) if each.level == "fix"]
+
+
+def test_a_server_that_needs_silence_before_a_request():
+    pauses = pauses_before(one_after_the_other(*[0.002] * 20))
+    assert found(pauses) == [
+        (
+            "loses requests that come soon after a response: 10 of 10 within 2 ms, 0 of 10 later",
+            'gateway.toml:4: gap = "100 ms"',
+        )
+    ]
+
+
+@pytest.mark.parametrize(("pauses", "gap"), [((0.002, 0.015, 0.018), 0.02), ((0.002, 0.04, 0.045), 0.05)])
+def test_a_shorter_gap_that_was_long_enough_is_proposed(pauses, gap):
+    assert pauses_before(one_after_the_other(*pauses * 6, needs=pauses[1])).needed == gap
+
+
+def test_a_gap_that_is_too_short_is_made_longer():
+    pauses = pauses_before(one_after_the_other(*[0.1, 0.1, 0.6] * 6, needs=0.15))
+    assert pauses.needs_gap
+    assert pauses.needed == 0.2
+
+
+def test_the_order_of_records_is_that_of_their_ends():
+    assert pauses_before(reversed(one_after_the_other(*[0.002] * 20))).needs_gap
+
+
+@pytest.mark.parametrize(
+    "pauses",
+    [
+        pytest.param([], id="nothing"),
+        pytest.param([0.002] * 4, id="too few"),
+        pytest.param([1.0] * 20, id="nothing lost"),
+    ],
+)
+def test_too_little_is_no_proof(pauses):
+    assert found(pauses_before(one_after_the_other(*pauses))) == []
+
+
+@pytest.mark.parametrize(("pause", "lost"), [(0.002, 5), (1.0, 5)])
+def test_a_server_that_loses_some_of_all_needs_no_gap(pause, lost):
+    records, now = [], 100.0
+    for number in range(40):
+        is_lost = number % lost == 0
+        records.append(asked(now + pause, now + pause + 0.01, error=ResponseTimeout() if is_lost else None))
+        now += pause + 0.01
+    assert found(pauses_before(records)) == []
+
+
+def test_a_server_that_has_room_for_one_request():
+    records = [asked(at, at + 0.01) for at in range(10)]
+    records += [asked(at + 0.005, at + 1.0, error=ResponseTimeout()) for at in range(0, 10, 2)]
+    assert found(pauses_before(records)) == [
+        (
+            "loses requests that come while it has another one: 5 of 5, 0 of 10 that came alone",
+            "gateway.toml:4: in_flight = 1",
+        )
+    ]
+
+
+def test_what_was_damaged_or_not_sent_proves_nothing():
+    records = [asked(at, at + 0.01, error=BrokenResponse()) for at in range(10)]
+    assert pauses_before(records) == Pauses(needed=0.1)
