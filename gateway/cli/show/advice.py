@@ -38,8 +38,10 @@ def notes(status: Status) -> Iterator[tuple[str, str]]:
         yield from ((server.name, note) for note in _for_part(server))
     for upstream in status.upstreams:
         yield from ((upstream.name, note) for note in _for_part(upstream))
+    lines = {line.name for line in status.lines}
     for unit in status.units:
-        yield from ((_called(unit), note) for note in _for_unit(unit))
+        found = _for_unit(unit, is_on_line=unit.line in lines)
+        yield from ((_called(unit), note) for note in found)
     for moved in status.moved:
         yield from ((_called(moved), note) for note in _for_moved(moved))
 
@@ -87,7 +89,7 @@ def _mostly(line: LineStatus) -> str:
     return f" ({first.share:.0%} by {first.client}: {where}, function {first.function})"
 
 
-def _for_unit(unit: UnitStatus) -> Iterator[str]:
+def _for_unit(unit: UnitStatus, *, is_on_line: bool) -> Iterator[str]:
     """Give the notes about a unit that was polled."""
     yield from _about_failures(unit)
     times, counts = unit.times, unit.counts
@@ -98,7 +100,7 @@ def _for_unit(unit: UnitStatus) -> Iterator[str]:
         yield f"{responses} came after the limit: {_MORE_TIME} ({unit.source})"
     elif found == "tight":
         yield f"close to its limit ({share:.0%}): {_MORE_TIME} ({unit.source})"
-    elif found == "long" and counts.timeout and times.answer_p99_ms:
+    elif found == "long" and is_on_line and counts.timeout and times.answer_p99_ms:
         yield (
             f"each request without a response stops its line for {show_duration(limit / 1000)}, which is "
             f"{limit / times.answer_p99_ms:.0f} times what it needs: "
