@@ -101,6 +101,20 @@ async def test_units_of_another_site_are_read(nats):
         assert await client.asks(41, READ) == "03 02 00 00"
 
 
+DESCRIBED = ASKER.replace(
+    'unit = "41-43" }', 'unit = "41-43", name = "silo-*", points = [{ name = "weight", holding = 5, write = true }] }'
+)
+
+
+async def test_units_of_another_site_have_the_names_and_points_that_are_described_here(nats):
+    async with sites(DESCRIBED, OWNER + WRITERS) as (a, b):
+        silo, _ = on_line(b)
+        (weight,) = (await ask(a.running, "points", unit="silo-41"))["values"]
+        assert (weight.point, weight.value) == ("weight", 0)
+        await ask(a.running, "write-point", unit="silo-41", name="weight", values=[9])
+        assert silo.holding[5] == 9
+
+
 BY_SITE = f'site = "a"\n[[listen]]\nbind = "tcp://127.0.0.1:5021"\nsite = "b"\n{FLEET}'
 
 
