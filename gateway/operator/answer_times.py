@@ -12,6 +12,7 @@ from gateway.operator.calibration import measured
 from gateway.operator.reached import device_of
 from gateway.operator.status import milliseconds, optional_ms
 from gateway.runtime.gateway import Gateway
+from gateway.timing.budget import NETWORK_LATENCY
 from gateway.timing.histogram import SECONDS
 from gateway.timing.measured import Times
 from gateway.timing.proposal import MeasuredTimes, Proposal
@@ -88,7 +89,7 @@ def _proposed(gateway: Gateway, unit: str) -> Mapping[int, float]:
             each.function,
             each.items,
             tuple(time / 1000 for time in each.times_ms),
-            each.limit_ms,
+            each.allowed_ms + 1000 * NETWORK_LATENCY if about.mode == "tcp" else each.limit_ms,
             each.allowed_ms,
             each.longest_ms / 1000,
         )

@@ -8,6 +8,7 @@ from dataclasses import asdict
 import pytest
 
 from gateway.config.reading.source import place_of
+from gateway.operator.answer_times import answer_times
 from gateway.operator.metrics import read
 from gateway.operator.status import status
 from gateway.plant.discovery import Discovery
@@ -177,6 +178,15 @@ async def test_its_answer_times_are_measured(kind):
         assert row.times_ms == pytest.approx([10] * 4, abs=3)
         assert row.allowed_ms == 200
         assert row.limit_ms >= 200
+
+
+async def test_a_limit_is_proposed_with_what_the_network_adds():
+    async with both("upstream") as (bench, *_):
+        client = bench.client()
+        for _ in range(ENOUGH):
+            await client.asks(37, "03 00 00 00 05")
+        (times,) = answer_times(bench.gateway, 37)
+        assert times.proposed_ms == pytest.approx(100 + 1.5 * 10, abs=1)
 
 
 async def test_a_limit_that_is_tight_is_told(kind):
