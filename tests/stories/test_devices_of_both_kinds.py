@@ -8,6 +8,7 @@ from dataclasses import asdict
 import pytest
 
 from gateway.config.reading.source import place_of
+from gateway.errors import WrongQuestion
 from gateway.operator.answer_times import answer_times
 from gateway.operator.metrics import read
 from gateway.operator.status import status
@@ -187,6 +188,13 @@ async def test_a_limit_is_proposed_with_what_the_network_adds():
             await client.asks(37, "03 00 00 00 05")
         (times,) = answer_times(bench.gateway, 37)
         assert times.proposed_ms == pytest.approx(100 + 1.5 * 10, abs=1)
+
+
+@pytest.mark.parametrize("verb", ["bench", "scan"])
+async def test_what_is_for_lines_only_says_so(verb):
+    async with both("upstream") as (bench, *_):
+        with pytest.raises(WrongQuestion, match="roof is a connection to another server: that is for lines only"):
+            await ask(bench.running, verb, line="roof")
 
 
 async def test_a_limit_that_is_tight_is_told(kind):

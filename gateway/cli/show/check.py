@@ -22,6 +22,9 @@ from gateway.state.memory import read_memory, state_folder
 
 _LONGEST_WAIT: Final = "Longest wait = max_wait + gap + longest request on the wire + its time limit."
 _LONGEST_WAIT_FOR_REPEATS: Final = "With retries it is max_wait + gap + retry_within, if that is longer."
+_LONGEST_WAIT_BEHIND: Final = (
+    "Behind an upstream it is max_wait + gap + after_connect + the time limit for each attempt (1 + retries)."
+)
 _ADVICE: Final = """\
 Set each client's time-out above the longest wait of the units that it polls.
 The longest wait is valid for up to in_flight requests at once per connection;
@@ -47,8 +50,10 @@ def check_as_text(loaded: Loaded, plan: Plan | None) -> str:
 
 
 def _advice(plan: Plan) -> str:
-    repeats = [_LONGEST_WAIT_FOR_REPEATS] if any(line.line.retries for line in plan.lines) else []
-    return "\n".join([_LONGEST_WAIT, *repeats, _ADVICE])
+    parts = [_LONGEST_WAIT] if plan.lines else []
+    parts += [_LONGEST_WAIT_FOR_REPEATS] if any(line.line.retries for line in plan.lines) else []
+    parts += [_LONGEST_WAIT_BEHIND] if plan.upstreams else []
+    return "\n".join([*parts, _ADVICE])
 
 
 def _with_help_once(problems: tuple[Problem, ...]) -> Iterator[Problem]:

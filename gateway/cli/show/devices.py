@@ -14,7 +14,7 @@ from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.upstreams.upstream import UpstreamSettings
 
-#: So many devices without a unit are named beside limits that they share.
+#: So many devices without a unit are named beside limits that they share, or that sleep.
 _MOST_NAMED: Final = 3
 
 
@@ -92,8 +92,9 @@ def wakes_as_text(devices: Iterable[DeviceSettings]) -> Iterator[str]:
     for wake, alike in names.items():
         if wake:
             sleeps, its = ("sleep", "their") if len(alike) > 1 else ("sleeps", "its")
+            more = f" and {len(alike) - _MOST_NAMED} more" if len(alike) > _MOST_NAMED else ""
             what = f"after {show_duration(wake)} without a request {its} first read is sent twice"
-            yield f"  {', '.join(alike)} {sleeps}: {what}."
+            yield f"  {', '.join(alike[:_MOST_NAMED])}{more} {sleeps}: {what}."
 
 
 def device_as_json(one: ShownDevice) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from gateway.cli.show.devices import (
     limits_as_text,
     one_of_each_kind,
     shown_devices,
+    wakes_as_text,
 )
 from gateway.cli.show.limits import milliseconds
 from gateway.cli.show.line_load import polls_as_json, polls_as_text, rates_as_json, rates_as_text
@@ -46,6 +47,7 @@ def line_as_text(plan: LinePlan, whole: Plan) -> str:
             *failures_as_text(plan.line, _retry_within(plan)),
             devices_table(devices, "ON THE WIRE"),
             *_list_listeners(plan, whole),
+            *wakes_as_text(plan.devices),
             *polls_as_text(plan, whole),
             *_limits(devices, plan),
         ]

@@ -599,6 +599,13 @@ def test_a_device_behind_a_server_is_shown_as_one_on_a_line_and_so_are_the_manne
     )
 
 
+def test_what_the_longest_wait_is_made_of_is_said_of_what_there_is(config, capsys):
+    main(["check", config(INVERTER.replace("EVERY", "1 s"))])
+    said = capsys.readouterr().out
+    assert "Behind an upstream it is max_wait + gap + after_connect" in said
+    assert "Longest wait = " not in said
+
+
 def test_several_requests_at_once_share_the_time_of_a_connection(config, capsys):
     text = (
         INVERTER.replace("EVERY", "1 s")
