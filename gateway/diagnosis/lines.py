@@ -205,7 +205,8 @@ def _hurry(line: LineEvidence) -> Iterator[Finding]:
 def _full(line: LineEvidence) -> Iterator[Finding]:
     if line.busy_share is not None and line.busy_share >= FULL:
         what = f"was busy for {line.busy_share:.0%} of the last minute"
-        remedy = "let clients ask less often, raise the rate, or let them read an [[image]] with `of`"
+        faster = "" if line.in_flight else " raise the rate,"
+        remedy = f"let clients ask less often,{faster} or let them read an [[image]] with `of`"
         yield Finding("note", line.name, what, remedy)
 
 

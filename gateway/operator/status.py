@@ -116,7 +116,7 @@ def _status(running: "Running", now: float, lines: Iterable[LineStatus], units: 
         rejections=tuple(each for listener in gateway.listeners for each in _rejections(listener, now)),
         lines=tuple(lines),
         servers=tuple(_server(each) for each in gateway.servers),
-        upstreams=tuple(_upstream(each) for each in gateway.upstreams),
+        upstreams=tuple(_upstream(each, running.recent, now) for each in gateway.upstreams),
         units=tuple(units),
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
@@ -219,8 +219,8 @@ def _server(parts: GatewayServer) -> ServerStatus:
     )
 
 
-def _upstream(parts: GatewayUpstream) -> UpstreamStatus:
-    upstream = parts.driver.upstream
+def _upstream(parts: GatewayUpstream, recent: Recent, now: float) -> UpstreamStatus:
+    upstream, rate = parts.driver.upstream, recent.rate(parts, now)
     return UpstreamStatus(
         name=parts.name,
         source=upstream.settings.source,
@@ -230,6 +230,8 @@ def _upstream(parts: GatewayUpstream) -> UpstreamStatus:
         queue=upstream.waiting,
         under_way=upstream.under_way,
         overdue=upstream.overdue,
+        busy_share=rate and round(rate.busy, 3),
+        requests_per_s=rate and round(rate.per_second, 1),
         unasked_frames=upstream.unasked_frames,
         counts=total_of_units(parts.counts),
     )

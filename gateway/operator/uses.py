@@ -69,7 +69,7 @@ class Look:
                 failed += total.use.timeouts + total.use.failed - before.use.timeouts - before.use.failed
                 if isinstance(device, Device) and (resting or total != before):
                     units[device.name] = UnitUse(*map(sub, total.use, before.use))._replace(resting=resting)
-            busy[part] = _busy_seconds(part, now())
+            busy[part] = part.busy(now())
             more = max(0.0, busy[part] - self._busy.get(part, 0.0))
             lines[part.name] = LineUse(seconds, more, 0.0 if part.reconnector.is_open else seconds, sent, failed)
         self._units, self._busy = totals, busy
@@ -97,8 +97,3 @@ def _total(device: _LookedAt) -> _Total:
         )
         total = _Total(total.use.plus(use), total.sent + counts.sent)
     return total
-
-
-def _busy_seconds(part: Owner, now: float) -> float:
-    """Return how many seconds a line was busy since its start; 0 for an upstream, with several requests at once."""
-    return part.driver.line.phases(now).busy if isinstance(part, GatewayLine) else 0.0

@@ -130,6 +130,10 @@ class GatewayLine:
         """The number of frames sent to its units, and as broadcasts."""
         return sum(counts.sent for unit in self.counts for counts in unit.values())
 
+    def busy(self, now: float) -> float:
+        """Return for how many seconds the line was in use."""
+        return self.driver.line.phases(now).busy
+
     @property
     def patience(self) -> float:
         """The longest time from a request to its response, late ones included, in seconds."""

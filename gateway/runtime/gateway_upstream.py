@@ -59,6 +59,20 @@ class GatewayUpstream:
         return tuple(device.counts for device in self.all_devices)
 
     @property
+    def sent(self) -> int:
+        """The number of requests sent to its units."""
+        return sum(counts.sent for unit in self.counts for counts in unit.values())
+
+    def busy(self, now: float) -> float:  # noqa: ARG002 - see GatewayLine
+        """Return for how many seconds it was in use: with several requests at once, for the mean of their places."""
+        settings, seconds = self.plan.upstream, self.sent * self.plan.upstream.gap
+        for unit in self.counts:
+            for function, counts in unit.items():
+                times = unit.times[function]
+                seconds += times.answer.total + (counts.timeout + counts.bad_frame) * times.limit
+        return seconds / settings.in_flight
+
+    @property
     def budget(self) -> ServerBudget:
         """What the time limits of its devices are computed with."""
         return self.plan.budget

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Final, Literal, NamedTuple
 
 from gateway.diagnosis.last import NOW, Last
-from gateway.runtime.gateway import Gateway
+from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.timing.usage import Use, User
 
@@ -21,7 +21,7 @@ _LOOKS: Final = 5
 
 
 class Rate(NamedTuple):
-    """The share of time in which a line was busy, and requests sent per second."""
+    """The share of time in which a line or upstream was busy, and requests sent per second."""
 
     busy: float
     per_second: float
@@ -38,8 +38,8 @@ class LineUser(NamedTuple):
 class _Sample(NamedTuple):
     at: float
     lag: float
-    busy: Mapping[GatewayLine, float]
-    sent: Mapping[GatewayLine, int]
+    busy: Mapping[Owner, float]
+    sent: Mapping[Owner, int]
     #: Use of the lines since the previous sample.
     used: Mapping[GatewayLine, Mapping[User, Use]]
 
@@ -71,12 +71,12 @@ class Recent:
             self._samples.append(_sample(gateway(), loop.time(), lag))
             self._look_at_characters(gateway(), loop.time())
 
-    def rate(self, line: GatewayLine, now: float) -> Rate | None:
-        """Compute the rates of `line`; None if it is too new."""
-        first = next((each for each in self._samples if line in each.busy), None)
+    def rate(self, owner: Owner, now: float) -> Rate | None:
+        """Compute the rates of a line or upstream; None if it is too new."""
+        first = next((each for each in self._samples if owner in each.busy), None)
         if first is None or now - first.at < 1.0:
             return None
-        busy, sent = _busy(line, now) - first.busy[line], line.sent - first.sent[line]
+        busy, sent = owner.busy(now) - first.busy[owner], owner.sent - first.sent[owner]
         return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
 
     def last_wrong(self, line: GatewayLine, kind: Wrong, now: float) -> Last:
@@ -123,15 +123,10 @@ class Recent:
 
 
 def _sample(gateway: Gateway, now: float, lag: float) -> _Sample:
-    lines = gateway.lines
     return _Sample(
         now,
         lag,
-        {line: _busy(line, now) for line in lines},
-        {line: line.sent for line in lines},
-        {line: line.driver.line.spent.usage.take() for line in lines},
+        {owner: owner.busy(now) for owner in gateway.owners},
+        {owner: owner.sent for owner in gateway.owners},
+        {line: line.driver.line.spent.usage.take() for line in gateway.lines},
     )
-
-
-def _busy(line: GatewayLine, now: float) -> float:
-    return line.driver.line.phases(now).busy

@@ -154,7 +154,8 @@ async def _about_upstream(
     if upstream.reconnector.error is not None:
         return list(_why_down(running, upstream))
     asked, is_cut_short = await _ask_units(running, upstream, is_there) if asks else (0, False)
-    findings = list(about_line(upstream_evidence(upstream, await units_evidence(upstream), running.ring)))
+    units, now = await units_evidence(upstream), asyncio.get_running_loop().time()
+    findings = list(about_line(upstream_evidence(upstream, now, running.recent, running.ring, units)))
     if asked:
         findings.append(_has_sent(upstream, [_told_of_reads(asked, is_cut_short=is_cut_short)]))
     return findings

@@ -28,9 +28,11 @@ async def units_evidence(part: Owner) -> tuple[UnitEvidence, ...]:
     return tuple(await in_slices(unit_evidence(part, device) for device in shown_devices(part)))
 
 
-def upstream_evidence(upstream: GatewayUpstream, units: tuple[UnitEvidence, ...], ring: Ring) -> LineEvidence:
+def upstream_evidence(
+    upstream: GatewayUpstream, now: float, recent: Recent, ring: Ring, units: tuple[UnitEvidence, ...]
+) -> LineEvidence:
     """Gather the evidence about an upstream that is up, including its `units`."""
-    settings = upstream.plan.upstream
+    settings, rate = upstream.plan.upstream, recent.rate(upstream, now)
     return LineEvidence(
         settings.name,
         settings.source,
@@ -38,6 +40,7 @@ def upstream_evidence(upstream: GatewayUpstream, units: tuple[UnitEvidence, ...]
         "",
         **_losses(upstream, ring),
         is_serial=False,
+        busy_share=None if rate is None else rate.busy,
         units=units,
         in_flight=settings.in_flight,
         pauses=_pauses(upstream.name, ring) if any(unit.timeouts for unit in units) else NO_PAUSES,

@@ -190,6 +190,22 @@ async def test_a_limit_is_proposed_with_what_the_network_adds():
         assert times.proposed_ms == pytest.approx(100 + 1.5 * 10, abs=1)
 
 
+async def test_how_busy_a_line_or_a_connection_is(kind):
+    async with both(kind) as (bench, inverter, _):
+        inverter.delay = 0.05
+        client, loop = bench.client(), asyncio.get_running_loop()
+        sampling = asyncio.create_task(bench.recent.keep_sampling(lambda: bench.gateway))
+        for _ in range(300):
+            await asyncio.gather(client.asks(37, "03 00 00 00 01"), asyncio.sleep(0.2))
+        now = status(bench.running, loop.time(), bench.recent)
+        sampling.cancel()
+        (owner,) = (*now.lines, *now.upstreams)
+        # A line has also the silence after the response. Of a connection one of 16 places is taken.
+        share = 0.25 if kind == "line" else 0.25 / 16
+        assert owner.busy_share == pytest.approx(share, rel=0.1)
+        assert owner.requests_per_s == pytest.approx(5, rel=0.05)
+
+
 @pytest.mark.parametrize("verb", ["bench", "scan"])
 async def test_what_is_for_lines_only_says_so(verb):
     async with both("upstream") as (bench, *_):

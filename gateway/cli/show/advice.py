@@ -37,7 +37,7 @@ def notes(status: Status) -> Iterator[tuple[str, str]]:
     for server in status.servers:
         yield from ((server.name, note) for note in _for_part(server))
     for upstream in status.upstreams:
-        yield from ((upstream.name, note) for note in _for_part(upstream))
+        yield from ((upstream.name, note) for note in _for_upstream(upstream))
     lines = {line.name for line in status.lines}
     for unit in status.units:
         found = _for_unit(unit, is_on_line=unit.line in lines)
@@ -78,6 +78,14 @@ def _for_line(line: LineStatus) -> Iterator[str]:
     echoes = line.counts.echoes
     if echoes:
         yield f"{echoes} requests came back: if the adapter echoes, set echo = true"
+
+
+def _for_upstream(upstream: UpstreamStatus) -> Iterator[str]:
+    """Give the notes about an upstream."""
+    yield from _for_part(upstream)
+    busy = upstream.busy_share
+    if busy is not None and busy >= BUSY:
+        yield f"busy for {busy:.0%} of the time: poll less often"
 
 
 def _mostly(line: LineStatus) -> str:

@@ -160,6 +160,8 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "NAME": lambda upstream: upstream.name,
             "ADDRESS": lambda upstream: upstream.to,
             "STATE": lambda upstream: upstream.state,
+            "BUSY": lambda upstream: _share(upstream.busy_share),
+            "REQ/S": lambda upstream: _per_second(upstream.requests_per_s),
             "WAITING": lambda upstream: upstream.queue,
             "OK": lambda upstream: count_ok(upstream.counts),
             "ERRORS": lambda upstream: count_failed(upstream.counts),

@@ -136,7 +136,9 @@ class ServerStatus:
 class UpstreamStatus:
     """A connection to another server. `reason` says why there is none. `queue` requests wait, `under_way` are sent.
 
-    `overdue` counts late responses that are still expected. `counts` are those of all its units.
+    `overdue` counts late responses that are still expected. `busy_share` and `requests_per_s` are of the last minute,
+    None in the first second; `busy_share` is the mean share of the requests in flight that may be. `counts` are those
+    of all its units.
     """
 
     name: str
@@ -147,6 +149,8 @@ class UpstreamStatus:
     queue: int
     under_way: int
     overdue: int
+    busy_share: float | None
+    requests_per_s: float | None
     unasked_frames: int
     counts: Counts
 

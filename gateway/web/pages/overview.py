@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 from aiohttp import web
 
 from gateway.diagnosis.finding import Finding
-from gateway.operator.answers.status import AnyLine, Status, UnitStatus
+from gateway.operator.answers.status import AnyLine, LineStatus, Status, UnitStatus, UpstreamStatus
 from gateway.operator.operator import Operator
 from gateway.operator.past import past_of
 from gateway.operator.status import recent_status
@@ -120,7 +120,8 @@ def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Troub
     for broker in status.brokers:
         if broker.state == "down":
             yield Trouble("down", "", f"broker {broker.broker}", reason=broker.reason)
-    for line in status.lines:
+    busy: tuple[LineStatus | UpstreamStatus, ...] = (*status.lines, *status.upstreams)
+    for line in busy:
         share = line.busy_share or 0.0
         if share >= FULL:
             yield Trouble("full", "lines", line.name, share=share)

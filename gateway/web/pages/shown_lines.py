@@ -40,7 +40,15 @@ def shown_lines(status: Status) -> Iterator[ShownLine]:
     for upstream in status.upstreams:
         spoken = "NATS" if upstream.to.startswith("fleet://") else "Modbus TCP"
         yield ShownLine(
-            upstream.name, "tcp", 0, "", upstream.to, spoken, None, _units_on(status, upstream.name), upstream
+            upstream.name,
+            "tcp",
+            0,
+            "",
+            upstream.to,
+            spoken,
+            upstream.busy_share,
+            _units_on(status, upstream.name),
+            upstream,
         )
 
 
