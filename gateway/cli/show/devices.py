@@ -12,7 +12,7 @@ from gateway.config.values.duration import show_duration
 from gateway.config.values.unitset import show_unit, show_units
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
-from gateway.upstreams.upstream import UpstreamSettings
+from gateway.upstreams.settings import UpstreamSettings
 
 #: So many devices without a unit are named beside limits that they share, or that sleep.
 _MOST_NAMED: Final = 3

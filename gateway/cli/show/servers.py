@@ -28,7 +28,7 @@ from gateway.config.plan.line_load import load_of, total_share
 from gateway.config.plan.settings import Plan, ServerPlan, UpstreamPlan
 from gateway.config.values.duration import show_duration
 from gateway.ports.port import TcpSettings
-from gateway.upstreams.upstream import UpstreamSettings
+from gateway.upstreams.settings import UpstreamSettings
 
 
 def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
