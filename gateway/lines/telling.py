@@ -173,10 +173,13 @@ class Telling:
 
     def record_heard(self, token: Token, owner: str) -> None:
         """Record a frame that is not the response, and its owner."""
+        frame = token.frame
+        self.record_frame(frame.unit, frame.pdu, "a damaged frame" if token.is_damaged else owner, token.at)
+
+    def record_frame(self, unit: int, pdu: bytes, owner: str, at: float) -> None:
+        """Record a frame that came `at` this time and is not the response."""
         if self._ring.is_on:
-            frame = token.frame
-            kind = "a damaged frame" if token.is_damaged else owner
-            self._ring.add(Heard(token.at, self._line, kind, bytes((frame.unit,)) + frame.pdu, 1))
+            self._ring.add(Heard(at, self._line, owner, bytes((unit,)) + pdu, 1))
 
     def record_noise(self, data: bytes, count: int, now: float) -> None:
         """Record `count` bytes that belong to no frame; `data` are the first of them."""

@@ -24,11 +24,24 @@ def packets(fact: Fact, modes: Mapping[str, str]) -> Iterator[Packet]:
     elif fact["kind"] == "heard":
         data, owner = bytes.fromhex(fact["frame"]), fact["owner"]
         is_noise = owner == "noise"
-        frame = data if is_noise else with_crc(data)
-        is_request = owner in ("another's request", "an echo")
-        yield Packet(fact["time"], fact["line"], frame, owner, is_request, is_sent=False, is_damaged=is_noise)
+        frame = data if is_noise else wire_frame(data[0], data[1:], mode)
+        is_request, dissector = owner in ("another's request", "an echo"), _dissector(mode)
+        yield Packet(
+            fact["time"],
+            fact["line"],
+            frame,
+            owner,
+            is_request,
+            is_sent=False,
+            is_damaged=is_noise,
+            dissector=dissector,
+        )
     elif fact["kind"] == "answered":
         yield from _answered(fact)
+
+
+def _dissector(mode: str) -> Dissector:
+    return "mbtcp" if mode == "tcp" else "mbrtu"
 
 
 def description(line: TracedLine) -> str:
@@ -73,7 +86,7 @@ def heard_frame(heard: bytes, mode: str) -> tuple[bytes, bool]:
 
 def _exchange(fact: Fact, mode: str) -> Iterator[Packet]:
     line, address = fact["line"], fact["address"]
-    dissector: Dissector = "mbtcp" if mode == "tcp" else "mbrtu"
+    dissector = _dissector(mode)
     limit, client = f"limit {fact['limit_ms']:.1f} ms", fact["client"]
     asked = wire_frame(address, bytes.fromhex(fact["request"]), mode)
     waited = f"for {client} as unit {fact['unit']}, waited {fact['wait_ms']:.1f} ms, {limit}"

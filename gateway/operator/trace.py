@@ -252,7 +252,7 @@ def _filter(gateway: Gateway, line: object, unit: object) -> Callable[[Record], 
     names = UnitNames(gateway.plan)
     is_his, name = names.is_of(unit), names.shared.get(find_unit(gateway.plan, unit))
     places = {
-        (part.name, device.unit) for part in gateway.lines for device in part.devices.values() if device.name == name
+        (part.name, device.unit) for part in gateway.owners for device in part.devices.values() if device.name == name
     }
 
     def is_wanted(record: Record) -> bool:

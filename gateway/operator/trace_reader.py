@@ -203,7 +203,7 @@ def what_is_seen(running: Running, host: str) -> MaySee:
     gateway, rights = running.gateway, running.routers.web.rights
     names = UnitNames(gateway.plan)
     units = {name: unit for unit, name in names.shared.items()}
-    places = {(line.name, device.unit): device.name for line in gateway.lines for device in line.devices.values()}
+    places = {(owner.name, device.unit): device.name for owner in gateway.owners for device in owner.devices.values()}
 
     def is_seen(record: Record) -> bool:
         if isinstance(record, PortChanged):

@@ -43,9 +43,14 @@ def upstream_evidence(
         busy_share=None if rate is None else rate.busy,
         units=units,
         in_flight=settings.in_flight,
-        pauses=_pauses(upstream.name, ring) if any(unit.timeouts for unit in units) else NO_PAUSES,
+        pauses=_pauses(upstream.name, ring) if _are_lost(units) else NO_PAUSES,
         takes_zero=settings.transaction_id == "zero",
     )
+
+
+def _are_lost(units: tuple[UnitEvidence, ...]) -> bool:
+    """Tell whether requests got no response, and most of these not even a late one."""
+    return sum(unit.timeouts for unit in units) > 2 * sum(unit.late for unit in units)
 
 
 def _pauses(name: str, ring: Ring) -> Pauses:

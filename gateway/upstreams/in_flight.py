@@ -77,7 +77,7 @@ class InFlight:
             del self.outstanding[identifier]
             self._recovered(late.device)
             return self._take_late(frame, late, now)
-        self._drop(frame, identifier, asked or late)
+        self._drop(frame, identifier, asked or late, now)
         return None
 
     def _take_late(self, frame: TcpFrame, late: Transaction, now: float) -> Transaction | None:
@@ -93,6 +93,7 @@ class InFlight:
         is_answered = is_awaited or late.requests[0].error is None
         if late.expects_answer and now >= late.fails_at and not (late.wakes and is_answered):
             self._telling.late_response(late, now)
+            self._telling.record_frame(frame.unit, frame.pdu, "a late response", now)
         if not is_awaited:
             return None
         late.counts.responses += 1
@@ -100,7 +101,7 @@ class InFlight:
         self._telling.record_sent(late, frame.pdu, now)
         return late
 
-    def _drop(self, frame: TcpFrame, identifier: int, expected: Transaction | None) -> None:
+    def _drop(self, frame: TcpFrame, identifier: int, expected: Transaction | None, now: float) -> None:
         """Count a frame that is no response. It may have come in place of the response to a request under way."""
         meant: int | None = identifier
         if expected is None:
@@ -110,6 +111,8 @@ class InFlight:
             self._telling.foreign(Frame(frame.unit, frame.pdu), expected)
         if meant in self.under_way:
             self._instead.setdefault(meant, encode(*frame))
+        else:
+            self._telling.record_frame(frame.unit, frame.pdu, "nobody", now)
 
     def finish(self, identifier: int) -> bytes:
         """Remove a request under way. Return the bytes received instead of its response."""

@@ -9,9 +9,12 @@ import pytest
 
 from gateway.config.reading.source import place_of
 from gateway.errors import WrongQuestion
+from gateway.modbus.rtu import with_crc
 from gateway.operator.answer_times import answer_times
+from gateway.operator.capture import packets
 from gateway.operator.metrics import read
 from gateway.operator.status import status
+from gateway.operator.trace import lines
 from gateway.plant.discovery import Discovery
 from gateway.plant.topics import Topics
 from gateway.runtime.tightness import ENOUGH, STEP, TightLimits
@@ -152,6 +155,20 @@ async def test_the_trace_names_it_and_says_why_a_request_failed(kind):
         assert 200 <= told["limit_ms"] <= 215
         (story,) = (await ask(bench.running, "why", who="meter"))["stories"]
         assert (story["name"], story["result"]) == ("meter", "timeout")
+
+
+async def test_a_late_response_is_in_the_trace_and_in_a_capture(kind):
+    async with both(kind) as (bench, _, meter):
+        meter.delay = 0.4
+        await bench.client().asks(38, "03 00 00 00 01")
+        await asyncio.sleep(0.5)
+        facts = shown((await ask(bench.running, "trace", unit="meter", after=0))["facts"])
+        (late,) = [each for each in facts if each["kind"] == "heard"]
+        assert (late["line"], late["owner"], late["frame"]) == ("roof", "a late response", "02 03 02 00 00")
+        modes = {line.name: line.mode for line in lines(bench.gateway)}
+        (packet,) = packets(late, modes)
+        frame = bytes.fromhex("02 03 02 00 00")
+        assert packet.data == (with_crc(frame) if kind == "line" else bytes.fromhex("0000 0000 0005") + frame)
 
 
 async def test_it_has_the_same_series_of_metrics():
