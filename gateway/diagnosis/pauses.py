@@ -80,17 +80,18 @@ class _Asked(NamedTuple):
 
 
 def pauses_before(records: Iterable[Sent]) -> Pauses:
-    """Sort requests to one server by what was before them."""
+    """Sort requests to one server by what was before them, except those to units that have not answered at all."""
+    ended = [each for each in sorted(records, key=lambda one: one.sent_at) if each.result in _ANSWERED | _LOST]
+    answering = {each.name for each in ended if each.result in _ANSWERED}
     found: list[_Asked] = []
     last_response, ends_at = -inf, -inf
     responses: list[float] = []
-    for each in sorted(records, key=lambda one: one.sent_at):
+    for each in ended:
         is_lost = each.result in _LOST
-        if not is_lost and each.result not in _ANSWERED:
-            continue
         last_response = max((at for at in responses if at <= each.sent_at), default=last_response)
         responses = [at for at in responses if at > each.sent_at]
-        found.append(_Asked(is_lost, each.sent_at - last_response, each.sent_at < ends_at))
+        if each.name in answering:
+            found.append(_Asked(is_lost, each.sent_at - last_response, each.sent_at < ends_at))
         ends_at = max(ends_at, each.at)
         if not is_lost:
             responses.append(each.at)

@@ -12,9 +12,9 @@ READ = bytes.fromhex("03 00 00 00 01")
 ANSWER = bytes.fromhex("03 02 00 00")
 
 
-def asked(sent_at: float, ends_at: float, *, error=None) -> Sent:
+def asked(sent_at: float, ends_at: float, *, error=None, name="inverter") -> Sent:
     response = None if error else ANSWER
-    record = Incident(ends_at, "roof", "x", "c", 1, 1, READ, response, sent_at, sent_at, sent_at, 1.0)
+    record = Incident(ends_at, "roof", name, "c", 1, 1, READ, response, sent_at, sent_at, sent_at, 1.0)
     record.error = error
     return record
 
@@ -98,3 +98,9 @@ def test_a_server_that_has_room_for_one_request():
 def test_what_was_damaged_or_not_sent_proves_nothing():
     records = [asked(at, at + 0.01, error=BrokenResponse()) for at in range(10)]
     assert pauses_before(records) == Pauses(needed=0.1)
+
+
+def test_a_dead_unit_between_others_is_no_hurry():
+    records = one_after_the_other(*[1.0] * 10)
+    dead = [asked(each.at + 0.001, each.at + 0.9, error=ResponseTimeout(), name="meter") for each in records]
+    assert found(pauses_before([*records, *dead])) == []
