@@ -3,7 +3,7 @@
 All is found in the records of the trace, so the more of them there are, the surer it is.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, inf
 from typing import Final, NamedTuple
@@ -73,28 +73,33 @@ class Pauses:
 NO_PAUSES: Final = Pauses()
 
 
-class _Asked(NamedTuple):
+class Asked(NamedTuple):
+    """What became of a request, and what was before it: a `pause` since a response, or others `beside` it."""
+
     is_lost: bool
     pause: float
     is_beside: bool
 
 
-def pauses_before(records: Iterable[Sent]) -> Pauses:
-    """Sort requests to one server by what was before them, except those to units that have not answered at all."""
+def situations(records: Iterable[Sent]) -> Iterator[Asked]:
+    """Tell what was before each request to one server, except those to units that have not answered at all."""
     ended = [each for each in sorted(records, key=lambda one: one.sent_at) if each.result in _ANSWERED | _LOST]
     answering = {each.name for each in ended if each.result in _ANSWERED}
-    found: list[_Asked] = []
     last_response, ends_at = -inf, -inf
     responses: list[float] = []
     for each in ended:
-        is_lost = each.result in _LOST
         last_response = max((at for at in responses if at <= each.sent_at), default=last_response)
         responses = [at for at in responses if at > each.sent_at]
+        is_lost = each.result in _LOST
         if each.name in answering:
-            found.append(_Asked(is_lost, each.sent_at - last_response, each.sent_at < ends_at))
+            yield Asked(is_lost, each.sent_at - last_response, each.sent_at < ends_at)
         ends_at = max(ends_at, each.at)
         if not is_lost:
             responses.append(each.at)
+
+
+def pauses_of(found: Sequence[Asked]) -> Pauses:
+    """Sort requests to one server by what was before them."""
     silence = _silence(sorted(one.pause for one in found if one.is_lost))
     enough = min((one.pause for one in found if one.pause > silence and not one.is_lost), default=inf)
     return Pauses(
@@ -118,6 +123,6 @@ def _needed(silence: float, was_enough: float) -> float:
     return next((gap for gap in _GAPS if gap >= at_least), _GAPS[-1])
 
 
-def _losses(asked: Iterable[_Asked]) -> Losses:
+def _losses(asked: Iterable[Asked]) -> Losses:
     lost = [one.is_lost for one in asked]
     return Losses(sum(lost), len(lost))

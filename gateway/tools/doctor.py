@@ -35,6 +35,8 @@ from gateway.timing.measured import NEVER
 from gateway.tools.evidence import (
     client_evidence,
     line_evidence,
+    pauses_before,
+    records_of,
     shown_devices,
     unit_evidence,
     units_evidence,
@@ -142,7 +144,8 @@ async def _about(running: Running, part: Owner, is_there: IsThere, *, asks: bool
         if found is not None:
             said += _told(found)
     units = await units_evidence(line)
-    findings = list(about_line(line_evidence(line, now(), running.recent, running.ring, units, found)))
+    records = [] if isinstance(line.plan.port, SerialSettings) else await records_of(line, running.ring)
+    findings = list(about_line(line_evidence(line, now(), running.recent, units, records, found)))
     if said:
         findings.append(_has_sent(line, said))
     return findings
@@ -155,7 +158,9 @@ async def _about_upstream(
         return list(_why_down(running, upstream))
     asked, is_cut_short = await _ask_units(running, upstream, is_there) if asks else (0, False)
     units, now = await units_evidence(upstream), asyncio.get_running_loop().time()
-    findings = list(about_line(upstream_evidence(upstream, now, running.recent, running.ring, units)))
+    records = await records_of(upstream, running.ring)
+    pauses = await pauses_before(records, units)
+    findings = list(about_line(upstream_evidence(upstream, now, running.recent, units, records, pauses)))
     if asked:
         findings.append(_has_sent(upstream, [_told_of_reads(asked, is_cut_short=is_cut_short)]))
     return findings

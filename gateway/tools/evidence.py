@@ -1,12 +1,15 @@
 """Evidence about lines, units and clients for the rules of `diagnosis`, taken from the counters."""
 
+import asyncio
+from collections import deque
+from collections.abc import Sequence
 from typing import Any, Final
 
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
 from gateway.diagnosis.last import NOW, RECENT, Last
-from gateway.diagnosis.pauses import NO_PAUSES, Pauses, pauses_before
+from gateway.diagnosis.pauses import NO_PAUSES, Pauses, pauses_of, situations
 from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
 from gateway.ports.port import SerialSettings
@@ -17,10 +20,11 @@ from gateway.runtime.recent import Recent
 from gateway.timing.histogram import SHARES, merged
 from gateway.timing.measured import NEVER
 from gateway.trace.records import PortChanged, Record, Sent
-from gateway.trace.ring import Ring
+from gateway.trace.ring import STEP, Ring
 
-#: The most records of the trace that are looked at.
+#: The most records of the trace that are looked at, and kept of a line or upstream.
 _LOOKED_AT: Final = 4000
+_KEPT: Final = 1000
 
 
 async def units_evidence(part: Owner) -> tuple[UnitEvidence, ...]:
@@ -28,53 +32,61 @@ async def units_evidence(part: Owner) -> tuple[UnitEvidence, ...]:
     return tuple(await in_slices(unit_evidence(part, device) for device in shown_devices(part)))
 
 
+async def records_of(owner: Owner, ring: Ring) -> list[Record]:
+    """Find the last records about a line or upstream in the trace, with pauses for other work."""
+    number, kept = max(ring.first, ring.added - _LOOKED_AT), deque[Record](maxlen=_KEPT)
+    while records := ring.after(number, STEP):
+        kept += [each for each in records if each.line == owner.name]
+        number += len(records)
+        await asyncio.sleep(0)
+    return list(kept)
+
+
+async def pauses_before(records: Sequence[Record], units: Sequence[UnitEvidence]) -> Pauses:
+    """Find how requests to an upstream fared by what was before them, if some got no response, and no late one."""
+    if sum(unit.timeouts for unit in units) <= 2 * sum(unit.late for unit in units):
+        return NO_PAUSES
+    return pauses_of(await in_slices(situations(each for each in records if isinstance(each, Sent))))
+
+
 def upstream_evidence(
-    upstream: GatewayUpstream, now: float, recent: Recent, ring: Ring, units: tuple[UnitEvidence, ...]
+    upstream: GatewayUpstream,
+    now: float,
+    recent: Recent,
+    units: tuple[UnitEvidence, ...],
+    records: Sequence[Record],
+    pauses: Pauses,
 ) -> LineEvidence:
-    """Gather the evidence about an upstream that is up, including its `units`."""
+    """Gather the evidence about an upstream that is up, including its `units` and the last `records` about it."""
     settings, rate = upstream.plan.upstream, recent.rate(upstream, now)
     return LineEvidence(
         settings.name,
         settings.source,
         0,
         "",
-        **_losses(upstream, ring),
+        **_losses(records, now),
         is_serial=False,
         busy_share=None if rate is None else rate.busy,
         units=units,
         in_flight=settings.in_flight,
-        pauses=_pauses(upstream.name, ring) if _are_lost(units) else NO_PAUSES,
+        pauses=pauses,
         takes_zero=settings.transaction_id == "zero",
     )
 
 
-def _are_lost(units: tuple[UnitEvidence, ...]) -> bool:
-    """Tell whether requests got no response, and most of these not even a late one."""
-    return sum(unit.timeouts for unit in units) > 2 * sum(unit.late for unit in units)
-
-
-def _pauses(name: str, ring: Ring) -> Pauses:
-    return pauses_before(each for each in _recent(ring) if isinstance(each, Sent) and each.line == name)
-
-
-def _losses(owner: Owner, ring: Ring) -> dict[str, Any]:
+def _losses(records: Sequence[Record], now: float) -> dict[str, Any]:
     """Find how often a connection was lost in the last minute, and why the last time."""
-    begin = owner.now() - RECENT
-    ports = [each for each in _recent(ring) if isinstance(each, PortChanged) and each.line == owner.name]
-    reasons = [each.reason for each in ports if each.reason and each.at >= begin]
+    ports = [each for each in records if isinstance(each, PortChanged)]
+    reasons = [each.reason for each in ports if each.reason and each.at >= now - RECENT]
     return {"losses": len(reasons), "last_loss": reasons[-1] if reasons else ""}
-
-
-def _recent(ring: Ring) -> list[Record]:
-    return ring.after(max(ring.first, ring.added - _LOOKED_AT), _LOOKED_AT)
 
 
 def line_evidence(
     line: GatewayLine,
     now: float,
     recent: Recent,
-    ring: Ring,
     units: tuple[UnitEvidence, ...],
+    records: Sequence[Record],
     found: Search | None = None,
 ) -> LineEvidence:
     """Gather the evidence about a line, including its `units`; `found` is the result of a search there."""
@@ -87,7 +99,7 @@ def line_evidence(
         baud=timing.baud,
         format=str(timing.format),
         reason=str(line.reconnector.error or ""),
-        **_losses(line, ring),
+        **_losses(records, now),
         is_standby=line.is_standby,
         is_serial=isinstance(plan.port, SerialSettings),
         echo=machine.settings.echo,

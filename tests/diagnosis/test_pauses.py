@@ -4,7 +4,7 @@ import pytest
 
 from gateway.diagnosis.evidence import LineEvidence
 from gateway.diagnosis.lines import about_line
-from gateway.diagnosis.pauses import Pauses, pauses_before
+from gateway.diagnosis.pauses import Pauses, pauses_of, situations
 from gateway.errors import BrokenResponse, ResponseTimeout
 from gateway.trace.records import Incident, Sent
 
@@ -30,6 +30,10 @@ def one_after_the_other(*pauses: float, needs: float = 0.05, takes: float = 0.01
             responded_at = now
         records.append(asked(sent_at, now, error=ResponseTimeout() if is_lost else None))
     return records
+
+
+def pauses_before(records) -> Pauses:
+    return pauses_of([*situations(records)])
 
 
 def found(pauses: Pauses) -> list[tuple[str, str]]:
