@@ -153,7 +153,7 @@ class LineEvidence:
     """A client line, or an upstream, which gets up to `in_flight` requests at once.
 
     `reason` is why it is down or `is_standby`; empty while the line is up. In the last minute it was lost `losses`
-    times, the last time for the reason `last_loss`.
+    times, for the reason `loss` or others.
 
     `sent` requests have left; `copies` of them were received again, of the last `copies_in_a_row` each. `others`
     requests of other clients were heard; `last_copy` and `last_other` are the last of both. `errors` are the driver's
@@ -170,7 +170,7 @@ class LineEvidence:
     reason: str = ""
     is_standby: bool = False
     losses: int = 0
-    last_loss: str = ""
+    loss: str = ""
     is_serial: bool = True
     echo: bool = False
     busy_share: float | None = None

@@ -52,7 +52,12 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
 
 def against_loss(reason: str, otherwise: str) -> str:
     """Choose what to do about a connection that was lost or refused for this reason."""
-    return _ONE_CLIENT_ONLY if _CLOSED_AT_ONCE in reason else otherwise
+    return _ONE_CLIENT_ONLY if is_closed_at_once(reason) else otherwise
+
+
+def is_closed_at_once(reason: str) -> bool:
+    """Tell whether a connection was lost because its server closes each one as soon as it is open."""
+    return _CLOSED_AT_ONCE in reason
 
 
 def _losses(line: LineEvidence) -> Iterator[Finding]:
@@ -60,8 +65,8 @@ def _losses(line: LineEvidence) -> Iterator[Finding]:
     is_in_use = any(unit.ago is not None and unit.ago <= RECENT for unit in line.units)
     if not line.is_serial and (line.losses >= ENOUGH or (line.losses and not is_in_use)):
         times = "once" if line.losses == 1 else f"{line.losses} times"
-        what = f"was lost {times} in the last minute; the last reason: {line.last_loss}"
-        yield Finding("fix", line.name, what, against_loss(line.last_loss, "check the server, and the network to it"))
+        what = f"was lost {times} in the last minute: {line.loss}"
+        yield Finding("fix", line.name, what, against_loss(line.loss, "check the server, and the network to it"))
 
 
 def _how_it_is(line: LineEvidence, units: list[UnitEvidence]) -> Finding:

@@ -9,6 +9,7 @@ from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
 from gateway.diagnosis.last import NOW, RECENT, Last
+from gateway.diagnosis.lines import is_closed_at_once
 from gateway.diagnosis.pauses import NO_PAUSES, Pauses, pauses_of, situations
 from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
@@ -75,10 +76,11 @@ def upstream_evidence(
 
 
 def _losses(records: Sequence[Record], now: float) -> dict[str, Any]:
-    """Find how often a connection was lost in the last minute, and why the last time."""
+    """Find how often a connection was lost in the last minute, and the reason that says most, or else the last one."""
     ports = [each for each in records if isinstance(each, PortChanged)]
     reasons = [each.reason for each in ports if each.reason and each.at >= now - RECENT]
-    return {"losses": len(reasons), "last_loss": reasons[-1] if reasons else ""}
+    telling = [*filter(is_closed_at_once, reasons)] or reasons
+    return {"losses": len(reasons), "loss": telling[-1] if telling else ""}
 
 
 def line_evidence(

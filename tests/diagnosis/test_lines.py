@@ -410,16 +410,16 @@ def test_other_responses_that_do_not_fit_do_not_make_it_one(line):
 
 
 def test_a_connection_that_is_lost_again_and_again():
-    lost = replace(ROOF, losses=3, last_loss="connection reset by peer")
-    what = "was lost 3 times in the last minute; the last reason: connection reset by peer"
+    lost = replace(ROOF, losses=3, loss="connection reset by peer")
+    what = "was lost 3 times in the last minute: connection reset by peer"
     assert fixes(lost) == [("roof", what, "check the server, and the network to it")]
     answering = tuple(replace(each, ago=5.0) for each in (SILO, PRESS))
-    assert fixes(replace(ROOF, losses=2, last_loss="reset", units=answering)) == []
+    assert fixes(replace(ROOF, losses=2, loss="reset", units=answering)) == []
 
 
 def test_a_server_that_closes_each_connection_at_once_may_serve_one_client_only():
-    refused = replace(ROOF, losses=1, last_loss=CLOSED)
-    what = f"was lost once in the last minute; the last reason: {CLOSED}"
+    refused = replace(ROOF, losses=1, loss=CLOSED)
+    what = f"was lost once in the last minute: {CLOSED}"
     assert fixes(refused) == [("roof", what, ONE_CLIENT)]
     device_server = replace(LINE, is_serial=False, reason=CLOSED)
     assert fixes(device_server) == [("hall", f"is down: {CLOSED}", ONE_CLIENT)]
