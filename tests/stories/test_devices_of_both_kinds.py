@@ -15,6 +15,7 @@ from gateway.operator.capture import packets
 from gateway.operator.metrics import read
 from gateway.operator.status import status
 from gateway.operator.trace import lines
+from gateway.operator.units import picture
 from gateway.plant.discovery import Discovery
 from gateway.plant.topics import Topics
 from gateway.runtime.tightness import ENOUGH, STEP, TightLimits
@@ -203,7 +204,7 @@ async def test_a_limit_is_proposed_with_what_the_network_adds():
         client = bench.client()
         for _ in range(ENOUGH):
             await client.asks(37, "03 00 00 00 05")
-        (times,) = answer_times(bench.gateway, 37)
+        (times,) = answer_times(bench.gateway, picture(bench.gateway, 37))
         assert times.proposed_ms == pytest.approx(100 + 1.5 * 10, abs=1)
 
 

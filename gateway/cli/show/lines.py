@@ -62,9 +62,14 @@ def _retry_within(plan: LinePlan) -> str:
     return f", retry_within auto: {least}" + ("" if least == most else f" to {most}, by the size of the read")
 
 
+def _is_shared(plan: LinePlan) -> bool:
+    """Tell whether other listeners lead to any of its devices too."""
+    return any(device.client_unit is not None for device in plan.shared)
+
+
 def _list_listeners(plan: LinePlan, whole: Plan) -> Iterator[str]:
     """List the addresses that the listeners for this line lead to."""
-    names = through(listeners_for(plan.line.name, whole), is_shared=bool(plan.shared))
+    names = through(listeners_for(plan.line.name, whole), is_shared=_is_shared(plan))
     if names:
         yield f"{names}: {show_units(plan.addresses)}, as on the wire."
 
@@ -106,7 +111,7 @@ def line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
         "retry_within_ms": None if plan.line.retry_within is None else milliseconds(plan.line.retry_within),
         "rest_ms": None if plan.line.rest is None else milliseconds(plan.line.rest),
         "passes_through": plan.passes_through,
-        "shared": bool(plan.shared),
+        "shared": _is_shared(plan),
         "own_listeners": listeners_for(plan.line.name, whole),
         "addresses": show_units(plan.addresses),
         "polls": polls_as_json(load),
