@@ -23,7 +23,7 @@ from gateway.state.memory import read_memory, state_folder
 _LONGEST_WAIT: Final = "Longest wait = max_wait + gap + longest request on the wire + its time limit."
 _LONGEST_WAIT_FOR_REPEATS: Final = "With retries it is max_wait + gap + retry_within, if that is longer."
 _LONGEST_WAIT_BEHIND: Final = (
-    "Behind an upstream it is max_wait + gap + after_connect + the time limit for each attempt (1 + retries)."
+    "Behind an upstream it is max_wait + gap + after_connect + its time limit, and more where reads are repeated."
 )
 _ADVICE: Final = """\
 Set each client's time-out above the longest wait of the units that it polls.

@@ -27,7 +27,6 @@ from gateway.config.plan.forecast import (
 from gateway.config.plan.line_load import load_of, total_share
 from gateway.config.plan.settings import Plan, ServerPlan, UpstreamPlan
 from gateway.config.values.duration import show_duration
-from gateway.ports.port import TcpSettings
 from gateway.upstreams.settings import UpstreamSettings
 
 
@@ -55,12 +54,12 @@ def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
 
 def _pace(plan: UpstreamPlan) -> Iterator[str]:
     """Say when the server is asked: how many requests at once, and what else is not the default."""
-    settings, after_connect = plan.upstream, _after_connect(plan)
+    settings = plan.upstream
     yield f"{settings.in_flight} in flight"
     if settings.gap:
         yield f"gap {show_duration(settings.gap)}"
-    if after_connect:
-        yield f"{show_duration(after_connect)} of silence after connecting"
+    if settings.after_connect:
+        yield f"{show_duration(settings.after_connect)} of silence after connecting"
     if settings.idle:
         yield f"closed after {show_duration(settings.idle)} without a request"
 
@@ -70,10 +69,6 @@ def _peculiarities(settings: UpstreamSettings) -> Iterator[str]:
         yield "  responses with transaction identifier 0 are taken too"
     if not settings.coalesce:
         yield "  equal reads do not share a transaction"
-
-
-def _after_connect(plan: UpstreamPlan) -> float:
-    return plan.port.after_connect if isinstance(plan.port, TcpSettings) else 0.0
 
 
 def server_as_text(server: ServerPlan, plan: Plan) -> str:
@@ -103,7 +98,7 @@ def upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
         "others": [other.port for other in plan.others],
         "in_flight": settings.in_flight,
         "gap_ms": milliseconds(settings.gap),
-        "after_connect_ms": milliseconds(_after_connect(plan)),
+        "after_connect_ms": milliseconds(plan.upstream.after_connect),
         "idle_ms": milliseconds(settings.idle),
         "transaction_id": settings.transaction_id,
         "coalesce": settings.coalesce,

@@ -571,7 +571,8 @@ read = [{ holding = "0-9", every = "EVERY" }]
 
 def test_a_device_behind_a_server_is_shown_as_one_on_a_line_and_so_are_the_manners_of_the_server(config, capsys):
     assert main(["check", config(INVERTER.replace("EVERY", "1 s"))]) == 0
-    # 2 s in the queue, the gap, the silence after connecting, and twice 1.5 x 100 ms + 100 ms of the network
+    # 2 s in the queue, the gap, the silence after connecting, and 1.5 x 100 ms + 100 ms of the network; then twice (to
+    # wake it, and to repeat it) the gap, a new connection, and that limit
     assert (
         dedent(
             """\
@@ -582,8 +583,8 @@ def test_a_device_behind_a_server_is_shown_as_one_on_a_line_and_so_are_the_manne
           retries 1
           rest off
           UNIT  BEHIND THE SERVER  DEVICE    PROFILE   LONGEST WAIT
-          37    1                  inverter  inverter  2.65 s
-          38    2                  meter     generic   4.15 s
+          37    1                  inverter  inverter  3.7 s
+          38    2                  meter     generic   5.3 s
           inverter sleeps: after 5 min without a request its first read is sent twice.
           Declared polls take 15.0 % of the connection
             BY         OF        READS        EVERY  TIME      SHARE
