@@ -584,7 +584,7 @@ def test_a_device_behind_a_server_is_shown_as_one_on_a_line_and_so_are_the_manne
           rest off
           UNIT  BEHIND THE SERVER  DEVICE    PROFILE   LONGEST WAIT
           37    1                  inverter  inverter  3.7 s
-          38    2                  meter     generic   5.3 s
+          38    2                  meter     generic   5.31 s
           inverter sleeps: after 5 min without a request its first read is sent twice.
           Declared polls take 15.0 % of the connection
             BY         OF        READS        EVERY  TIME      SHARE
