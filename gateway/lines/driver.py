@@ -143,15 +143,18 @@ class LineDriver:
 
     def _tick(self) -> None:
         self._read_port()
-        self.line.tick(self._time())
-        if self.line.must_renew(self._time()):
-            self._renew()
+        line, now = self.line, self._time()
+        line.tick(now)
+        is_stuck = line.must_renew(now)
+        if is_stuck or line.may_leave(now):
+            self._close_port(is_stuck=is_stuck)
 
-    def _renew(self) -> None:
-        """Close the connection, so that a new one is opened."""
+    def _close_port(self, *, is_stuck: bool) -> None:
+        """Close the connection. A new one is opened at once, or when it is needed."""
         port, self._boundary.port = self._boundary.port, None
         if port is not None:
-            self._emit(ConnectionRenewed(self.line.settings.name, self.line.settings.source))
+            if is_stuck:
+                self._emit(ConnectionRenewed(self.line.settings.name, self.line.settings.source))
             self.line.renew(self._time())
             port.close()
 

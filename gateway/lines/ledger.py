@@ -127,6 +127,13 @@ class Ledger:
         """Return when the next late window ends."""
         return min((each.ends_at for each in self.owed()), default=None)
 
+    def all_over_at(self) -> float:
+        """Return when all late windows have ended, and no other client is there any more, or a time in the past."""
+        ends = [each.ends_at for each in self.late]
+        if self.other_client is not None:
+            ends.append(self.other_client.ends_at)
+        return max(ends, default=0.0)
+
     def changes_until(self, units: Collection[int]) -> float:
         """Return until when a device with one of the `units` may still change its address, or a time in the past."""
         ends = [each.ends_at for each in self.owed() if each.answers_from is None and each.unit in units]

@@ -8,12 +8,16 @@
 | awaiting  | the response                            | idle      | the client gets it                                |
 | awaiting  | the limit, an ambiguous response        | idle      | a late window opens; 0B, or at the limit a read   |
 |           |                                         |           | waits for its repeat                              |
+| awaiting  | the limit, to a read that may have to   | repeating |                                                   |
+|           | wake its device; nothing came           |           |                                                   |
 | awaiting  | a damaged response: no late window      | idle      | 0B                                                |
 | awaiting  | a damaged one, or damaged bytes at the  | repeating |                                                   |
 |           | limit, to a read that may be repeated   |           |                                                   |
 | repeating | the line is quiet                       | awaiting  | the request is written again                      |
 | repeating | bytes come: they may be the response    | idle      | 0B                                                |
-| idle      | the connection ends in order, `renew`   | closed    | what waits has it opened again                    |
+| idle      | the connection ends in order, `renew`:  | closed    | what waits has it opened again                    |
+|           | it may hold requests back, or nobody    |           |                                                   |
+|           | has asked for `idle` seconds            |           |                                                   |
 | closed    | a request                               | closed    | it has the connection opened, and waits           |
 | closed    | `port_up`                               | idle      |                                                   |
 | closed    | a request has waited too long for that  | closed    | 0A                                                |
@@ -85,6 +89,8 @@ class Line:
         #: What was received in place of a response to the last sending.
         self._diagnosis = NOTHING
         self._quiet_at = 0.0
+        #: When the port was opened, or the last request was over.
+        self._used_at = 0.0
         self._tune(latency=0.0)
 
     def phases(self, now: float) -> Phases:
@@ -115,6 +121,7 @@ class Line:
         self._is_virtual = virtual
         self._tune(latency)
         self._write = write
+        self._used_at = now
         self._quiet_at = now + self._gap
         self.ledger.connected(has_arrived)
         if self._state != "closed":
@@ -136,6 +143,16 @@ class Line:
         """Tell whether a new connection is needed: this one may hold back requests."""
         return not self.is_busy and self.ledger.must_renew(now)
 
+    def may_leave(self, now: float) -> bool:
+        """Tell whether the connection may be closed until the next request, because nobody has asked for so long."""
+        leaves_at = self._leaves_at()
+        if leaves_at is None or now < leaves_at:
+            return False
+        if self.ledger.is_underway():  # a broadcast
+            self._used_at = now
+            return False
+        return True
+
     def renew(self, now: float) -> None:
         """Keep waiting requests for a new connection, because this one is being closed."""
         self._disconnect("closed")
@@ -145,14 +162,18 @@ class Line:
         """Note that a connection has ended in order; `at_once` after it was opened, or later. If idle, that is no loss.
 
         It is opened again for waiting requests, or for the next one; if another client may be there, at once, to hear
-        it. But a connection that ends at once while requests wait is a loss: they would wait in vain.
+        it, and so without `idle` after `renew`. But a connection that ends at once while requests wait is a loss: they
+        would wait in vain.
         """
+        is_empty, is_kept = self._scheduler.is_empty, False
         if self._state == "closed":  # by `renew`
-            self._scheduler.reopening.ended(open_again, is_needed=True)
-        elif self._state == "idle" and (self._scheduler.is_empty or not at_once):
-            is_needed = not (self._scheduler.is_empty and (at_once or self.attribution.is_alone(now)))
+            is_kept = not self.settings.idle
+        elif self._state == "idle" and (is_empty or not at_once):
             self.renew(now)
-            self._scheduler.reopening.ended(open_again, is_needed=is_needed)
+        else:
+            return
+        is_needed = is_kept or not (is_empty and (at_once or self.attribution.is_alone(now)))
+        self._scheduler.reopening.ended(open_again, is_needed=is_needed)
 
     @property
     def is_closed(self) -> bool:
@@ -226,6 +247,8 @@ class Line:
             deadline = self._scheduler.deadline(self._free_at())
             if self._receiver.silent_at < inf:
                 deadline = earliest(deadline, self._receiver.silent_at)
+            if self.settings.idle:
+                deadline = earliest(deadline, self._leaves_at())
         return earliest(deadline, self._receiver.late_deadline()) if self.ledger.late else deadline
 
     def read_at(self, now: float) -> float | None:
@@ -256,6 +279,12 @@ class Line:
     def _free_at(self) -> float:
         """Return when a request may be sent: the line was silent long enough, and no other exchange occupies it."""
         return max(self._quiet_at, self.ledger.occupied_until()) if self.ledger.heard else self._quiet_at
+
+    def _leaves_at(self) -> float | None:
+        """Return when the connection may be closed until the next request; None if it may not."""
+        if not self.settings.idle or self._state != "idle" or not self._scheduler.is_empty:
+            return None
+        return max(self._used_at + self.settings.idle, self.ledger.all_over_at())
 
     def _tune(self, latency: float) -> None:
         """Set the times that follow from the line's timing and its port's latency."""
@@ -367,7 +396,8 @@ class Line:
         for exchange, frame in late:
             transaction = exchange.transaction
             if transaction is not None:
-                if not transaction.is_scan:
+                is_expected = transaction.is_scan or (transaction.device.wake and exchange.is_answered)
+                if not is_expected:
                     self._telling.late_response(transaction, now)
                 self._scheduler.record_response(exchange)
                 transaction.device.finished(transaction, frame)
@@ -385,25 +415,34 @@ class Line:
     def _give_up(self, current: Exchange, now: float) -> None:
         """Send the request again if allowed, else fail it: no response came.
 
-        A damaged response is repeated at once. After silence, or if the response may be another client's, the late
-        window comes first.
+        A damaged response is repeated at once, and so is a read of a device that may have slept. After other silence,
+        or if the response may be another client's, the late window comes first.
         """
         transaction = current.sender
         diagnosis = self._diagnosis = self._receiver.diagnose()
         self._report_late(now)
         current.owed -= self._receiver.has_damaged_response(now)
+        is_ours = not self.attribution.may_be_others(current)
+        if transaction.wakes and diagnosis.verdict == "nothing" and is_ours and self._is_wanted(transaction):
+            self.ledger.note_silence(current)
+            self._repeat(transaction, now)
+            return
         if current.owed:  # nothing is owed after a damaged response
             self._record_silence(current, diagnosis.text, now)
-        at_once = diagnosis.verdict == "broken" and not self.attribution.may_be_others(current)
+        at_once = diagnosis.verdict == "broken" and is_ours
         if not self._may_repeat(transaction, now if at_once else self.ledger.end_of(transaction, now)):
             self._fail(current, now)
         elif at_once:
-            self._telling.record_failed(transaction, None, now, diagnosis.text)
+            self._repeat(transaction, now)
             transaction.retries += 1
-            self._spend(transaction, 0, now)
-            self._state = "repeating"
         else:
             self._finish(current, None, now)
+
+    def _repeat(self, current: Transaction, now: float) -> None:
+        """Have the request sent again as soon as the line is free; nothing else is sent before that."""
+        self._telling.record_failed(current, None, now, self._diagnosis.text)
+        self._spend(current, 0, now)
+        self._state = "repeating"
 
     def _record_silence(self, current: Exchange, text: bytes, now: float) -> None:
         """Note a failure of the unit, unless a late response of another unit may have collided with its response."""
@@ -412,11 +451,15 @@ class Line:
         if not (current.sender.is_scan or self._receiver.may_have_collided(current.unit, text)):
             self._scheduler.record_failure(current.sender, now)
 
+    def _is_wanted(self, current: Transaction) -> bool:
+        """Tell whether the line may send this request again, and a client wants that."""
+        return self._write is not None and current.is_wanted
+
     def _may_repeat(self, current: Transaction, at: float) -> bool:
         """Tell whether the request may be sent again, not before the time `at`."""
         if current.retries >= self.settings.retries or not current.asked.only_reads or current.is_scan:
             return False
-        if self._write is None or not current.is_wanted:
+        if not self._is_wanted(current):
             return False
         if not current.retries:
             window = self.ledger.end_of(current, current.fails_at) - current.fails_at
@@ -476,6 +519,7 @@ class Line:
 
     def _spend(self, transaction: Transaction, response: int, now: float) -> None:
         """Count the line's time until `now` for the client of the first request; `response` is a PDU's size."""
+        self._used_at = now
         self.spent.add(transaction.sent_at, transaction.ends_at, now, response, self._quiet_at)
         caller, until = transaction.requests[0].caller, max(now, self._quiet_at)
         client, function = caller.host or caller.client, transaction.asked.function

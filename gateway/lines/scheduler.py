@@ -45,6 +45,7 @@ class Scheduler(Waiting):
         self._echo = echo
         self.may_send: MaySend | None = None
         self._idle = IdleTime(queue, ledger)
+        self._max_wait = settings.max_wait
         self._held_until = 0.0
 
     def put(self, transaction: Transaction, now: float) -> RequestError | None:
@@ -148,8 +149,13 @@ class Scheduler(Waiting):
             self.recover(device)
 
     def _is_forbidden(self, transaction: Transaction, now: float) -> bool:
-        until = self._ledger.forbid_until(transaction, now)
-        return until is not None and until - now > WORTH_WAITING
+        """Tell whether a late window forbids it for too long.
+
+        A device that sleeps and has answered leaves one open each time it was woken, so its requests wait for that.
+        """
+        until, device = self._ledger.forbid_until(transaction, now), transaction.device
+        worth_waiting = self._max_wait if device.wake and not device.breaker.failures else WORTH_WAITING
+        return until is not None and until - now > worth_waiting
 
 
 def earliest(one: float | None, other: float | None) -> float | None:

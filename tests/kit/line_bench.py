@@ -84,12 +84,19 @@ class Bench:
         self.line.ledger.take_over(overdue, patience)
 
     def device(
-        self, unit: int = 1, profile: Profile | None = None, timeout: float = 0.2, *, urgent: bool = False
+        self,
+        unit: int = 1,
+        profile: Profile | None = None,
+        timeout: float = 0.2,
+        *,
+        urgent: bool = False,
+        wake: float = 0.0,
     ) -> Device:
         """A new device; the bench's requests to `unit` go to it from now on."""
         answer_time = AnswerTime(TimingTable(), margin=1.5, timeout=timeout)
         priority = "high" if urgent else "normal"
-        settings = DeviceSettings(f"unit-{unit}", unit, unit, profile or Profile("generic"), answer_time, priority)
+        profile = profile or Profile("generic")
+        settings = DeviceSettings(f"unit-{unit}", unit, unit, profile, answer_time, priority, wake)
         self.devices[unit] = Device(settings, self.line)
         return self.devices[unit]
 
@@ -128,10 +135,16 @@ class Bench:
         end = self.now + seconds
         while (deadline := self.line.deadline()) is not None and deadline <= end:
             self.now = max(deadline, self.now)
-            self.line.tick(self.now)
+            self.tick()
             if self.line.must_renew(self.now):
                 break
         self.now = end
+
+    def tick(self) -> None:
+        """Wake the line; it closes a connection that nobody has used for so long."""
+        self.line.tick(self.now)
+        if self.line.may_leave(self.now) and not self.line.must_renew(self.now):
+            self.line.renew(self.now)
 
     @property
     def counts(self) -> Counts:

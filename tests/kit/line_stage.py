@@ -39,6 +39,7 @@ shown when a conversation ends, a frame or an answer, fails it.
 | `port ends`, `port ends early`   | the server closes its connection in order; early: as soon as it was opened   |
 | `port wanted`, `port not wanted` | the line has it opened again since then, or not                              |
 | `port renewed`, `port kept`      | the line closes its connection itself, for a new one, or needs not to        |
+| `port left`                      | the line has closed it, because nobody had asked for so long                 |
 | `port stuck`, `port flows`       | what is written has not arrived at the other end of the connection; it has   |
 | `port lent`, `port returned`     | meanwhile another line has the port, and what is open is handed to and fro   |
 | `lease lost`, `lease held`       | on a `shared` line: nothing is sent without the lease                        |
@@ -230,12 +231,14 @@ class LineStage:
                 bench.line.port_ended(self._open_again, bench.now, at_once=what == "ends early")
             case "wanted" | "not wanted":
                 assert self._opened == (what == "wanted")
-            case "renewed":
-                assert bench.line.must_renew(bench.now)
+            case "renewed" | "left":
+                assert (bench.line.must_renew(bench.now), bench.line.is_closed) == (what == "renewed", what == "left")
+                self._opened = 0
                 bench.line.renew(bench.now)
                 bench.line.port_ended(self._open_again, bench.now)
             case "kept":
                 assert not bench.line.must_renew(bench.now)
+                assert not bench.line.is_closed
             case "lent":
                 self._lender = bench
                 self._hand_over()
@@ -259,7 +262,7 @@ class LineStage:
             assert deadline <= end, "it does not come"
             assert not bench.line.must_renew(bench.now), "the line waits for a new connection"
             bench.now = max(deadline, bench.now)
-            bench.line.tick(bench.now)
+            bench.tick()
 
     def _hand_over(self, successor: Bench | None = None, *, by_file: bool = False) -> None:
         before = self._bench

@@ -2,9 +2,9 @@
 
 `line:` has `mode` (`rtu`: 19200 baud, `ascii`: 9600), `baud`, those of the config (`retries`, `echo`, `gap`, ..),
 `shared` (other gateways ask here in turn), and `port`: `virtual` (default), `serial`, whose bytes take their time, or
-`connection`. `unit 1:` has `timeout` (200 ms by default), `urgent`, `answers_03` (what calibration says of function
-03), `moves` and `changes_baud`; a unit 0 with settings, `unit 0: alone = true`, is one device asked at address 0.
-`scan:` has `awaits_second` and `patience`.
+`connection`. `unit 1:` has `timeout` (200 ms by default), `urgent`, `wake`, `answers_03` (what calibration says of
+function 03), `moves` and `changes_baud`; a unit 0 with settings, `unit 0: alone = true`, is one device asked at address
+0. `scan:` has `awaits_second` and `patience`.
 """
 
 import re
@@ -68,7 +68,7 @@ def _add_device(bench: Bench, unit: int, settings: dict[str, Setting]) -> None:
     profile = Profile("weigher", quirks=quirks) if quirks else None
     points = {int(key[-2:]): [Point(1, value)] for key, value in settings.items() if key.startswith("answers_")}
     timeout, urgent = settings.pop("timeout", 0.2), settings.pop("urgent", False)
-    device = bench.device(unit, profile, timeout, urgent=urgent)
+    device = bench.device(unit, profile, timeout, urgent=urgent, wake=settings.pop("wake", 0.0))
     assert all(key.startswith("answers_") for key in settings), settings
     if points:
         device.answer_time = AnswerTime(TimingTable.of(points), margin=1.5, timeout=timeout)
