@@ -18,6 +18,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from math import inf
 from typing import Final
 
 from gateway.modbus import ascii as ascii_framing
@@ -106,12 +107,17 @@ class Injection:
 
 
 class FaultyDevice(SimulatedDevice):
-    """A device whose values say that they are its own. `timeout` is what the gateway allows it, in seconds."""
+    """A device whose values say that they are its own. `timeout` is what the gateway allows it, in seconds.
 
-    def __init__(self, unit: int, *, number: int, timeout: float = 0.05) -> None:
+    It sleeps when it was not asked for `sleeps_after` seconds: the first request only wakes it.
+    """
+
+    def __init__(self, unit: int, *, number: int, timeout: float = 0.05, sleeps_after: float = inf) -> None:
         super().__init__(unit)
         self.number = number
         self.timeout = timeout
+        self.sleeps_after = sleeps_after
+        self.asked_at = 0.0
         self.dead_until = 0.0
         self.holding = [word(number, Area.HOLDING, address) for address in range(ITEMS)]
         self.input = [word(number, Area.INPUT, address) for address in range(ITEMS)]
@@ -232,8 +238,9 @@ class FaultyLine:
         return sorted(answers, key=lambda answer: answer.delay)
 
     def _choose(self, exchange: _Exchange) -> Fault:
-        fault = Fault.NONE
-        if exchange.now < exchange.device.dead_until:
+        fault, device = Fault.NONE, exchange.device
+        is_asleep, device.asked_at = exchange.now - device.asked_at > device.sleeps_after, exchange.now
+        if is_asleep or exchange.now < device.dead_until:
             fault = Fault.SILENT
         elif self._dice.random() < self._share:
             (fault,) = self._dice.choices(self._faults, self._weights)

@@ -232,10 +232,7 @@ class LineStage:
             case "wanted" | "not wanted":
                 assert self._opened == (what == "wanted")
             case "renewed" | "left":
-                assert (bench.line.must_renew(bench.now), bench.line.is_closed) == (what == "renewed", what == "left")
-                self._opened = 0
-                bench.line.renew(bench.now)
-                bench.line.port_ended(self._open_again, bench.now)
+                self._close_port(is_stuck=what == "renewed")
             case "kept":
                 assert not bench.line.must_renew(bench.now)
                 assert not bench.line.is_closed
@@ -248,6 +245,15 @@ class LineStage:
                 bench.arrives = what == "flows"
             case _:
                 raise ValueError(what)
+
+    def _close_port(self, *, is_stuck: bool) -> None:
+        line, now = self._bench.line, self._bench.now
+        assert line.must_renew(now) == is_stuck
+        if is_stuck:
+            line.renew(now)
+        assert line.is_closed
+        self._opened = 0
+        line.port_ended(self._open_again, now)
 
     def _open_again(self) -> None:
         self._opened += 1

@@ -9,8 +9,6 @@ from gateway.ports.port import Port, PortUser
 from kit.device import Answer
 from kit.memory import MemoryLine
 
-#: So many of the requests to a server through which nothing is on its way find it stalled.
-_SHARE: Final = 0.3
 #: For so many seconds at most; some late windows are shorter.
 _LONGEST: Final = 1.0
 #: What comes when it goes on keeps its order, in seconds.
@@ -31,6 +29,8 @@ class StallingServer(MemoryLine):
         #: Called when there is a new connection.
         self.on_open: Callable[[], None] = lambda: None
         self.dice = random.Random(0)
+        #: So many of the requests find it stalled, if nothing is on its way through it.
+        self.share = 0.0
         self._stands_until = self._quiet_at = 0.0
         self._is_cut = False
 
@@ -41,7 +41,7 @@ class StallingServer(MemoryLine):
 
     def asked(self, answers: Sequence[Answer], now: float) -> list[Answer]:
         """A request has been written: when these answers to it come from here."""
-        if now > self._quiet_at and self.dice.random() < _SHARE:
+        if now > self._quiet_at and self.dice.random() < self.share:
             self.stalls += 1
             self._is_cut = self.dice.random() < 0.5
             self._stands_until = self._quiet_at = now + self.dice.uniform(0.0, _LONGEST)

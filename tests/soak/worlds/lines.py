@@ -10,6 +10,7 @@ import random
 from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
+from math import inf
 from typing import Final
 
 from gateway.lines.transaction import Transaction
@@ -90,7 +91,12 @@ class World:
 
     def _attach(self, at: int, kind: LineKind, seed: int, share: float) -> None:
         devices = [
-            FaultyDevice(unit, number=NUMBERS[10 * at + unit], timeout=kind.timeout * (SLOW if unit > 6 else 1))
+            FaultyDevice(
+                unit,
+                number=NUMBERS[10 * at + unit],
+                timeout=kind.timeout * (SLOW if unit > 6 else 1),
+                sleeps_after=kind.wake,
+            )
             for unit in UNITS
         ]
         faulty = FaultyLine(
@@ -120,7 +126,7 @@ class World:
                 self.loop.call_later(delay, deliver, self._connection(name), response)
 
         def observe(transaction: Transaction, response: Frame | None, now: float) -> None:
-            tries = 1 + transaction.retries
+            tries = 1 + transaction.retries + (kind.wake < inf)
             sent = faulty.encode(transaction.unit, transaction.asked.data)
             codes = {injection.code for data, injection in [each for each in faulty.latest if each[0] == sent][-tries:]}
             for request in transaction.requests:
@@ -149,7 +155,7 @@ class World:
                 adapter.take(data, at_once=faulty.heard_at < faulty.spurious_until)
 
         if isinstance(line, StallingServer):  # what is heard of another client shows that it does not stall
-            line.dice, line.on_open = random.Random(100 * seed + at), adapter.drop
+            line.dice, line.on_open, line.share = random.Random(100 * seed + at), adapter.drop, kind.stalls
             return deliver
 
         other_client = OtherClient(faulty, seed=100 * seed + at)
@@ -362,6 +368,7 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
         tally.counts.update(asdict(of_gateway.counts) | {"unasked_bytes": of_gateway.unasked_bytes})
     tally.broadcasts = sum(client.questions.broadcasts for client in clients)
     tally.counts["stalls"] = sum(line.stalls for line in bench.lines.values() if isinstance(line, StallingServer))
+    tally.counts["openings"] = sum(line.openings for line in bench.lines.values() if isinstance(line, StallingServer))
     tally.other_clients = sum(other_client.asked for other_client in world.other_clients)
     tally.virtual_seconds = world.loop.time()
     return tally
