@@ -78,13 +78,14 @@ def _end(world: World) -> None:
 
 def _serves(world: World, name: str) -> None:
     """Whether a request is sent at once and its answer believed; a device that may have moved is sought first."""
+    sendings = 1 + world.setting.line.retries + (world.setting.wake > 0.0)
     for _ in range(_PLACES if world.setting.moves else 1):
         do(world, name)
         if world.sent is None:
             world.wrong.append("when everything is over, the line does not send")
             return
         (question,) = world.sent.questions
-        if any(_is_heard(world) for _ in range(1 + world.setting.line.retries)):
+        if any(_is_heard(world) for _ in range(sendings)):
             break
         world.pass_until(world.now + _LONG)
     else:

@@ -65,10 +65,27 @@ ALPHABETS: Final[dict[str, tuple[str, ...]]] = {
         "read", "other read", "read from other unit", "answer", "exception", "answer with wrong check sum", "noise",
         "silence", "limit", "window", "rest", "port lost", "port back",
     ),
+    "wakes": (
+        "read", "other read", "read from other unit", "write", "answer", "newest answer", "exception", "half an answer",
+        "other half", "foreign read", "foreign answer", "noise", "silence", "limit", "window", "rest", "port lost",
+        "port back", "reload",
+    ),
+    "wakes and moves": (
+        "read", "move", "other unit takes its place", "answer", "newest answer", "exception", "answer lost", "silence",
+        "limit", "window", "rest", "reload",
+    ),
 }  # fmt: skip
 
-#: What has happened before: a unit has failed so often that it rests the next time; one is late that is to move.
-_BEFORE: Final = {"rest": ("read", "limit", "window") * 2, "moves": ("read", "limit", "move")}
+#: Devices that may sleep do so after so many seconds without a request: longer than a limit and a late window.
+_WAKE: Final = 1.0
+#: What has happened before: a unit has failed so often that it rests the next time; one is late that is to move; one
+#: that may have slept was sent its read twice.
+_BEFORE: Final = {
+    "rest": ("read", "limit", "window") * 2,
+    "moves": ("read", "limit", "move"),
+    "wakes": ("read", "limit"),
+    "wakes and moves": ("read", "limit"),
+}
 
 
 def setting(
@@ -77,8 +94,8 @@ def setting(
     """A line. Of its port the bytes come at once or are `real`, it is set to an `echo`, or `echoes` and is not."""
     line = replace(_LINE, timing=_TIMINGS[mode], echo=port.endswith("with echo"), retries=retries, **more)
     name = f"{mode}, {port}, {retries} retries, {alphabet}"
-    before = _BEFORE.get(alphabet, ())
-    return Setting(name, line, "real" in port, "echo" in port, ALPHABETS[alphabet], before, alphabet == "moves")
+    before, wake = _BEFORE.get(alphabet, ()), _WAKE * ("wakes" in alphabet)
+    return Setting(name, line, "real" in port, "echo" in port, ALPHABETS[alphabet], before, "moves" in alphabet, wake)
 
 
 def settings(*alphabets: str) -> Iterator[Setting]:

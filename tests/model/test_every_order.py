@@ -112,6 +112,21 @@ def test_a_move_that_does_not_wait_for_the_late_answers_of_its_unit(monkeypatch)
 
 
 @pytest.mark.interpreted
+def test_a_read_that_was_sent_twice_to_wake_its_device_and_owes_one_answer(monkeypatch) -> None:
+    take = Ledger.take
+
+    def take_one(ledger: Ledger, transaction: Transaction) -> Exchange:
+        current = take(ledger, transaction)
+        current.owed = 1
+        return current
+
+    monkeypatch.setattr(Ledger, "take", take_one)
+    found = finds("answer, other read, silence", 4, alphabet="wakes")
+    assert found.path[-1] == "answer"
+    assert LIE in found.wrong[0]
+
+
+@pytest.mark.interpreted
 def test_an_unanswered_move_that_is_forgotten(monkeypatch) -> None:
     monkeypatch.setattr(Whereabouts, "add", lambda whereabouts, unit, change: None)
     found = finds("answer, answer lost, move, silence, limit", 5, alphabet="moves")

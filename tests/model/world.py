@@ -55,7 +55,7 @@ class Setting:
     """A line as it is configured and as it is, what may happen to it, and what has happened before.
 
     A real line takes its time. `echoes` says what the adapter does, whatever the settings of the line say. With `moves`
-    the devices change their addresses.
+    the devices change their addresses; they sleep after `wake` seconds without a request.
     """
 
     name: str
@@ -65,6 +65,7 @@ class Setting:
     letters: tuple[str, ...]
     before: tuple[str, ...] = ()
     moves: bool = False
+    wake: float = 0.0
 
 
 class Question:
@@ -148,6 +149,7 @@ class World:
         self.everyone = EveryDevice(self.line)
 
     def _device(self, settings: DeviceSettings, addresses: UnitAddresses) -> Device:
+        settings = replace(settings, wake=self.setting.wake)
         if not self.setting.moves:
             return Device(settings, self.line)
 
