@@ -41,6 +41,9 @@ def _check_device_server(line: Line) -> Iterator[Problem]:
         for key in filter(line.has, _CONNECTION_KEYS):
             yield error((*line.path, key), "is for lines behind a device server", "take it out")
         return
+    if line.idle and line.lease is not None:
+        remedy = "take idle out: who holds a lease has to hear whether another gateway asks"
+        yield error((*line.path, "idle"), "a line with a lease keeps its connection", remedy)
     if line.has("mode") and line.mode != spoken_on(line):
         remedy = f'leave mode out, or write port = "{replace(line.port, scheme=f"{line.mode}+tcp")}"'
         yield error((*line.path, "mode"), f"{line.port.scheme}:// carries {spoken_on(line).upper()}", remedy)

@@ -69,15 +69,26 @@ def function_limits(
 def longest_wait(plan: LinePlan, device: DeviceSettings, *, repeats: bool = True) -> float:
     """Compute the longest wait for this device: in the queue, for the gap, and for the response.
 
-    With `repeats`, it ends with the last one.
+    With `repeats`, it ends with the last one, and a device that sleeps is sent its first read twice.
     """
     limits = function_limits(device.profile, device.answer_time, plan.budget)
-    longest = max(one.request + one.most_items for one in limits)
-    if plan.line.retries and repeats:
-        longest = max(
-            [longest, *(_add_repeats(one, plan.line, device) for one in limits if _is_repeated(one.function))]
-        )
-    return plan.line.max_wait + plan.line.silence_before_request + longest
+    longest = [one.request + one.most_items for one in limits]
+    if repeats and (plan.line.retries or device.wake):
+        longest += [_add_repeats(one, plan.line, device) for one in limits if _is_repeated(one.function)]
+    return plan.line.max_wait + plan.line.silence_before_request + max(longest)
+
+
+def owed_after_waking(plan: LinePlan, device: DeviceSettings) -> float:
+    """Compute how long after the answer to a read that was sent twice, to wake a device, the other one is awaited.
+
+    Meanwhile no read with that function is sent to it: it waits, or gets 0B if it could not be sent within `max_wait`.
+    0 if the device never sleeps, or is not read.
+    """
+    if not device.wake:
+        return 0.0
+    limits = function_limits(device.profile, device.answer_time, plan.budget)
+    reads = [one.most_items for one in limits if one.function in READING_FUNCTIONS]
+    return max((limit + _late_window(limit, plan.line, device) for limit in reads), default=0.0)
 
 
 def longest_waits(plan: LinePlan, *, repeats: bool = True) -> dict[str, float]:
@@ -204,8 +215,10 @@ def _is_repeated(function: int | None) -> bool:
 
 def _add_repeats(limits: FunctionLimits, line: LineSettings, device: DeviceSettings) -> float:
     """Compute the time from the first attempt of a read until its last one has failed."""
-    limit = limits.most_items
-    return line.time_for_repeats(limits.request, limit, _late_window(limit, line, device))
+    limit, once = limits.most_items, limits.request + limits.most_items
+    waking = limits.request + max(limit, line.silence_before_request) if device.wake else 0.0
+    repeats = line.time_for_repeats(limits.request, limit, _late_window(limit, line, device)) if line.retries else once
+    return waking + repeats
 
 
 def _late_window(limit: float, line: LineSettings, device: DeviceSettings) -> float:

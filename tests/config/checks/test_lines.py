@@ -90,3 +90,13 @@ def test_only_a_device_server_has_a_connection(key):
     assert problems(line.format("/dev/a")) == [
         f"error: line[0].{key}: is for lines behind a device server | take it out"
     ]
+
+
+def test_a_line_with_a_lease_is_not_left_when_nobody_asks():
+    line = '[[line]]\nport = "rtu+tcp://10.1.0.5:4001"\nlease = "hall"\nidle = "2 s"\n'
+    assert [each for each in problems(line) if ".idle" in each] == [
+        (
+            "error: line[0].idle: a line with a lease keeps its connection"
+            " | take idle out: who holds a lease has to hear whether another gateway asks"
+        )
+    ]

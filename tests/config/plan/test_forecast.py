@@ -8,7 +8,9 @@ from gateway.config.plan.forecast import (
     function_limits,
     longest_wait,
     longest_wait_outside,
+    longest_waits,
     longest_waits_behind,
+    owed_after_waking,
     waits_behind,
 )
 from gateway.config.plan.profiles import profile_of
@@ -212,6 +214,47 @@ def test_a_server_line_may_serve_a_mirror_of_a_unit_behind_an_upstream():
     assert config is not None
     plan = resolve(config)
     assert waits_behind(plan.servers[0], plan) == {5: ("m", *longest_waits_behind(plan.upstreams[0]).values())}
+
+
+def line_of(keys: str, row: str = "unit = 1", profile: str = "functions = [3, 6]"):
+    text = f'[[line]]\nport = "/dev/a"\nprofile = "w"\n{keys}\ndevices = [{{ {row} }}]\n[profile.w]\n{profile}\n'
+    config = parse(text, port_trouble=lambda _: None).config
+    assert config is not None
+    return resolve(config).lines[0]
+
+
+def limits_of_line(line):
+    device = line.devices[0]
+    return function_limits(device.profile, device.answer_time, line.line.timing, line.latency)
+
+
+@pytest.mark.parametrize("retries", [0, 1])
+def test_a_read_that_wakes_its_device_is_sent_once_more(retries):
+    awake, asleep = (line_of(f"retries = {retries}", row) for row in ("unit = 1", 'unit = 1, wake = "10 s"'))
+    (limits,) = (each for each in limits_of_line(asleep) if each.function == 3)
+    difference = longest_wait(asleep, asleep.devices[0]) - longest_wait(awake, awake.devices[0])
+    assert difference == pytest.approx(limits.request + limits.most_items)
+    assert longest_wait(asleep, asleep.devices[0], repeats=False) == longest_wait(
+        awake, awake.devices[0], repeats=False
+    )
+
+
+def test_each_device_of_a_line_has_its_own_wait():
+    line = line_of("", 'unit = 1, wake = "10 s" }, { unit = 2')
+    waits = longest_waits(line)
+    assert waits[line.devices[0].name] > waits[line.devices[1].name]
+
+
+def test_the_other_answer_of_a_device_that_was_woken_is_awaited_until_its_late_window_ends():
+    line = line_of('late_window = "700 ms"', 'unit = 1, wake = "10 s"')
+    (limits,) = (each for each in limits_of_line(line) if each.function == 3)
+    assert owed_after_waking(line, line.devices[0]) == pytest.approx(limits.most_items + 0.7)
+
+
+def test_no_other_answer_is_owed_by_a_device_that_never_sleeps_or_is_never_read():
+    awake, written = line_of(""), line_of('wake = "10 s"', profile="functions = [6]")
+    assert (owed_after_waking(awake, awake.devices[0]), owed_after_waking(written, written.devices[0])) == (0.0, 0.0)
+    assert longest_wait(written, written.devices[0]) == longest_wait(written, written.devices[0], repeats=False)
 
 
 def test_a_device_without_any_read_on_a_line_that_repeats_reads():
