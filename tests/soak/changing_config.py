@@ -165,6 +165,7 @@ class ChangingConfig:
                 """
         timing = TIMINGS[place]
         devices = "" if self._passes else f"devices = [{rows}]"
+        idle = 'idle = "20 ms"' if "tcp" in place else ""
         return f"""
             [[line]]
             name    = "{self._names[place]}"
@@ -175,6 +176,8 @@ class ChangingConfig:
             latency = "5 ms"
             timeout = "{self._limits[place]} ms"
             late_window = "{1000 * LATE_WINDOW:g} ms"
+            wake    = "300 ms"
+            {idle}
             {devices}
             """
 

@@ -35,6 +35,7 @@ unit0 = "broadcast"
 functions = [3, 6, 16, 22, 23]
 quirks    = ["moves", "changes_baud"]
 timeout   = "{1000 * TIMEOUT:g} ms"
+wake      = "500 ms"
 """
 
 
