@@ -187,3 +187,16 @@ async def test_a_server_that_closes_before_we_do_makes_no_storm(idle: str) -> No
             await asyncio.sleep(10)
             assert line.openings <= number + 2
         assert told(bench) == []
+
+
+@pytest.mark.parametrize(("opens_in", "answer"), [(0.70, "03 02 00 05"), (0.72, "83 0A")])
+async def test_the_silence_after_connecting_is_added_to_the_wait(opens_in: float, answer: str) -> None:
+    """To the limit of the read, 308 ms. The memory line has no such silence: opening takes so long."""
+    async with gateway_bench(config('idle = "10 s"\nafter_connect = "400 ms"')) as bench:
+        line, _ = server(bench)
+        client = bench.client()
+        await asyncio.sleep(11)
+        line.opens_in = opens_in
+        assert await client.asks(1, READ) == answer
+        await asyncio.sleep(1)
+        assert told(bench) == []
