@@ -67,7 +67,7 @@ def function_limits(
 
 
 def longest_wait(plan: LinePlan, device: DeviceSettings, *, repeats: bool = True) -> float:
-    """Compute the longest wait for this device: in the queue, for the gap, and for the response.
+    """Compute the longest wait for this device: in the queue and for a new connection, for the gap, for the response.
 
     With `repeats`, it ends with the last one, and a device that sleeps is sent its first read twice.
     """
@@ -75,7 +75,7 @@ def longest_wait(plan: LinePlan, device: DeviceSettings, *, repeats: bool = True
     longest = [one.request + one.most_items for one in limits]
     if repeats and (plan.line.retries or device.wake):
         longest += [_add_repeats(one, plan.line, device) for one in limits if _is_repeated(one.function)]
-    return plan.line.max_wait + plan.line.silence_before_request + max(longest)
+    return _longest_wait_for_turn(plan.line) + plan.line.silence_before_request + max(longest)
 
 
 def owed_after_waking(plan: LinePlan, device: DeviceSettings) -> float:
@@ -117,7 +117,12 @@ def longest_late_window(plan: LinePlan) -> float:
 
 def _longest_transaction(plan: LinePlan) -> float:
     """Compute the longest time from the writing of a request to the end of its limit."""
-    return max(longest_waits(plan, repeats=False).values(), default=plan.line.max_wait) - plan.line.max_wait
+    before = _longest_wait_for_turn(plan.line)
+    return max(longest_waits(plan, repeats=False).values(), default=before) - before
+
+
+def _longest_wait_for_turn(line: LineSettings) -> float:
+    return line.max_wait + line.after_connect
 
 
 def least_for_repeat(plan: LinePlan) -> float:

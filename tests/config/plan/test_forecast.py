@@ -6,6 +6,7 @@ from gateway.config.load import parse
 from gateway.config.plan.forecast import (
     FunctionLimits,
     function_limits,
+    guard,
     longest_wait,
     longest_wait_outside,
     longest_waits,
@@ -226,6 +227,16 @@ def line_of(keys: str, row: str = "unit = 1", profile: str = "functions = [3, 6]
 def limits_of_line(line):
     device = line.devices[0]
     return function_limits(device.profile, device.answer_time, line.line.timing, line.latency)
+
+
+def test_a_silence_after_connecting_is_part_of_the_wait_and_of_no_transaction():
+    connected, silent = (
+        resolve(parse('[[line]]\nport = "rtu+tcp://10.0.0.9:4001"\ndevices = [{ unit = 1 }]\n' + keys).config).lines[0]
+        for keys in ("", 'after_connect = "500 ms"\n')
+    )
+    difference = longest_wait(silent, silent.devices[0]) - longest_wait(connected, connected.devices[0])
+    assert difference == pytest.approx(0.5)
+    assert guard(silent) == pytest.approx(guard(connected))
 
 
 @pytest.mark.parametrize("retries", [0, 1])
