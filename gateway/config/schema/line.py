@@ -85,7 +85,9 @@ class Line(Table):
     wake: DurationOrZero = Field(
         0.0,
         description="For devices that sleep: after so long without a request to it, the first read of a device is sent "
-        'twice, the second time when its limit has passed. Default of its devices. `"0"`: they do not sleep.',
+        "twice, the second time when its limit has passed in silence. Until the other response has come, or its late "
+        "window has ended, reads of that device with the same function wait, for `max_wait` at most. Default of its "
+        'devices. `"0"`: they do not sleep.',
     )
     gap: DurationOrZeroOrAuto = Field(
         None,
