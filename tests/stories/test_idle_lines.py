@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from gateway.events import Event, LineLost, LineReopened, LineUp
+from gateway.events import ConnectionRenewed, Event, LineLost, LineReopened, LineUp
 from gateway.modbus import rtu
 from gateway.operator.metrics import read
 from gateway.operator.status import status
@@ -36,7 +36,8 @@ def server(bench: GatewayBench) -> tuple[MemoryLine, list[SimulatedDevice]]:
 
 def told(bench: GatewayBench) -> list[Event]:
     """What an operator would notice, after the start."""
-    return [event for event in bench.events if isinstance(event, LineLost | LineReopened | LineUp)][1:]
+    seen = ConnectionRenewed | LineLost | LineReopened | LineUp
+    return [event for event in bench.events if isinstance(event, seen)][1:]
 
 
 def state(bench: GatewayBench) -> tuple[str, str]:
