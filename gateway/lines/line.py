@@ -396,7 +396,7 @@ class Line:
         for exchange, frame in late:
             transaction = exchange.transaction
             if transaction is not None:
-                is_expected = transaction.is_scan or (transaction.device.wake and exchange.is_answered)
+                is_expected = transaction.is_scan or (transaction.device.sleep.wake and exchange.is_answered)
                 if not is_expected:
                     self._telling.late_response(transaction, now)
                 self._scheduler.record_response(exchange)

@@ -154,7 +154,7 @@ class Scheduler(Waiting):
         A device that sleeps and has answered leaves one open each time it was woken, so its requests wait for that.
         """
         until, device = self._ledger.forbid_until(transaction, now), transaction.device
-        worth_waiting = self._max_wait if device.wake and not device.breaker.failures else WORTH_WAITING
+        worth_waiting = self._max_wait if device.sleep.wake and not device.breaker.failures else WORTH_WAITING
         return until is not None and until - now > worth_waiting
 
 

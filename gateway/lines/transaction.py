@@ -12,6 +12,21 @@ from gateway.request import Request
 from gateway.timing.budget import AnswerTime, Budget
 
 
+class Sleep:
+    """Tells whether a device may sleep: after `wake` seconds without a request; 0 for never."""
+
+    __slots__ = ("_asked_at", "wake")
+
+    def __init__(self, wake: float) -> None:
+        self.wake = wake
+        self._asked_at = -inf
+
+    def end(self, now: float) -> bool:
+        """Note that a request is sent. Return whether the device may have slept."""
+        asked_at, self._asked_at = self._asked_at, now
+        return now - asked_at >= self.wake
+
+
 class Destination:
     """The device that a transaction is sent to, or all devices of a line.
 
@@ -33,13 +48,10 @@ class Destination:
         self.name = name
         self.source = source
         self.is_urgent = is_urgent
-        self.wake = wake
-        #: When a request was last sent to it, if it sleeps.
-        self.asked_at = -inf
+        self.sleep = Sleep(wake)
         self.answer_time = answer_time
         self.breaker = Breaker()
         self.counts = UnitCounts()
-        self.times = self.counts.times
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
         """Note that a transaction has ended; `response` is None if none came. Must not answer requests.
@@ -70,7 +82,7 @@ class Transaction:
         self.device = device
         function = asked.function
         self.counts = device.counts[function]
-        self.times = device.times[function]
+        self.times = device.counts.times[function]
         self.expects_answer = asked.is_answered
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
@@ -168,10 +180,9 @@ class Transaction:
         if is_first:
             for request in self.requests:
                 self.times.wait.add(now - request.received_at)
-        device = self.device
-        if device.wake:
-            self.wakes = is_first and self.asked.only_reads and now - device.asked_at >= device.wake
-            device.asked_at = now
+        sleep = self.device.sleep
+        if sleep.wake:
+            self.wakes = sleep.end(now) and is_first and self.asked.only_reads
 
     def count_response(self, now: float) -> None:
         """Count a valid response that came in time."""
