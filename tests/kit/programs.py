@@ -1,11 +1,13 @@
-"""The programs that tests use beside Python, and the Debian packages that bring them.
+"""The programs and libraries that tests use beside Python, and the Debian packages that bring them.
 
 As a command it prints the packages of those that are missing.
 """
 
+import ctypes
 import os
 import shutil
 import sysconfig
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +17,7 @@ PACKAGES: Final = {
     "chromium": "chromium-headless-shell",
     "fish": "fish",
     "groff": "groff",
+    "libmodbus.so.5": "libmodbus5",
     "mbpoll": "mbpoll",
     "mmdebstrap": "mmdebstrap",
     "mosquitto": "mosquitto",
@@ -38,10 +41,14 @@ _PATH: Final = f"{os.environ.get('PATH', os.defpath)}:/usr/sbin:/usr/local/sbin"
 
 
 def find(program: str) -> str | None:
-    """Return the path of one of the programs in `PACKAGES`, None where it is missing."""
+    """Return the path of one of the programs in `PACKAGES`, or the name of a library; None where it is missing."""
     if program == "Python.h":
         header = Path(sysconfig.get_path("include"), program)
         return str(header) if header.exists() else None
+    if ".so." in program:
+        with suppress(OSError):
+            return ctypes.CDLL(program)._name
+        return None
     names = (*_OTHER_NAMES.get(program, ()), program)
     return next((path for name in names if (path := shutil.which(name, path=_PATH))), None)
 

@@ -1,24 +1,21 @@
-"""Units behind other Modbus TCP servers, with real sockets and processes: another gateway, pymodbus, a moody server."""
+"""Units behind other Modbus TCP servers, with real sockets and processes: another gateway, pymodbus, a slow server."""
 
-import asyncio
 import json
 import random
-import socket
-import subprocess
-import sys
 import threading
 import time
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
-from typing import Self
 
 from gateway.config.importing.from_modbus_proxy import config_from_modbus_proxy
-from gateway.modbus.mbap import MbapFramer, encode
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port
+from kit.peers import Pymodbus
 from kit.process import PATIENCE, GatewayProcess
 from kit.pty import VirtualPort
+from kit.reader import Reader
 from kit.serial_line import SerialDevices
+from kit.tcp_server import Manners, TcpServer
 
 CONFIG = """
 [[listen]]
@@ -32,99 +29,12 @@ timeout = "{timeout}"
 in_flight = {in_flight}
 """
 
-PYMODBUS = """
-import asyncio, sys, warnings
-warnings.simplefilter("ignore")
-from pymodbus.datastore import ModbusDeviceContext, ModbusSequentialDataBlock, ModbusServerContext
-from pymodbus.server import StartAsyncTcpServer
-
-units = {
-    unit: ModbusDeviceContext(hr=ModbusSequentialDataBlock(1, [256 * unit + address for address in range(200)]))
-    for unit in range(1, 5)
-}
-context = ModbusServerContext(devices=units, single=False)
-asyncio.run(StartAsyncTcpServer(context, address=("127.0.0.1", int(sys.argv[1]))))
-"""
-
 
 def config(number: int, timeout: str = "1 s", in_flight: int = 16) -> str:
     return CONFIG.format(number=number, timeout=timeout, in_flight=in_flight)
 
 
-class Client:
-    """A Modbus TCP client that asks one register after the other."""
-
-    def __init__(self, gateway: GatewayProcess, port: int | None = None) -> None:
-        self._socket = socket.create_connection(("127.0.0.1", port or gateway.port), timeout=PATIENCE)
-        self._transaction = 0
-
-    def ask(self, unit: int, pdu: str) -> str:
-        self._transaction += 1
-        self._socket.sendall(encode(self._transaction, unit, bytes.fromhex(pdu)))
-        head = self._socket.recv(7, socket.MSG_WAITALL)
-        assert (int.from_bytes(head[:2]), head[6]) == (self._transaction, unit)
-        return self._socket.recv(int.from_bytes(head[4:6]) - 1, socket.MSG_WAITALL).hex(" ").upper()
-
-    def read(self, unit: int, address: int) -> str:
-        return self.ask(unit, f"03 {address:04X} 0001")
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-class Pymodbus:
-    """pymodbus' TCP server as a process. It answers one of several requests that come in one segment."""
-
-    def __init__(self, number: int) -> None:
-        self._number = number
-
-    def __enter__(self) -> Self:
-        command = [sys.executable, "-c", PYMODBUS, str(self._number)]
-        self._process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.wait()
-
-
-class Moody:
-    """A server that answers each request after a delay of its own, often too late; values say what was asked."""
-
-    def __init__(self, longest_delay: float) -> None:
-        self.heard: list[tuple[int, bytes]] = []
-        self._longest = longest_delay
-
-    def __enter__(self) -> Self:
-        ready = threading.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(ready)), name="moody server")
-        self._thread.start()
-        assert ready.wait(PATIENCE)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._loop.call_soon_threadsafe(self._stop.set)
-        self._thread.join()
-
-    async def _serve(self, ready: threading.Event) -> None:
-        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
-        server = await asyncio.start_server(self._talk, "127.0.0.1", 0)
-        self.number = server.sockets[0].getsockname()[1]
-        ready.set()
-        await self._stop.wait()
-        server.close()
-
-    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        framer, chance = MbapFramer(), random.Random(7)
-        with closing(writer), suppress(asyncio.CancelledError):
-            while data := await reader.read(1000):
-                for adu in framer.cut(data):
-                    self.heard.append((adu.unit, adu.pdu))
-                    answer = encode(adu.transaction, adu.unit, bytes((3, 2, adu.unit, adu.pdu[2])))
-                    self._loop.call_later(chance.uniform(0, self._longest), writer.write, answer)
-
-
-def until_answered(client: Client, unit: int, address: int, value: str) -> None:
+def until_answered(client: Reader, unit: int, address: int, value: str) -> None:
     deadline = time.monotonic() + PATIENCE
     while (answer := client.read(unit, address)) != value:
         assert time.monotonic() < deadline, answer
@@ -143,7 +53,7 @@ def test_a_gateway_behind_a_gateway(tmp_path: Path) -> None:
         SerialDevices({port: SimulatedLine("rtu", device)}),
         GatewayProcess(one, line) as behind,
         GatewayProcess(other, config(behind.port, "20 s")) as gateway,
-        closing(Client(gateway)) as client,
+        closing(Reader(gateway.port)) as client,
     ):
         gateway.first("line_up")
         assert client.read(37, 5) == "03 02 00 07"
@@ -161,7 +71,7 @@ def test_a_gateway_behind_a_gateway(tmp_path: Path) -> None:
 
 def test_several_devices_of_modbus_proxy_keep_their_ports_and_unit_identifiers(tmp_path: Path) -> None:
     """As `import` prints it: clients change nothing."""
-    with Moody(0.0) as one, Moody(0.0) as other:
+    with TcpServer() as one, TcpServer() as other:
         devices = [
             {"modbus": {"url": f"127.0.0.1:{server.number}"}, "listen": {"bind": f"127.0.0.1:{free_port()}"}}
             for server in (one, other)
@@ -170,7 +80,7 @@ def test_several_devices_of_modbus_proxy_keep_their_ports_and_unit_identifiers(t
         with GatewayProcess(tmp_path, config) as gateway:
             for device, server in zip(devices, (one, other), strict=True):
                 number = int(device["listen"]["bind"].rpartition(":")[2])
-                with closing(Client(gateway, number)) as client:
+                with closing(Reader(number)) as client:
                     for unit in (0, 1, 247, 248, 255):
                         until_answered(client, unit, 5, f"03 02 {unit:02X} 05")
                 assert {unit for unit, _ in server.heard} == {0, 1, 247, 248, 255}
@@ -183,7 +93,7 @@ def test_pymodbus_killed_and_started_again_under_traffic(tmp_path: Path) -> None
     wrong: list[str] = []
     counts = {"good": 0, "83 0A": 0, "83 0B": 0, "83 06": 0}
 
-    def poll(client: Client, unit: int, chance: random.Random) -> None:
+    def poll(client: Reader, unit: int, chance: random.Random) -> None:
         while not stop.is_set():
             address = chance.randrange(200)
             answer = client.read(unit, address)
@@ -196,7 +106,7 @@ def test_pymodbus_killed_and_started_again_under_traffic(tmp_path: Path) -> None
                 wrong.append(answer)
 
     with GatewayProcess(tmp_path, config(number, in_flight=1)) as gateway:
-        clients = [Client(gateway) for _ in range(8)]
+        clients = [Reader(gateway.port) for _ in range(8)]
         threads = [
             threading.Thread(target=poll, args=(client, 37 + index % 4, random.Random(index)), name=f"client {index}")
             for index, client in enumerate(clients)
@@ -227,12 +137,15 @@ def test_pymodbus_killed_and_started_again_under_traffic(tmp_path: Path) -> None
 
 def test_late_answers_reach_nobody(tmp_path: Path) -> None:
     """A third of the answers comes too late; each client only ever gets its own."""
-    with Moody(0.9) as server, GatewayProcess(tmp_path, config(server.number, "600 ms")) as gateway:
+    with (
+        TcpServer(Manners(slowness=0.9)) as server,
+        GatewayProcess(tmp_path, config(server.number, "600 ms")) as gateway,
+    ):
         outcomes: list[tuple[int, int, str]] = []
 
         def poll(unit: int, seed: int) -> None:
             chance = random.Random(seed)
-            with closing(Client(gateway)) as client:
+            with closing(Reader(gateway.port)) as client:
                 for _ in range(15):
                     address = chance.randrange(256)
                     outcomes.append((unit, address, client.read(unit, address)))
