@@ -108,6 +108,7 @@ WAYS = {
     "ascii": Way(what="an ASCII line", units=range(1, 9), lines=_lines(1, is_ascii=True)),
     "clients": Way(what="an RTU line, by 8 clients", units=range(1, 9), clients=IN_FLIGHT, lines=_lines(1)),
     "ports8": Way(what="8 RTU lines, by 8 clients", units=range(1, 161), clients=IN_FLIGHT, lines=_lines(8)),
+    "upstream": Way(what="another Modbus TCP server", units=range(1, 9), lines=_lines(1, behind_server=True)),
     "paced": Way(
         what="an RTU line of 19200 baud",
         units=range(1, 9),
@@ -197,11 +198,11 @@ def _running(way: Way, tools: Path, watch: list[str], layout: int = 0) -> Iterat
     """A gateway that `watch` has started, its port and its folder, which is `{}` in `watch`."""
     with (
         tempfile.TemporaryDirectory(prefix="instructions.") as name,
-        _devices(way, tools, Path(name)) as (ttys, simulators),
+        _devices(way, tools, Path(name)) as (places, simulators),
     ):
         folder, port = Path(name), programs.free_port()
         file, log = folder / "gateway.toml", folder / "gateway.log"
-        file.write_text(programs.config(way.lines, folder, ttys, port) + way.more)
+        file.write_text(programs.config(way.lines, folder, places, port) + way.more)
         command = [*(word.format(folder) for word in watch), *programs.GATEWAY, file]
         with log.open("w") as output:
             environment = _environment(tools, way.step, [os.getpid(), *simulators], layout)
@@ -250,8 +251,8 @@ def _written(file: Path, last: str) -> str:
 
 
 @contextmanager
-def _devices(way: Way, tools: Path, folder: Path) -> Iterator[tuple[list[Path], list[int]]]:
-    """The ports of simulated lines, and the process that simulates them."""
+def _devices(way: Way, tools: Path, folder: Path) -> Iterator[tuple[list[str | Path], list[int]]]:
+    """The ports of simulated lines, or the server that has them, and the processes that simulate them."""
     ttys = [folder / f"tty{i}" for i in range(way.lines.lines)]
     if not ttys:
         yield ttys, []
@@ -259,9 +260,25 @@ def _devices(way: Way, tools: Path, folder: Path) -> Iterator[tuple[list[Path], 
     simulator = programs.start(programs.devices(way.lines, tools, ttys), programs.processors()[0], stdout=-1)
     try:
         programs.wait_for_ports(ttys, simulator)
-        yield ttys, [simulator.pid]
+        if way.lines.behind_server:
+            with _server(way, tools, ttys) as (address, process):
+                yield [address], [simulator.pid, process]
+        else:
+            yield [*ttys], [simulator.pid]
     finally:
         programs.end(simulator)
+
+
+@contextmanager
+def _server(way: Way, tools: Path, ttys: list[Path]) -> Iterator[tuple[str, int]]:
+    """The address of a server in front of simulated lines, and its process."""
+    port = programs.free_port()
+    relay = programs.start(programs.relay(way.lines, tools, ttys, port), programs.processors()[0], stdout=-1)
+    try:
+        programs.wait_for_listener(port, relay)
+        yield f"tcp://127.0.0.1:{port}", relay.pid
+    finally:
+        programs.end(relay)
 
 
 def _read(way: Way, port: int, reads: int) -> None:
