@@ -70,13 +70,14 @@ SLOW = 7_000_000
 class Way:
     """Reads of `units`, as clients know them, `many` of them after a `few`; `lines` carry them, `more` is config.
 
-    `clients` share what is in flight. `step` is how far the gateway's clock goes on at each wait, 0 for real time.
+    `clients` share what is `in_flight`. `step` is how far the gateway's clock goes on at each wait, 0 for real time.
     """
 
     what: str
     units: range
     lines: Scenario
     clients: int = 1
+    in_flight: int = IN_FLIGHT
     more: str = ""
     #: The first unit whose values the clients get: of a device, or 0 for zeros.
     values_of: int = 1
@@ -108,7 +109,12 @@ WAYS = {
     "ascii": Way(what="an ASCII line", units=range(1, 9), lines=_lines(1, is_ascii=True)),
     "clients": Way(what="an RTU line, by 8 clients", units=range(1, 9), clients=IN_FLIGHT, lines=_lines(1)),
     "ports8": Way(what="8 RTU lines, by 8 clients", units=range(1, 161), clients=IN_FLIGHT, lines=_lines(8)),
-    "upstream": Way(what="another Modbus TCP server", units=range(1, 9), lines=_lines(1, behind_server=True)),
+    "upstream": Way(
+        what="another Modbus TCP server, one by one",  # how many answers it finds at once would be luck
+        units=range(1, 9),
+        lines=_lines(1, behind_server=True),
+        in_flight=1,
+    ),
     "paced": Way(
         what="an RTU line of 19200 baud",
         units=range(1, 9),
@@ -299,7 +305,7 @@ def _read(way: Way, port: int, reads: int) -> None:
         )
 
     for client in clients:
-        ask(client, IN_FLIGHT // way.clients)
+        ask(client, way.in_flight // way.clients)
     while answered < reads:
         ready = select.select(list(clients), [], [], PATIENCE)[0]
         if not ready:

@@ -7,14 +7,14 @@ from typing import Final, NamedTuple
 from gateway.timing.characters import CharacterFormat, LineTiming
 from soak.faulty_server import TIMEOUT
 
-#: The places where devices are: two ports, a device server, and a Modbus TCP server.
-SERVER: Final = "tcp://10.0.0.1:502"
+#: The places where devices are: two ports, a device server, and two Modbus TCP servers.
+SERVERS: Final = ("tcp://10.0.0.1:502", "tcp://10.0.0.2:502")
 TIMINGS: Final = {
     "/dev/rtu": LineTiming("rtu", 38400, CharacterFormat.parse("8E1")),
     "/dev/ascii": LineTiming("ascii", 38400, CharacterFormat.parse("7E1")),
     "rtu+tcp://10.0.0.9:4001": LineTiming("rtu", 38400, CharacterFormat.parse("8E1")),
 }
-PLACES: Final = (*TIMINGS, SERVER)
+PLACES: Final = (*TIMINGS, *SERVERS)
 #: The line that is always there. It may be the only one, without devices: then it passes all units through.
 PASSING: Final = "/dev/rtu"
 #: For so long lines await late answers, in seconds.
@@ -22,10 +22,15 @@ LATE_WINDOW: Final = 0.5
 #: The units of the devices at each place. The config may name one more, which no device has.
 UNITS: Final = range(1, 5)
 #: What clients know them as.
-NUMBERS: Final = range(1, 25)
+NUMBERS: Final = range(1, 33)
 #: What lines allow their devices, in milliseconds, and how old values of mirrors may be, in seconds.
 _LIMITS: Final = (30, 50, 100)
 _STALE: Final = (0.5, 1.0, 2.0)
+#: Keys of the servers, of which each has one.
+_MANNERS: Final = (
+    *("", "in_flight = 1", "coalesce = false", "retries = 1", 'gap = "5 ms"', 'idle = "50 ms"', 'rest = "off"'),
+    *('transaction_id = "zero"', 'wake = "100 ms"', "in_flight = 2\nqueue = 4"),
+)
 _FEWEST_UNITS: Final = 2
 _MIRRORS: Final = ("mirror-a", "mirror-b", "mirror-c", "mirror-d")
 
@@ -49,6 +54,7 @@ class ChangingConfig:
         self._passes = False
         self._names = {place: f"hall-{number}" for number, place in enumerate(PLACES)}
         self._limits = dict.fromkeys(PLACES, _LIMITS[0])
+        self._manners = dict.fromkeys(SERVERS, _MANNERS[0])
         for place in PLACES:
             self._add(place)
 
@@ -62,7 +68,7 @@ class ChangingConfig:
     @property
     def text(self) -> str:
         """The file."""
-        places = [place for place in self._places if not self._passes or place in (PASSING, SERVER)]
+        places = [place for place in self._places if not self._passes or place in (PASSING, *SERVERS)]
         mirrors = [name for name, (spot, _) in self._mirrors.items() if self._has(spot)]
         return "".join([*map(self._table, places), *map(self._mirror, mirrors)])
 
@@ -72,7 +78,7 @@ class ChangingConfig:
         means = {unit: (Spot(PASSING, unit), None) for unit in UNITS if self._passes}
         for key, number in self._numbers.items():
             spot, stale = (key, None) if isinstance(key, Spot) else self._mirrors[key]
-            if self._has(spot) and (stale or not self._passes or spot.place == SERVER):
+            if self._has(spot) and (stale or not self._passes or spot.place in SERVERS):
                 means[number] = spot, stale
         return means
 
@@ -88,6 +94,9 @@ class ChangingConfig:
 
     def _change_limit(self) -> None:
         self._limits[self._dice.choice(PLACES)] = self._dice.choice(_LIMITS)
+
+    def _change_manners(self) -> None:
+        self._manners[self._dice.choice(SERVERS)] = self._dice.choice(_MANNERS)
 
     def _add_or_remove_place(self) -> None:
         place = self._dice.choice(PLACES)
@@ -128,9 +137,10 @@ class ChangingConfig:
     # --- what it says ---
 
     def _has(self, spot: Spot) -> bool:
-        """Whether a unit is in it now: what passes through is not what the other server has."""
-        passes = spot.place == PASSING and spot.unit not in self._units(SERVER).values()
-        return passes or spot.place == SERVER or not self._passes
+        """Whether a unit is in it now: what passes through is not what another server has."""
+        behind = {number for server in SERVERS for number in self._units(server).values()}
+        passes = spot.place == PASSING and spot.unit not in behind
+        return passes or spot.place in SERVERS or not self._passes
 
     @property
     def _places(self) -> list[str]:
@@ -155,13 +165,14 @@ class ChangingConfig:
 
     def _table(self, place: str) -> str:
         rows = ", ".join(f"{{ unit = {unit}, as = {number} }}" for unit, number in self._units(place).items())
-        if place == SERVER:
+        if place in SERVERS:
             return f"""
                 [[upstream]]
                 name    = "{self._names[place]}"
                 to      = "{place}"
                 timeout = "{1000 * TIMEOUT:g} ms"
                 units   = [{rows}]
+                {self._manners[place]}
                 """
         timing = TIMINGS[place]
         devices = "" if self._passes else f"devices = [{rows}]"
@@ -199,6 +210,7 @@ _CHANGES: Final[tuple[Callable[[ChangingConfig], None], ...]] = (
     ChangingConfig._swap_numbers,
     ChangingConfig._swap_names,
     ChangingConfig._change_limit,
+    ChangingConfig._change_manners,
     ChangingConfig._add_or_remove_place,
     ChangingConfig._add_or_remove_unit,
     ChangingConfig._add_mirror,

@@ -1,11 +1,16 @@
 """A Modbus TCP server whose answers come late, twice, never, in any order, mislabelled or cut, and which hangs up.
 
-What nobody can detect is left out: an answer under the identifier of another request that it fits too.
+It may need manners, too: pauses, one request at a time, to be woken, to be left alone.
+
+What nobody can detect is left out: an answer under the identifier of another request that it fits too. Where each
+answer has identifier 0, that is a second answer to a request, while another one that it fits too is under way.
 """
 
 import random
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf
 from typing import Final
 
 from gateway.modbus.codes import EXCEPTION_BIT
@@ -32,12 +37,35 @@ _TOO_LARGE: Final = 60
 #: So much that has passed is told when something is wrong.
 _TOLD: Final = 24
 
+#: What was done at this moment may be on either side of it, in seconds.
+_A_MOMENT: Final = 1e-6
+
 #: Makes another frame of a right one.
 Spoil = Callable[[TcpFrame], TcpFrame]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Manners:
+    """What a server needs, and how it behaves without any fault. Times in seconds."""
+
+    knows_units: bool = True
+    #: Otherwise each answer has identifier 0.
+    knows_identifiers: bool = True
+    #: A request that comes sooner after an answer is lost, and so is the next one while another is being worked on.
+    gap: float | None = None
+    #: A connection is closed in order after so long without a request.
+    idle: float = inf
+    #: The first request to a unit after so long is lost.
+    sleeps_after: float = inf
+    #: How long it takes to connect, at most.
+    opens_in: float = 0.0
+
+
 class FaultyServer:
-    """The server behind `line`, with these devices by unit. `share` of the requests meet a fault."""
+    """The server behind `line`, with these devices by unit. `share` of the requests meet a fault.
+
+    While it `is_deaf`, it answers none.
+    """
 
     def __init__(
         self,
@@ -47,33 +75,71 @@ class FaultyServer:
         *,
         share: float,
         seed: int,
-        knows_units: bool = True,
+        manners: Manners | None = None,
     ) -> None:
+        self.is_deaf = False
         self._world = world
         self._line = line
         self._devices = devices
         self._share = share
         self._dice = random.Random(seed)
-        self._knows_units = knows_units
+        self._manners = manners or Manners()
         self._later = world.loop.call_later
         self._adapter = Adapter(self._later, line.deliver, seed=seed)
         #: The last request with each identifier, and the last of all.
         self._asked: dict[int, TcpFrame] = {}
         self._last: TcpFrame | None = None
+        #: When each unit was asked last, when an answer came last, and how many requests are being worked on.
+        self._asked_at: dict[int, float] = {}
+        self._said_at = -inf
+        self._works = 0
         self._passed: deque[str] = deque(maxlen=_TOLD)
         world.passed |= dict.fromkeys((device.number for device in devices.values()), self._passed)
         line.on_write = self._received
+        line.opened = self._connected
 
     def _received(self, data: bytes) -> None:
         self._line.written.clear()
         for asked in MbapFramer().cut(data):
             fault = self._dice.choice(_CHOICE) if self._dice.random() < self._share else "no fault"
+            fault = self._lost_for(asked) or fault
             self._world.tally.transactions += 1
             self._world.tally.injected[fault] += 1
             self._note(">>", data, fault)
             self._asked[asked.transaction] = self._last = asked
             if asked.unit in self._devices:
                 _FAULTS[fault](self, asked)
+        self._leave_when_idle()
+
+    def _connected(self) -> None:
+        """A connection is new: nothing of an earlier one comes on it."""
+        self._adapter.drop()
+        self._said_at, self._works = -inf, 0
+        self._line.opens_in = self._in((0.0, self._manners.opens_in))
+        self._leave_when_idle()
+
+    def _leave_when_idle(self) -> None:
+        last, connection = self._last, self._line.openings
+
+        def leave() -> None:
+            if last is self._last and connection == self._line.openings and self._line.is_open:
+                self._world.tally.counts["left in order"] += 1
+                self._adapter.drop()
+                self._line.hang_up()
+
+        if self._manners.idle < inf:
+            self._later(self._manners.idle, leave)
+
+    def _lost_for(self, asked: TcpFrame) -> str:
+        """Say why it does not hear a request, if so."""
+        now, manners = self._world.loop.time(), self._manners
+        silent_for = now - self._asked_at.get(asked.unit, -inf)
+        self._asked_at[asked.unit] = now
+        if self.is_deaf:
+            return "deaf"
+        if manners.gap is not None and (self._works or now < self._said_at + manners.gap - _A_MOMENT):
+            return "too soon"
+        return "asleep" if silent_for > manners.sleeps_after else ""
 
     # --- what it does ---
 
@@ -87,13 +153,16 @@ class FaultyServer:
         first = self._in(self._dice.choice((_THINKING, _LATE)))
         self._answer(asked, first, first + self._in(_COPY))
 
+    def _answer_twice_at_once(self, asked: TcpFrame) -> None:
+        self._answer(asked, self._in(_THINKING), copies=2)
+
     def _keep_silent(self, asked: TcpFrame) -> None:
         self._answer(asked)
 
     def _refuse(self, asked: TcpFrame) -> None:
         refusal = bytes((asked.pdu[0] | EXCEPTION_BIT, self._dice.choice(EXCEPTION_CODES)))
         delay = self._in(self._dice.choice((_THINKING, _THINKING, _LATE)))
-        self._later(delay, self._say, self._frame(asked, refusal), self._line.openings)
+        self._later(delay, self._say, asked, self._frame(asked, refusal), self._line.openings)
 
     def _mistake_identifier(self, asked: TcpFrame) -> None:
         other = (asked.transaction + self._dice.randint(-_NEAR, _NEAR)) & 0xFFFF
@@ -152,35 +221,46 @@ class FaultyServer:
         return self._dice.uniform(*span)
 
     def _frame(self, asked: TcpFrame, response: bytes) -> TcpFrame:
-        return TcpFrame(asked.transaction, asked.unit if self._knows_units else self._dice.choice(_NO_UNIT), response)
+        manners = self._manners
+        identifier = asked.transaction if manners.knows_identifiers else 0
+        return TcpFrame(identifier, asked.unit if manners.knows_units else self._dice.choice(_NO_UNIT), response)
 
-    def _answer(self, asked: TcpFrame, *delays: float, spoil: Spoil | None = None) -> None:
+    def _answer(self, asked: TcpFrame, *delays: float, spoil: Spoil | None = None, copies: int = 1) -> None:
         """Answer after each of these times, the first time with a spoilt frame. The device acts now, or then."""
         device, connection = self._devices[asked.unit], self._line.openings
         response = device.respond(asked.pdu) if self._dice.random() < 0.5 else b""
 
-        def answer(spoil: Spoil | None) -> None:
+        def answer(number: int) -> None:
             nonlocal response
             response = response or device.respond(asked.pdu)
             frame = self._frame(asked, response)
-            spoilt = frame if spoil is None else spoil(frame)
-            if spoilt.transaction == frame.transaction or not self._misleads(spoilt):
-                self._say(spoilt, connection)
+            spoilt = frame if spoil is None or number else spoil(frame)
+            if not self._misleads(asked, spoilt, is_copy=number > 0):
+                self._say(asked, spoilt, connection, copies)
 
+        self._works += bool(delays)
         for number, delay in enumerate(delays):
-            self._later(delay, answer, None if number else spoil)
+            self._later(delay, answer, number)
 
-    def _say(self, frame: TcpFrame, connection: int) -> None:
+    def _say(self, asked: TcpFrame, frame: TcpFrame, connection: int, copies: int = 1) -> None:
         """Send this, if the connection on which it was asked for is still there."""
         if connection == self._line.openings and self._line.is_open:
             self._note("<<", encode(*frame))
-            self._adapter.take(encode(*frame), at_once=False)
+            if asked is self._last:
+                self._said_at, self._works = self._world.loop.time(), 0
+            self._adapter.take(encode(*frame) * copies, at_once=not self._manners.knows_identifiers or copies > 1)
 
-    def _misleads(self, frame: TcpFrame) -> bool:
-        """Whether it fits another request, whose identifier it has."""
-        other = self._asked.get(frame.transaction)
-        has_unit = other is not None and frame.unit in (other.unit, *_NO_UNIT)
-        return has_unit and parse_request(other.pdu).accepts(frame.pdu)
+    def _misleads(self, asked: TcpFrame, frame: TcpFrame, *, is_copy: bool) -> bool:
+        """Whether it fits another request than `asked`, whose identifier it has."""
+        if self._manners.knows_identifiers:
+            other = None if frame.transaction == asked.transaction else self._asked.get(frame.transaction)
+        else:
+            other = self._last if is_copy else None
+            if is_copy and self._line.written:
+                return True  # the next request is on its way
+        if other is None or other is asked:
+            return False
+        return frame.unit in (other.unit, *_NO_UNIT) and parse_request(other.pdu).accepts(frame.pdu)
 
     def _hang_up(self) -> None:
         self._adapter.drop()
@@ -195,6 +275,7 @@ _FAULTS: Final[dict[str, Callable[[FaultyServer, TcpFrame], None]]] = {
     "no fault": FaultyServer._right,
     "late": FaultyServer._answer_late,
     "twice": FaultyServer._answer_twice,
+    "twice at once": FaultyServer._answer_twice_at_once,
     "silent": FaultyServer._keep_silent,
     "exception": FaultyServer._refuse,
     "other identifier": FaultyServer._mistake_identifier,
@@ -209,3 +290,5 @@ _FAULTS: Final[dict[str, Callable[[FaultyServer, TcpFrame], None]]] = {
 }
 #: The last five end the connection, or should: that is rarer.
 _CHOICE: Final = [*list(_FAULTS)[1:-5] * 10, *list(_FAULTS)[-5:]]
+#: What its manners make of a request.
+_FAULTS |= dict.fromkeys(("deaf", "too soon", "asleep"), FaultyServer._keep_silent)

@@ -1,4 +1,4 @@
-"""Reloads that swap units and lines, rename, add and remove them and change limits, while answers are owed.
+"""Reloads that swap units, lines and servers, rename, add and remove them and change limits, while answers are owed.
 
 A unit means what the config says that is in force when it is asked.
 """
@@ -21,7 +21,7 @@ from gateway.runtime.reload import Reloader
 from gateway.service.systemd import Notifier
 from kit.faulty import FaultyLine
 from kit.gateway_bench import GatewayBench, keep_lines_open
-from soak.changing_config import LATE_WINDOW, NUMBERS, PLACES, SERVER, TIMINGS, UNITS, ChangingConfig, Spot
+from soak.changing_config import LATE_WINDOW, NUMBERS, PLACES, SERVERS, TIMINGS, UNITS, ChangingConfig, Spot
 from soak.dated_world import DatedWorld, keep_asking
 from soak.faulty_server import FaultyServer
 from soak.judge import Served
@@ -111,8 +111,9 @@ class _World(DatedWorld):
                 place,
                 FaultyLine(timing, *devices, share=share, seed=10 * seed + at, faults=faults, late_window=LATE_WINDOW),
             )
-        behind = {unit: self._devices[SERVER, unit] for unit in UNITS}
-        FaultyServer(self, self.bench.lines[SERVER], behind, share=share, seed=seed)
+        for at, server in enumerate(SERVERS):
+            behind = {unit: self._devices[server, unit] for unit in UNITS}
+            FaultyServer(self, self.bench.lines[server], behind, share=share, seed=10 * seed + at)
 
     def units(self) -> Units:
         """What units lead to by the config in force."""
