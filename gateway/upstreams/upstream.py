@@ -64,9 +64,13 @@ class Upstream:
         """
         self._connection.open(send, look, now)
         if not self.is_closed:
-            self._failed_at.clear()
-            self._waiting.end_rests()
+            self.forgive()
         self._reopening.end()
+
+    def forgive(self) -> None:
+        """End the rest of all units: what failed was the connection, or the address."""
+        self._failed_at.clear()
+        self._waiting.end_rests()
 
     def port_down(self, now: float) -> None:
         """End the lost connection: requests under way fail with 0B, as units may have acted on them, others with 0A."""
