@@ -1,6 +1,6 @@
 """The connection to another server: when the next request may be sent on it, and when it is closed for none.
 
-- **Silence**: `gap` seconds pass after a request is over, answered or not, before the next one.
+- **Silence**: `gap` seconds pass after a request is over, answered or not, and after each response, before the next one.
 - **Identifier 0**: a server that answers with it does not say which request it answers. So after a time-out, after
   anything received but the one response, and after a request without a response, the connection is `is_spoilt`: the
   next request has a new one, on which no earlier response can come (ADR 6).
@@ -52,6 +52,10 @@ class Connection:
     def rest(self, now: float) -> None:
         """Note that a request is over."""
         self._used_at = now
+        self.be_silent(now)
+
+    def be_silent(self, now: float) -> None:
+        """Note that something has come: the silence begins anew."""
         self._free_at = now + self._gap
 
     def spoil(self) -> None:

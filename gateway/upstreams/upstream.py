@@ -133,6 +133,7 @@ class Upstream:
                 answered = self._sent.take(frame, now)
                 if answered is None:
                     self._connection.spoil()
+                    self._connection.be_silent(now)
                 else:
                     self._connection.rest(now)
                     taken.append((answered, frame.pdu))

@@ -682,3 +682,16 @@ def play(bench: UpstreamBench, chance: random.Random, on_the_way: list[int]) -> 
         case 3:
             bench.hear(encode(request.transaction, request.unit, b"\x03\x04dead"))
     bench.hear(encode(request.transaction, request.unit, pdu))
+
+
+@pytest.mark.parametrize("unit", [7, 9], ids=["late", "of another unit"])
+def test_a_gap_passes_after_a_response_that_nobody_waits_for_too(unit: int) -> None:
+    bench = UpstreamBench(gap=0.05, in_flight=1)
+    bench.ask()
+    bench.pass_time(TIMEOUT + 1.0)
+    bench.respond(unit=unit)
+    bench.ask("03 00 11 00 01")
+    bench.pass_time(0.049)
+    assert len(bench.sent) == 1
+    bench.pass_time(0.002)
+    assert len(bench.sent) == 2
