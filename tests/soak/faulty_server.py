@@ -2,8 +2,8 @@
 
 It may need manners, too: pauses, one request at a time, to be woken, to be left alone.
 
-What nobody can detect is left out: an answer under the identifier of another request that it fits too. Where each
-answer has identifier 0, that is a second answer to a request, while another one that it fits too is under way.
+What nobody can detect is left out: an answer under the identifier of another request that it fits too. Where
+answers have identifier 0, that is a second answer to a request, while another one that it fits too is under way.
 """
 
 import random
@@ -24,7 +24,8 @@ from soak.dated_world import DatedWorld
 
 #: How long an answer takes, one that is late, and a copy, in seconds. The gateway allows `TIMEOUT`.
 TIMEOUT: Final = 0.1
-_THINKING, _LATE, _COPY = (0.0, 0.08), (0.1, 8.0), (0.0, 8.0)
+_THINKING, _LATE, _LATER = (0.0, 0.08), (0.1, 0.4), (0.1, 8.0)
+_COPY = ((0.0, 0.1), (0.0, 8.0))
 #: For so long it may be away after it hung up; and so long nobody asks before it hangs up for that, in seconds.
 _AWAY, _IDLE = ((0.0, 0.0), (0.0, 0.0), (0.0, 1.5)), (0.0, 0.05)
 #: The identifier of one of so many requests before or behind it may be on an answer.
@@ -49,8 +50,8 @@ class Manners:
     """What a server needs, and how it behaves without any fault. Times in seconds."""
 
     knows_units: bool = True
-    #: Otherwise each answer has identifier 0.
-    knows_identifiers: bool = True
+    #: The share of answers with identifier 0.
+    zeros: float = 0.0
     #: A request that comes sooner after an answer is lost, and so is the next one while another is being worked on.
     gap: float | None = None
     #: A connection is closed in order after so long without a request.
@@ -89,9 +90,9 @@ class FaultyServer:
         #: The last request with each identifier, and the last of all.
         self._asked: dict[int, TcpFrame] = {}
         self._last: TcpFrame | None = None
-        #: When each unit was asked last, when an answer came last, and how many requests are being worked on.
+        #: When each unit was asked last, and anything; when an answer came last, and how many requests it works on.
         self._asked_at: dict[int, float] = {}
-        self._said_at = -inf
+        self._last_at = self._said_at = -inf
         self._works = 0
         self._passed: deque[str] = deque(maxlen=_TOLD)
         world.passed |= dict.fromkeys((device.number for device in devices.values()), self._passed)
@@ -114,7 +115,8 @@ class FaultyServer:
     def _connected(self) -> None:
         """A connection is new: nothing of an earlier one comes on it."""
         self._adapter.drop()
-        self._said_at, self._works = -inf, 0
+        self._last_at = self._said_at = -inf
+        self._works = 0
         self._line.opens_in = self._in((0.0, self._manners.opens_in))
         self._leave_when_idle()
 
@@ -134,10 +136,12 @@ class FaultyServer:
         """Say why it does not hear a request, if so."""
         now, manners = self._world.loop.time(), self._manners
         silent_for = now - self._asked_at.get(asked.unit, -inf)
-        self._asked_at[asked.unit] = now
+        last_at, self._last_at, self._asked_at[asked.unit] = self._last_at, now, now
         if self.is_deaf:
             return "deaf"
         if manners.gap is not None and (self._works or now < self._said_at + manners.gap - _A_MOMENT):
+            if now < last_at + TIMEOUT - _A_MOMENT:  # later, it may have been given up
+                self._world.tally.complain(f"at {now:.6f} s {self._line.name} was asked too soon")
             return "too soon"
         return "asleep" if silent_for > manners.sleeps_after else ""
 
@@ -147,11 +151,11 @@ class FaultyServer:
         self._answer(asked, self._in(_THINKING))
 
     def _answer_late(self, asked: TcpFrame) -> None:
-        self._answer(asked, self._in(_LATE))
+        self._answer(asked, self._in(self._dice.choice((_LATE, _LATER))))
 
     def _answer_twice(self, asked: TcpFrame) -> None:
-        first = self._in(self._dice.choice((_THINKING, _LATE)))
-        self._answer(asked, first, first + self._in(_COPY))
+        first = self._in(self._dice.choice((_THINKING, _LATER)))
+        self._answer(asked, first, first + self._in(self._dice.choice(_COPY)))
 
     def _answer_twice_at_once(self, asked: TcpFrame) -> None:
         self._answer(asked, self._in(_THINKING), copies=2)
@@ -161,7 +165,7 @@ class FaultyServer:
 
     def _refuse(self, asked: TcpFrame) -> None:
         refusal = bytes((asked.pdu[0] | EXCEPTION_BIT, self._dice.choice(EXCEPTION_CODES)))
-        delay = self._in(self._dice.choice((_THINKING, _THINKING, _LATE)))
+        delay = self._in(self._dice.choice((_THINKING, _THINKING, _LATER)))
         self._later(delay, self._say, asked, self._frame(asked, refusal), self._line.openings)
 
     def _mistake_identifier(self, asked: TcpFrame) -> None:
@@ -185,7 +189,7 @@ class FaultyServer:
 
     def _mistake(self, asked: TcpFrame, spoil: Spoil) -> None:
         """Answer with this instead, and rightly behind that or never."""
-        first = self._in(self._dice.choice((_THINKING, _LATE)))
+        first = self._in(self._dice.choice((_THINKING, _LATER)))
         rightly = [first + self._in(_THINKING)] * self._dice.randrange(2)
         self._answer(asked, first, *rightly, spoil=spoil)
 
@@ -222,7 +226,7 @@ class FaultyServer:
 
     def _frame(self, asked: TcpFrame, response: bytes) -> TcpFrame:
         manners = self._manners
-        identifier = asked.transaction if manners.knows_identifiers else 0
+        identifier = 0 if manners.zeros and self._dice.random() < manners.zeros else asked.transaction
         return TcpFrame(identifier, asked.unit if manners.knows_units else self._dice.choice(_NO_UNIT), response)
 
     def _answer(self, asked: TcpFrame, *delays: float, spoil: Spoil | None = None, copies: int = 1) -> None:
@@ -248,16 +252,16 @@ class FaultyServer:
             self._note("<<", encode(*frame))
             if asked is self._last:
                 self._said_at, self._works = self._world.loop.time(), 0
-            self._adapter.take(encode(*frame) * copies, at_once=not self._manners.knows_identifiers or copies > 1)
+            self._adapter.take(encode(*frame) * copies, at_once=self._manners.zeros > 0 or copies > 1)
 
     def _misleads(self, asked: TcpFrame, frame: TcpFrame, *, is_copy: bool) -> bool:
         """Whether it fits another request than `asked`, whose identifier it has."""
-        if self._manners.knows_identifiers:
-            other = None if frame.transaction == asked.transaction else self._asked.get(frame.transaction)
-        else:
+        if self._manners.zeros and frame.transaction == 0:
             other = self._last if is_copy else None
             if is_copy and self._line.written:
                 return True  # the next request is on its way
+        else:
+            other = self._asked.get(frame.transaction)
         if other is None or other is asked:
             return False
         return frame.unit in (other.unit, *_NO_UNIT) and parse_request(other.pdu).accepts(frame.pdu)

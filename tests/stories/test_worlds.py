@@ -1,11 +1,14 @@
 """The worlds of the soak with devices that tell when they held what: no answer is wrong, and each notices a lie."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import pytest
 
+from gateway.errors import RequestError
 from gateway.images.polling import PolledRange, Polling
 from gateway.lines.ledger import Ledger
+from gateway.lines.transaction import Transaction
 from gateway.modbus.mbap import TcpFrame
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.upstreams.upstream import Upstream
@@ -46,6 +49,37 @@ def an_upstream_takes_answers_in_the_order_of_requests(patch: pytest.MonkeyPatch
     patch.setattr(Upstream, "received", in_order)
 
 
+def a_connection_whose_identifiers_say_nothing_is_kept(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Upstream, "spoil", lambda *_: None)
+
+
+def a_read_that_was_sent_is_shared(patch: pytest.MonkeyPatch) -> None:
+    submit = Upstream.submit
+
+    def join(upstream: Upstream, transaction: Transaction, now: float) -> None:
+        for sent in upstream._sent.under_way.values():
+            if (sent.device, sent.asked.data) == (transaction.device, transaction.asked.data):
+                sent.requests += transaction.requests
+                return
+        submit(upstream, transaction, now)
+
+    patch.setattr(Upstream, "submit", join)
+
+
+def a_gap_passes_before_no_request(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Upstream, "_rest_connection", lambda *_: None)
+
+
+def writes_are_repeated_like_reads(patch: pytest.MonkeyPatch) -> None:
+    give_up = Upstream._give_up
+
+    def repeat(upstream: Upstream, identifier: int, transaction: Transaction, now: float) -> RequestError | None:
+        transaction.asked = replace(transaction.asked, only_reads=True)
+        return give_up(upstream, identifier, transaction, now)
+
+    patch.setattr(Upstream, "_give_up", repeat)
+
+
 def a_line_awaits_no_late_answers(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Ledger, "forbid_until", lambda *_: None)
 
@@ -63,10 +97,14 @@ def an_equal_read_overtakes_its_clients_write(patch: pytest.MonkeyPatch) -> None
         ("mirrors", a_mirror_has_no_stale_values),
         ("reloads", a_line_that_keeps_its_name_keeps_its_devices),
         ("upstreams", an_upstream_takes_answers_in_the_order_of_requests),
+        ("upstreams", a_connection_whose_identifiers_say_nothing_is_kept),
+        ("upstreams", a_read_that_was_sent_is_shared),
+        ("upstreams", a_gap_passes_before_no_request),
+        ("upstreams", writes_are_repeated_like_reads),
         ("writers", a_line_awaits_no_late_answers),
         ("writers", an_equal_read_overtakes_its_clients_write),
     ],
 )
 def test_it_notices(world: str, lie: Lie, monkeypatch: pytest.MonkeyPatch) -> None:
     lie(monkeypatch)
-    assert run(world, 1500, 0.2, seed=1).wrong_count > 0
+    assert run(world, 5000 if world == "upstreams" else 1500, 0.2, seed=1).wrong_count > 0  # it has many servers

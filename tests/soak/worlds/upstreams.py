@@ -31,12 +31,13 @@ _SERVERS: Final = {
     "few": _Server(keys="in_flight = 2"),
     "one": _Server(units=1, manners=Manners(knows_units=False)),
     "repeating": _Server(keys="retries = 2\ncoalesce = false"),
-    "needs a pause": _Server(keys='gap = "20 ms"\nretries = 1', manners=Manners(gap=0.02)),
+    "needs a pause": _Server(keys='gap = "20 ms"', manners=Manners(gap=0.02)),
     "one at a time": _Server(keys="in_flight = 1", manners=Manners(gap=0.0)),
-    "always 0": _Server(keys='transaction_id = "zero"', manners=Manners(knows_identifiers=False)),
+    "always 0": _Server(keys='transaction_id = "zero"', manners=Manners(zeros=1.0)),
+    "sometimes 0": _Server(keys='transaction_id = "zero"\nretries = 1\nwake = "100 ms"', manners=Manners(zeros=0.5)),
     "all 0": _Server(
         keys='transaction_id = "zero"\nretries = 1\nrest = "off"',
-        manners=Manners(knows_identifiers=False, knows_units=False),
+        manners=Manners(zeros=1.0, knows_units=False),
     ),
     "leaves": _Server(manners=Manners(idle=0.15, opens_in=0.05)),
     "left": _Server(keys='idle = "30 ms"', manners=Manners(idle=0.1, opens_in=0.02)),
@@ -44,7 +45,7 @@ _SERVERS: Final = {
     "two addresses": _Server(keys='retries = 1\nrest = "off"', addresses=2),
     "two, always 0": _Server(
         keys='transaction_id = "zero"\nidle = "50 ms"\nrest = "off"',
-        manners=Manners(knows_identifiers=False, opens_in=0.02),
+        manners=Manners(zeros=1.0, opens_in=0.02),
         addresses=2,
     ),
 }
