@@ -52,6 +52,8 @@ class Manners:
     knows_units: bool = True
     #: The share of answers with identifier 0.
     zeros: float = 0.0
+    #: The share of answers that come again soon.
+    repeats: float = 0.0
     #: A request that comes sooner after an answer is lost, and so is the next one while another is being worked on.
     gap: float | None = None
     #: A connection is closed in order after so long without a request.
@@ -148,7 +150,9 @@ class FaultyServer:
     # --- what it does ---
 
     def _right(self, asked: TcpFrame) -> None:
-        self._answer(asked, self._in(_THINKING))
+        first = self._in(_THINKING)
+        is_repeated = self._manners.repeats and self._dice.random() < self._manners.repeats
+        self._answer(asked, first, *([first + self._in(_COPY[0])] if is_repeated else []))
 
     def _answer_late(self, asked: TcpFrame) -> None:
         self._answer(asked, self._in(self._dice.choice((_LATE, _LATER))))

@@ -49,6 +49,15 @@ def an_upstream_takes_answers_in_the_order_of_requests(patch: pytest.MonkeyPatch
     patch.setattr(Upstream, "received", in_order)
 
 
+def an_upstream_takes_any_identifier_where_it_may_be_0(patch: pytest.MonkeyPatch) -> None:
+    take = Upstream._take
+
+    def take_any(upstream: Upstream, frame: TcpFrame, now: float) -> Transaction | None:
+        return take(upstream, TcpFrame(0, frame.unit, frame.pdu) if upstream._is_zero else frame, now)
+
+    patch.setattr(Upstream, "_take", take_any)
+
+
 def a_connection_whose_identifiers_say_nothing_is_kept(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Upstream, "spoil", lambda *_: None)
 
@@ -97,6 +106,7 @@ def an_equal_read_overtakes_its_clients_write(patch: pytest.MonkeyPatch) -> None
         ("mirrors", a_mirror_has_no_stale_values),
         ("reloads", a_line_that_keeps_its_name_keeps_its_devices),
         ("upstreams", an_upstream_takes_answers_in_the_order_of_requests),
+        ("upstreams", an_upstream_takes_any_identifier_where_it_may_be_0),
         ("upstreams", a_connection_whose_identifiers_say_nothing_is_kept),
         ("upstreams", a_read_that_was_sent_is_shared),
         ("upstreams", a_gap_passes_before_no_request),

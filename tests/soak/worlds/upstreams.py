@@ -34,7 +34,9 @@ _SERVERS: Final = {
     "needs a pause": _Server(keys='gap = "20 ms"', manners=Manners(gap=0.02)),
     "one at a time": _Server(keys="in_flight = 1", manners=Manners(gap=0.0)),
     "always 0": _Server(keys='transaction_id = "zero"', manners=Manners(zeros=1.0)),
-    "sometimes 0": _Server(keys='transaction_id = "zero"\nretries = 1\nwake = "100 ms"', manners=Manners(zeros=0.5)),
+    "sometimes 0": _Server(
+        keys='transaction_id = "zero"\nretries = 1\nwake = "100 ms"', manners=Manners(zeros=0.5, repeats=0.3)
+    ),
     "all 0": _Server(
         keys='transaction_id = "zero"\nretries = 1\nrest = "off"',
         manners=Manners(zeros=1.0, knows_units=False),
