@@ -1,6 +1,6 @@
 """The connection to another server: when the next request may be sent on it, and when it is closed for none.
 
-- **Silence**: `gap` seconds pass after a request is over, answered or not, and after each response, before the next one.
+- **Silence**: `gap` seconds pass after a request is over, answered or not, and after any response, before the next.
 - **Identifier 0**: a server that answers with it does not say which request it answers. So after a time-out, after
   anything received but the one response, and after a request without a response, the connection is `is_spoilt`: the
   next request has a new one, on which no earlier response can come (ADR 6).

@@ -92,6 +92,11 @@ class MemoryLine:
         if self._port is not None:
             self._port.pause()
 
+    def notice(self) -> None:
+        """Let the gateway read what has come."""
+        if self._port is not None:
+            self._port.read_now()
+
     def plug(self) -> None:
         """Plug the line in again."""
         self._absent = None

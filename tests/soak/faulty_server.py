@@ -28,6 +28,8 @@ _THINKING, _LATE, _LATER = (0.0, 0.08), (0.1, 0.4), (0.1, 8.0)
 _COPY = ((0.0, 0.1), (0.0, 8.0))
 #: For so long it may be away after it hung up; and so long nobody asks before it hangs up for that, in seconds.
 _AWAY, _IDLE = ((0.0, 0.0), (0.0, 0.0), (0.0, 1.5)), (0.0, 0.05)
+#: This share of what comes is noticed later than it comes, by so many seconds.
+_UNREAD, _NOTICING = 0.1, (0.0, 0.005)
 #: The identifier of one of so many requests before or behind it may be on an answer.
 _NEAR: Final = 40
 #: The units in the answers of servers that know none.
@@ -129,7 +131,7 @@ class FaultyServer:
             if last is self._last and connection == self._line.openings and self._line.is_open:
                 self._world.tally.counts["left in order"] += 1
                 self._adapter.drop()
-                self._line.hang_up()
+                self._line.hang_up(unread=self._is_unread())
 
         if self._manners.idle < inf:
             self._later(self._manners.idle, leave)
@@ -256,7 +258,16 @@ class FaultyServer:
             self._note("<<", encode(*frame))
             if asked is self._last:
                 self._said_at, self._works = self._world.loop.time(), 0
+            self._is_unread()
             self._adapter.take(encode(*frame) * copies, at_once=self._manners.zeros > 0 or copies > 1)
+
+    def _is_unread(self) -> bool:
+        """Let the gateway notice a moment later what comes now; tell whether that is so."""
+        is_unread = self._dice.random() < _UNREAD
+        if is_unread:
+            self._line.leave_unread()
+            self._later(self._in(_NOTICING), self._line.notice)
+        return is_unread
 
     def _misleads(self, asked: TcpFrame, frame: TcpFrame, *, is_copy: bool) -> bool:
         """Whether it fits another request than `asked`, whose identifier it has."""

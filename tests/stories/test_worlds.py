@@ -11,6 +11,8 @@ from gateway.lines.ledger import Ledger
 from gateway.lines.transaction import Transaction
 from gateway.modbus.mbap import TcpFrame
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.upstreams.connection import Connection
+from gateway.upstreams.in_flight import InFlight
 from gateway.upstreams.upstream import Upstream
 from soak.never_lies import run
 
@@ -50,16 +52,16 @@ def an_upstream_takes_answers_in_the_order_of_requests(patch: pytest.MonkeyPatch
 
 
 def an_upstream_takes_any_identifier_where_it_may_be_0(patch: pytest.MonkeyPatch) -> None:
-    take = Upstream._take
+    take = InFlight.take
 
-    def take_any(upstream: Upstream, frame: TcpFrame, now: float) -> Transaction | None:
-        return take(upstream, TcpFrame(0, frame.unit, frame.pdu) if upstream._is_zero else frame, now)
+    def take_any(sent: InFlight, frame: TcpFrame, now: float) -> Transaction | None:
+        return take(sent, TcpFrame(0, frame.unit, frame.pdu) if sent._is_zero else frame, now)
 
-    patch.setattr(Upstream, "_take", take_any)
+    patch.setattr(InFlight, "take", take_any)
 
 
 def a_connection_whose_identifiers_say_nothing_is_kept(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Upstream, "spoil", lambda *_: None)
+    patch.setattr(Connection, "spoil", lambda *_: None)
 
 
 def a_read_that_was_sent_is_shared(patch: pytest.MonkeyPatch) -> None:
@@ -76,7 +78,7 @@ def a_read_that_was_sent_is_shared(patch: pytest.MonkeyPatch) -> None:
 
 
 def a_gap_passes_before_no_request(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Upstream, "_rest_connection", lambda *_: None)
+    patch.setattr(Connection, "be_silent", lambda *_: None)
 
 
 def writes_are_repeated_like_reads(patch: pytest.MonkeyPatch) -> None:
