@@ -45,6 +45,7 @@ Left out, because nobody can detect it:
   - a device server that stalls after something was heard since a request, or answers a new connection for the old one
   - a gateway that stands still between its last look at a connection over TCP and the sending
   - a response of another Modbus TCP server with the identifier of another request that it fits too
+  - a second response with identifier 0 while the next request, which it fits too, is under way or on its way
 and damage that the check sum itself cannot show (random damage: 1 in 65536 on RTU, 1 in 256 on ASCII)"""
 
 

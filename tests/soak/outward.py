@@ -3,7 +3,8 @@
     python -P tests/soak/outward.py lines --seed 1 --transactions 1000       # PYTHONPATH=CHECKOUT:CHECKOUT/tests
 
 For `differential`, which compares two versions. Public borders are watched, whatever lies behind them: requests and
-their answers, what clients get, what a line writes, hears and hands over, events, records of the trace, and the status.
+their answers, what clients get, what a line writes, hears and hands over, likewise an upstream, events, records of the
+trace, and the status.
 """
 
 import argparse
@@ -22,9 +23,11 @@ import anything
 import gateway
 from gateway.lines.line import Line
 from gateway.operator.status import status
+from gateway.ports.port import Port
 from gateway.request import Request
 from gateway.runtime.running import Running
 from gateway.trace.ring import Ring
+from gateway.upstreams.driver import TcpDriver
 from kit.gateway_bench import Client, GatewayBench
 from kit.line_bench import Bench
 from kit.virtual_time import VirtualTimeLoop
@@ -127,6 +130,39 @@ def watch_lines(*, with_deadlines: bool) -> None:
     if with_deadlines:
         watch(Line, "tick", lambda line, now: f"{_name(line)} tick")
         watch_result(Line, "deadline", lambda line, deadline: f"{_name(line)} is to be woken at {deadline}")
+
+
+def watch_upstreams() -> None:
+    """Note what an upstream hears and writes, and what happens to its connection."""
+    watch(TcpDriver, "received", lambda driver, data, **more: f"{_upstream(driver)} << {data.hex(' ')}")
+    watch(TcpDriver, "port_ended", lambda driver, _, *, at_once: f"{_upstream(driver)} port_ended {at_once}")
+    watch(TcpDriver, "port_down", lambda driver, error: f"{_upstream(driver)} port_down {error}")
+    port_up = TcpDriver.port_up
+
+    def port_up_and_note(driver: TcpDriver, port: Port) -> None:
+        note(f"{_upstream(driver)} port_up")
+        port_up(driver, _Noted(port, lambda data: note(f"{_upstream(driver)} >> {data.hex(' ')}")))
+
+    TcpDriver.port_up = port_up_and_note
+
+
+class _Noted:
+    """A port whose writing is noted before it is done."""
+
+    def __init__(self, port: Port, note: Callable[[bytes], None]) -> None:
+        self._port = port
+        self._note = note
+
+    def write(self, data: bytes) -> None:
+        self._note(data)
+        self._port.write(data)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._port, name)
+
+
+def _upstream(driver: TcpDriver) -> str:
+    return f"upstream {driver.upstream.settings.name}"
 
 
 def _entry(each: Any) -> tuple[object, ...]:
@@ -290,6 +326,7 @@ def main() -> None:
     random.seed(args.seed)
     search.World = _World
     watch_lines(with_deadlines=args.deadlines)
+    watch_upstreams()
     watch_requests()
     watch_gateways()
     if args.part in WORLDS:
