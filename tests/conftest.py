@@ -25,7 +25,7 @@ _REAL_TIME = frozenset({"system", "bench"})
 #: Files that take longest, in that order: none of these shall begin last.
 _LONGEST = (
     *("test_accepted_configs", "test_systemd", "test_pages_in_browser", "test_web_api", "test_tutorials", "test_fleet"),
-    *("test_standby", "test_standing_still", "test_upstream"),
+    *("test_standby", "test_standing_still", "test_upstream", "test_manners"),
     *("test_scan", "test_doctor", "test_history", "test_tls", "test_demo", "test_traffic_page", "test_kiosk"),
     *("test_flood", "test_logins_in_browser", "test_overview_page", "test_tcp", "test_writing_page", "test_strip"),
     *("test_moving_listeners", "test_read_write", "test_plant_forms", "test_run", "test_control", "test_store"),
