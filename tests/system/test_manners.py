@@ -1,6 +1,7 @@
 """The keys of `[[upstream]]`, each against a real server that needs it: 20 of 20 reads, and what happens without."""
 
 import json
+import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -160,6 +161,21 @@ def test_without_it_nobody_else_gets_in(tmp_path: Path) -> None:
             assert other.recv(1) == b""
         read_all(reader)
         assert server.open_connections == 1
+
+
+def test_a_reload_changes_a_key_without_a_second_connection(tmp_path: Path) -> None:
+    with (
+        TcpServer(Manners(connections=1)) as server,
+        gateway_at(tmp_path, server.number) as gateway,
+        closing(Reader(gateway.port)) as reader,
+    ):
+        read_all(reader)
+        gateway.config.write_text(gateway.config.read_text().replace(PATIENT, f"{PATIENT}\nretries = 1"))
+        gateway.signal(signal.SIGHUP)
+        gateway.wait_for("config_applied")
+        until(lambda: reader.read(1, 5) != "83 0A")
+        read_all(reader)
+        assert server.connections == 2
 
 
 def test_who_takes_the_only_connection_away_costs_what_is_under_way_and_no_more(tmp_path: Path) -> None:
@@ -387,8 +403,9 @@ def test_a_unit_that_fails_rests_unless_it_must_not(tmp_path: Path, rest: str, a
 # --- servers that others have written ---
 
 
-@pytest.mark.needs("libmodbus.so.5")
-@pytest.mark.parametrize(("peer", "in_flight"), [(Pymodbus, 1), (Libmodbus, 16)])
+@pytest.mark.parametrize(
+    ("peer", "in_flight"), [(Pymodbus, 1), pytest.param(Libmodbus, 16, marks=pytest.mark.needs("libmodbus.so.5"))]
+)
 def test_a_real_server_answers_each_client(tmp_path: Path, peer: type[Pymodbus | Libmodbus], in_flight: int) -> None:
     number = free_port()
     with (
