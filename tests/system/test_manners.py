@@ -140,6 +140,7 @@ def test_the_only_connection_of_a_server_is_left_to_others_when_it_is_idle(tmp_p
         gateway_at(tmp_path, server.number, keys=f'{PATIENT}\nidle = "50 ms"') as gateway,
         closing(Reader(gateway.port)) as reader,
     ):
+        until(lambda: server.connections == 1)
         for address in range(READS):
             until(lambda: server.open_connections == 0)  # the gateway leaves
             if address % 4 == 0:
