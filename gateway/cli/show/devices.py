@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from gateway.cli.kit.columns import align
 from gateway.cli.show.limits import limits_as_json, limits_table, milliseconds, round_up
-from gateway.config.plan.forecast import FunctionLimits, function_limits
+from gateway.config.plan.forecast import FunctionLimits, function_limits, owed_after_waking
 from gateway.config.plan.settings import LinePlan, OwnerPlan
 from gateway.config.values.duration import show_duration
 from gateway.config.values.unitset import show_unit, show_units
@@ -84,17 +84,21 @@ def failures_as_text(settings: LineSettings | UpstreamSettings, retry_within: st
         yield f"  rest {show_duration(settings.rest) if settings.rest else 'off'}"
 
 
-def wakes_as_text(devices: Iterable[DeviceSettings]) -> Iterator[str]:
-    """Say which devices sleep."""
-    names: dict[float, list[str]] = {}
-    for device in devices:
-        names.setdefault(device.wake, []).append(device.name)
-    for wake, alike in names.items():
-        if wake:
-            sleeps, its = ("sleep", "their") if len(alike) > 1 else ("sleeps", "its")
-            more = f" and {len(alike) - _MOST_NAMED} more" if len(alike) > _MOST_NAMED else ""
-            what = f"after {show_duration(wake)} without a request {its} first read is sent twice"
-            yield f"  {', '.join(alike[:_MOST_NAMED])}{more} {sleeps}: {what}."
+def wakes_as_text(plan: OwnerPlan) -> Iterator[str]:
+    """Say which devices sleep, and what that means for the read after the first one."""
+    names: dict[tuple[float, float], list[str]] = {}
+    for device in plan.devices:
+        if device.wake:
+            owed = owed_after_waking(plan, device) if isinstance(plan, LinePlan) else 0.0
+            names.setdefault((device.wake, owed), []).append(device.name)
+    for (wake, owed), alike in names.items():
+        sleeps, its = ("sleep", "their") if len(alike) > 1 else ("sleeps", "its")
+        more = f" and {len(alike) - _MOST_NAMED} more" if len(alike) > _MOST_NAMED else ""
+        what = f"after {show_duration(wake)} without a request {its} first read is sent twice"
+        yield f"  {', '.join(alike[:_MOST_NAMED])}{more} {sleeps}: {what}."
+        if isinstance(plan, LinePlan) and owed:
+            fate = "waits" if owed <= plan.line.max_wait else "gets 0B, because max_wait is shorter"
+            yield f"  The other answer may come for {round_up(owed)}; until then, a read with that function {fate}."
 
 
 def device_as_json(one: ShownDevice) -> dict[str, Any]:

@@ -47,7 +47,7 @@ def line_as_text(plan: LinePlan, whole: Plan) -> str:
             *failures_as_text(plan.line, _retry_within(plan)),
             devices_table(devices, "ON THE WIRE"),
             *_list_listeners(plan, whole),
-            *wakes_as_text(plan.devices),
+            *wakes_as_text(plan),
             *polls_as_text(plan, whole),
             *_limits(devices, plan),
         ]

@@ -45,7 +45,7 @@ def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
             *([devices_table(devices, "BEHIND THE SERVER")] if devices else []),
             *([f"{names}: 0-255, as behind the server; longest wait {longest}."] if names else []),
             *timeout_advice(plan),
-            *wakes_as_text(plan.devices),
+            *wakes_as_text(plan),
             *polls_as_text(plan, whole),
             *(limits_as_text(one, of) for one, of in one_of_each_kind(devices)),
         ]

@@ -878,3 +878,16 @@ def test_topics_are_in_the_picture(tmp_path, capsys, form, said, topic):
     assert published["devices"] == [
         {"device": "shift", "topic": topic, "points": ["a", "b", "d", "e"], "settable": ["b", "c"]}
     ]
+
+
+@pytest.mark.parametrize(
+    ("timeout", "owed", "fate"),
+    [("200 ms", "1.06 s", "waits"), ("1 s", "3.46 s", "gets 0B, because max_wait is shorter")],
+)
+def test_the_read_after_that_which_woke_a_device_may_have_to_wait(config, capsys, timeout, owed, fate):
+    sleeping = f'devices = [{{ unit = 1, name = "sensor", wake = "10 s", timeout = "{timeout}" }}]\n'
+    main(["check", config(f'[[line]]\nport = "/dev/null"\n{sleeping}')])
+    assert (
+        "  sensor sleeps: after 10 s without a request its first read is sent twice.\n"
+        f"  The other answer may come for {owed}; until then, a read with that function {fate}.\n"
+    ) in capsys.readouterr().out
