@@ -226,7 +226,7 @@ def line_of(keys: str, row: str = "unit = 1", profile: str = "functions = [3, 6]
 
 def limits_of_line(line):
     device = line.devices[0]
-    return function_limits(device.profile, device.answer_time, line.line.timing, line.latency)
+    return function_limits(device.profile, device.answer_time, line.budget)
 
 
 def test_a_silence_after_connecting_is_part_of_the_wait_and_of_no_transaction():
