@@ -154,12 +154,11 @@ class TcpPort(asyncio.BufferedProtocol):
         """
         if self._early:
             self._deliver_early()
-        if self._transport.is_closing():
+        if self._transport.is_closing() or not self._poll.poll(0):  # usually nothing: a read would raise that
             return
         if self._is_secured:
-            if self._poll.poll(0):
-                self._abort(ConnectionEnded(f"{self._name} has closed the connection"))
-                self._lose()
+            self._abort(ConnectionEnded(f"{self._name} has closed the connection"))
+            self._lose()
             return
         try:
             data = os.read(self._descriptor, READ_SIZE)
@@ -201,8 +200,7 @@ class TcpPort(asyncio.BufferedProtocol):
         """Take the open connection."""
         self._transport = cast("asyncio.Transport", transport)
         self._descriptor = transport.get_extra_info("socket").fileno()
-        if self._is_secured:
-            self._poll.register(self._descriptor, select.POLLIN)
+        self._poll.register(self._descriptor, select.POLLIN)
 
     def get_buffer(self, sizehint: int) -> memoryview:  # noqa: ARG002 - the longest frame decides
         """Return the buffer that asyncio receives into."""
