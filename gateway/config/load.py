@@ -11,6 +11,7 @@ from gateway.config.check import AddressTrouble, PortTrouble, check
 from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.config.machine.paths import check_paths
 from gateway.config.machine.port_trouble import port_trouble
+from gateway.config.plan.shared_units import without_shared_units
 from gateway.config.problem import Path, Problem, error, errors_in, warning
 from gateway.config.reading.positions import Positions
 from gateway.config.reading.syntax import syntax_problem
@@ -70,7 +71,7 @@ def parse(
         return _fail(error((), "is nested too deeply"), file)
     folder = folder_of(FilePath(file))
     reader = TableReader(document, positions, FilePath(file).name, folder)
-    config = reader.config()
+    config = without_shared_units(reader.config())
     found = [*reader.problems, *check_paths(document, folder, exists)]
     found += check(config, frozenset(reader.failed), port_trouble, real_path, address_trouble)
     problems = [_locate(one, positions, file, document) for one in dict.fromkeys(found)]

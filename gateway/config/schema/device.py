@@ -21,8 +21,9 @@ class Device(Table):
     known_as: UnitsOrNone | None = Field(
         None,
         alias="as",
-        description="Its unit ID for clients, 1-255; as many as in `unit`. Default: the same. `none`: it has none, and "
-        "only a listener for its line or upstream leads to it, and its name; a gateway can have any number of those. "
+        description="Its unit ID for clients, 1-255; as many as in `unit`. Default: the same; or none, if other "
+        "devices have it too, and listeners are for one line or upstream each. `none`: it has none, and only a "
+        "listener for its line or upstream leads to it, and its name; a gateway can have any number of those. "
         "Of the rows of `[[access]]` without `listen`, only those for all units count for it.",
     )
     name: Name | None = Field(

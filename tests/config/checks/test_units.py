@@ -1,5 +1,7 @@
 """Units and their destinations."""
 
+import pytest
+
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from kit.config_problems import LINE, problems
@@ -270,3 +272,55 @@ def test_a_row_without_units_has_names_of_its_own():
 
 def test_a_lone_device_without_an_address_needs_no_unit_either():
     assert problems('[[line]]\nport = "/dev/a"\ndevices = [{ unit = 0, as = "none", name = "x" }]\n') == []
+
+
+TWO_PORTS = """\
+[[listen]]
+bind = "tcp://127.0.0.1:1502"
+line = "a"
+[[listen]]
+bind = "tcp://127.0.0.1:1503"
+upstream = "b"
+[[line]]
+name = "a"
+port = "/dev/a"
+devices = [{ unit = "1-9" }, { unit = 20 }]
+[[upstream]]
+name = "b"
+to = "tcp://10.1.0.5"
+units = [{ unit = "8-12" }]
+"""
+
+
+def test_without_a_general_listener_units_of_several_devices_belong_to_none():
+    assert problems(TWO_PORTS) == []
+    plan = resolve(parse(TWO_PORTS, port_trouble=lambda _: None).config)
+    (line,), (upstream,) = plan.lines, plan.upstreams
+    assert [device.client_unit for device in line.devices] == [None] * 9 + [20]
+    assert {device.client_unit for device in upstream.devices} == {None}
+    assert {device.unit for device in upstream.devices} == {8, 9, 10, 11, 12}
+
+
+@pytest.mark.parametrize(
+    "asks_by_units",
+    [
+        '[[listen]]\nbind = "tcp://127.0.0.1:1504"\n',
+        '[[line]]\nport = "/dev/c"\nrole = "server"\nserves = [20]\n',
+        'site = "x"\n[fleet]\nservers = ["nats://127.0.0.1:4222"]\n',
+    ],
+)
+def test_where_somebody_asks_by_units_each_has_one_device(asks_by_units):
+    first, _, rest = asks_by_units.partition("\n")
+    text = first + "\n" + TWO_PORTS + rest if first.startswith("site") else TWO_PORTS + asks_by_units
+    found = [said for said in problems(text) if said.startswith("error")]
+    assert [said.split(" (")[0] for said in found] == [
+        'error: upstream[0].units[0].unit: 8-9 are already units of line "a"'
+    ]
+    assert "as = " in found[0]
+
+
+def test_a_unit_that_is_written_stays():
+    text = TWO_PORTS.replace('{ unit = "8-12" }', '{ unit = "8-12", as = "8-12" }')
+    plan = resolve(parse(text, port_trouble=lambda _: None).config)
+    assert [device.client_unit for device in plan.upstreams[0].devices] == [8, 9, 10, 11, 12]
+    assert {device.client_unit for device in plan.lines[0].devices} == {None, 20}
