@@ -199,7 +199,7 @@ class LineEvidence:
     @property
     def tells_losses(self) -> bool:
         """Whether a row of its own says why requests are lost."""
-        return self.pauses.needs_gap or self.pauses.needs_turns
+        return self.pauses.needs_gap or self.pauses.needs_turns or self.pauses.needs_wake
 
     @property
     def answers_zero(self) -> bool:

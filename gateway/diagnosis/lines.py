@@ -1,7 +1,7 @@
 """Rules about a client line, or an upstream."""
 
 from collections.abc import Callable, Iterator
-from math import ceil
+from math import ceil, floor
 from typing import Final
 
 from gateway.config.reading.source import to_write
@@ -193,7 +193,7 @@ def _zero(line: LineEvidence) -> Iterator[Finding]:
 
 
 def _hurry(line: LineEvidence) -> Iterator[Finding]:
-    """Find a server that needs silence before a request, or one request at a time."""
+    """Find a server that needs silence before a request, one request at a time, or two to wake up."""
     pauses = line.pauses
     if pauses.needs_gap:
         soon, later = pauses.soon, pauses.later
@@ -205,6 +205,13 @@ def _hurry(line: LineEvidence) -> Iterator[Finding]:
         what = f"loses requests that come while it has another one: {beside.lost} of {beside.asked}, "
         what += f"{alone.lost} of {alone.asked} that came alone"
         yield Finding("fix", line.name, what, to_write(line.source, {"in_flight": "1"}))
+    elif pauses.needs_wake:
+        rested, awake, rest = pauses.rested, pauses.awake, show_duration(max(1, floor(pauses.rest)))
+        what = f"loses requests to a unit that was not asked for {rest}: {rested.lost} of {rested.asked}, "
+        what += f"{awake.lost} of {awake.asked} that came sooner"
+        remedy = to_write(line.source, {"wake": f'"{rest}"'}) + ", if it sleeps"
+        remedy += '; after_connect = "500 ms", if it loses what comes soon after connecting'
+        yield Finding("fix", line.name, what, remedy)
 
 
 def _full(line: LineEvidence) -> Iterator[Finding]:

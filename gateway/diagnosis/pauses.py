@@ -17,6 +17,9 @@ LOST: Final = 0.2
 FEWER: Final = 0.25
 #: A server that needs more silence than this has another fault. One lost request in ten may have another reason.
 LONGEST: Final = 0.5
+#: A server that loses requests after less rest than this, or fewer of them, has another fault.
+LONG_REST: Final = 1.0
+_MOST: Final = 0.3
 _OTHER_REASONS: Final = 0.1
 #: The gaps that are proposed, and the longest of them if shorter ones are not known to be too short.
 _GAPS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -49,14 +52,18 @@ class Pauses:
     """The losses of requests sent up to `silence` seconds after a response (`soon`) or `later`.
 
     Those of the same requests when they are sorted otherwise: sent while another one was under way (`beside`) or not
-    (`alone`). `needed` is a gap that should do.
+    (`alone`); and of the latter those to a unit that was not asked for `rest` seconds before (`rested`) or was
+    in half of that time (`awake`). `needed` is a gap that should do.
     """
 
     soon: Losses = Losses()
     later: Losses = Losses()
     beside: Losses = Losses()
     alone: Losses = Losses()
+    rested: Losses = Losses()
+    awake: Losses = Losses()
     silence: float = 0.0
+    rest: float = inf
     needed: float = 0.0
 
     @property
@@ -69,16 +76,26 @@ class Pauses:
         """Whether it loses requests that come while it has another one."""
         return self.beside.is_worse_than(self.alone)
 
+    @property
+    def needs_wake(self) -> bool:
+        """Whether it loses the first request to a unit that was not asked for some time."""
+        is_asleep = self.rest >= LONG_REST and self.rested.share >= _MOST
+        return is_asleep and self.rested.is_worse_than(self.awake)
+
 
 NO_PAUSES: Final = Pauses()
 
 
 class Asked(NamedTuple):
-    """What became of a request, and what was before it: a `pause` since a response, or others `beside` it."""
+    """What became of a request, and what was before it: a `pause` since a response, or others `beside` it.
+
+    The last request to the same unit ended `rest` seconds before; infinity if none is known, or if it was sent again.
+    """
 
     is_lost: bool
     pause: float
     is_beside: bool
+    rest: float = inf
 
 
 def situations(records: Iterable[Sent]) -> Iterator[Asked]:
@@ -87,13 +104,16 @@ def situations(records: Iterable[Sent]) -> Iterator[Asked]:
     answering = {each.name for each in ended if each.result in _ANSWERED}
     last_response, ends_at = -inf, -inf
     responses: list[float] = []
+    unit_ended_at: dict[str, float] = {}
     for each in ended:
         last_response = max((at for at in responses if at <= each.sent_at), default=last_response)
         responses = [at for at in responses if at > each.sent_at]
         is_lost = each.result in _LOST
         if each.name in answering:
-            yield Asked(is_lost, each.sent_at - last_response, each.sent_at < ends_at)
+            rest = inf if each.result == "sent_again" else each.sent_at - unit_ended_at.get(each.name, -inf)
+            yield Asked(is_lost, each.sent_at - last_response, each.sent_at < ends_at, rest)
         ends_at = max(ends_at, each.at)
+        unit_ended_at[each.name] = each.at
         if not is_lost:
             responses.append(each.at)
 
@@ -102,12 +122,17 @@ def pauses_of(found: Sequence[Asked]) -> Pauses:
     """Sort requests to one server by what was before them."""
     silence = _silence(sorted(one.pause for one in found if one.is_lost))
     enough = min((one.pause for one in found if one.pause > silence and not one.is_lost), default=inf)
+    first = [one for one in found if not one.is_beside and one.rest < inf]
+    rest = _rest(sorted(one.rest for one in first if one.is_lost))
     return Pauses(
         soon=_losses(one for one in found if one.pause <= silence),
         later=_losses(one for one in found if one.pause > silence),
         beside=_losses(one for one in found if one.is_beside),
         alone=_losses(one for one in found if not one.is_beside),
+        rested=_losses(one for one in first if one.rest >= rest),
+        awake=_losses(one for one in first if one.rest < rest / 2),
         silence=silence,
+        rest=rest,
         needed=_needed(silence, enough),
     )
 
@@ -115,6 +140,11 @@ def pauses_of(found: Sequence[Asked]) -> Pauses:
 def _silence(lost: list[float]) -> float:
     """Find the silence within which all but a few were lost that were lost."""
     return lost[ceil((1 - _OTHER_REASONS) * len(lost)) - 1] if lost else 0.0
+
+
+def _rest(lost: list[float]) -> float:
+    """Find the rest after which all but a few were lost that were lost."""
+    return lost[int(_OTHER_REASONS * len(lost))] if lost else inf
 
 
 def _needed(silence: float, was_enough: float) -> float:

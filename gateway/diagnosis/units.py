@@ -9,6 +9,7 @@ from gateway.config.values.duration import show_duration
 from gateway.devices.moved import how_to_forget
 from gateway.diagnosis.evidence import LineEvidence, UnitEvidence
 from gateway.diagnosis.finding import Finding, Level
+from gateway.modbus.explain import OTHER_UNIT
 from gateway.timing.verdict import CLOSE
 from gateway.timing.verdict import ENOUGH as ENOUGH_RESPONSES
 
@@ -20,6 +21,7 @@ SOME: Final = 0.01
 ENOUGH: Final = 3
 #: The most units named in one row.
 MOST: Final = 5
+_FROM_UNIT: Final = OTHER_UNIT.format("")
 #: The proposed limit as a multiple of the slowest answer.
 _MARGIN: Final = 1.5
 
@@ -84,9 +86,19 @@ def _does_not_fit(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     """Find intact frames that do not answer the request: neither wires nor addresses are wrong."""
     if unit.why and unit.explained > WRONG * unit.asked and not line.answers_zero:
         what = f"{unit.explained} of {unit.asked} responses did not fit their requests{unit.last_bad}: {unit.why}"
-        remedy = "compare function, addresses, number and values with what the document of the device allows"
+        remedy = _as_it_answers(unit)
+        remedy = remedy or "compare function, addresses, number and values with what the document of the device allows"
         level = unit.last_bad.level if unit.explained >= ENOUGH else "note"
         yield _Found(unit.explained, _row(level, unit, what, remedy))
+
+
+def _as_it_answers(unit: UnitEvidence) -> str:
+    """Return the remedy for a server that answers under another unit identifier, else an empty text."""
+    before, _, answered_by = unit.why.partition(_FROM_UNIT)
+    if before or not answered_by:
+        return ""
+    keys = {"unit": answered_by} | ({} if unit.unit is None else {"as": str(unit.unit)})
+    return f"if the values in the trace are those of this unit, {to_write(unit.source, keys)}"
 
 
 def _is_damaged(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
@@ -162,7 +174,7 @@ def _answers_no_more(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]
 
 
 def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
-    if unit.is_silent or line.has_stopped or line.tells_losses or _others_tell(unit, line):
+    if unit.is_silent or line.has_stopped or line.tells_losses or line.answers_zero or _others_tell(unit, line):
         return
     bad = unit.bad_frames if unit.bad_frames >= max(ENOUGH, SOME * unit.asked) else unit.explained
     failed = unit.failed - min(bad + unit.late, unit.failed)  # the rest has rows of its own

@@ -15,6 +15,8 @@ Mode = Literal["rtu", "ascii", "tcp"]
 
 #: The reason why a response with this transaction identifier is not the one to a request.
 OTHER_IDENTIFIER: Final = "intact, but its transaction identifier {:04X} is not that of the request"
+#: The same of one from this unit.
+OTHER_UNIT: Final = "intact, but from unit {}"
 #: The framing of each mode, and the remedy for a device that uses another one.
 _NAMES: Final[dict[Mode, Framing]] = {"rtu": "RTU", "ascii": "ASCII", "tcp": "Modbus TCP"}
 _REMEDIES: Final[dict[Framing, str]] = {
@@ -63,7 +65,7 @@ def _explain_adu(asked: RequestPdu, unit: int | None, adu: mbap.TcpFrame | None)
     if adu is None:
         return ""
     if adu.unit != unit and adu.unit not in mbap.NO_UNIT:
-        return f"intact, but from unit {adu.unit}"
+        return OTHER_UNIT.format(adu.unit)
     if asked.accepts(adu.pdu):
         return OTHER_IDENTIFIER.format(adu.transaction)
     function = adu.pdu[0] & 0x7F

@@ -8,7 +8,7 @@ from gateway.diagnosis.evidence import LineEvidence, Search, UnitEvidence
 from gateway.diagnosis.last import Last
 from gateway.diagnosis.lines import about_line
 from gateway.diagnosis.pauses import Losses, Pauses
-from gateway.modbus.explain import OTHER_IDENTIFIER
+from gateway.modbus.explain import OTHER_IDENTIFIER, OTHER_UNIT
 from gateway.ports.port import CharacterErrors
 
 LATE = {"latest": 0.52, "latest_limit": 0.4}
@@ -395,6 +395,20 @@ def test_a_server_that_answers_with_identifier_0():
     line = with_identifier(OTHER_IDENTIFIER.format(0))
     what = "answers with transaction identifier 0 in place of that of the request: 4 responses did"
     assert fixes(line) == [("roof", what, 'gateway.toml:4: transaction_id = "zero"')]
+
+
+def test_time_outs_of_a_server_that_answers_with_identifier_0_have_no_rows_of_their_own():
+    line = with_identifier(OTHER_IDENTIFIER.format(0), 9)
+    timed_out = tuple(replace(each, answered=0, timeouts=20) for each in line.units)
+    assert [about for about, *_ in fixes(replace(line, units=timed_out))] == ["roof"]
+
+
+@pytest.mark.parametrize(("unit", "keys"), [(SILO, "unit = 9 and as = {}"), (replace(SILO, unit=None), "unit = 9")])
+def test_a_server_that_answers_under_another_unit_identifier(unit, keys):
+    other = replace(unit, answered=0, bad_frames=6, explained=6, why=OTHER_UNIT.format(9))
+    what = "6 of 6 responses did not fit their requests: intact, but from unit 9"
+    remedy = f"if the values in the trace are those of this unit, {unit.source}: {keys.format(unit.unit)}"
+    assert [each[1:] for each in fixes(replace(ROOF, units=(other,)))] == [(what, remedy)]
 
 
 @pytest.mark.parametrize(

@@ -108,3 +108,47 @@ def test_a_dead_unit_between_others_is_no_hurry():
     records = one_after_the_other(*[1.0] * 10)
     dead = [asked(each.at + 0.001, each.at + 0.9, error=ResponseTimeout(), name="meter") for each in records]
     assert found(pauses_before([*records, *dead])) == []
+
+
+def after_rests(*rests: float, sleeps_after: float = 5.0, error=ResponseTimeout, name="inverter") -> list[Sent]:
+    """Requests with these times since the last one, to a device that loses the first one after it fell asleep."""
+    now, records = 100.0, []
+    for rest in rests:
+        sent_at = now + rest
+        is_lost = rest >= sleeps_after
+        now = sent_at + (1.0 if is_lost else 0.01)
+        records.append(asked(sent_at, now, error=error() if is_lost else None, name=name))
+    return records
+
+
+def test_a_device_that_sleeps():
+    assert found(pauses_before(after_rests(*[0.6, 0.6, 8.2] * 4))) == [
+        (
+            "loses requests to a unit that was not asked for 8 s: 4 of 4, 0 of 7 that came sooner",
+            (
+                'gateway.toml:4: wake = "8 s", if it sleeps; after_connect = "500 ms", if it loses what comes soon after '
+                "connecting"
+            ),
+        )
+    ]
+
+
+def test_a_server_that_loses_one_of_four_after_as_long_a_rest_has_another_fault():
+    records = after_rests(*[8.0, 8.1, 8.2, 0.6] * 4, sleeps_after=8.15)
+    records += after_rests(*[20.0] * 12, sleeps_after=99.0, name="meter")
+    assert not pauses_before(records).needs_wake
+
+
+def test_a_network_that_was_down_for_some_polls_is_no_sleep():
+    records = after_rests(*[10.0, 9.98, 9.99] * 6, sleeps_after=99.0)
+    lost = [asked(each.sent_at + 1000, each.at + 1001, error=ResponseTimeout()) for each in records[:5]]
+    assert not pauses_before([*records, *lost]).needs_wake
+
+
+def test_a_request_that_was_sent_again_needs_no_other_remedy():
+    records = after_rests(*[0.6, 0.6, 8.2] * 4)
+    for each in records:
+        if each.error is not None:
+            each.error = None
+            assert each.result == "sent_again"
+    assert found(pauses_before(records)) == []
