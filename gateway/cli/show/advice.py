@@ -24,6 +24,12 @@ _CAUSES: Final[Mapping[str, str]] = {
     "ambiguous": "another client on the line polls it",
     "line_lost": "its port was lost",
 }
+#: The same of a unit behind another server, whose name is {server}.
+_CAUSES_BEHIND: Final[Mapping[str, str]] = {
+    "timeout": "modbus-gateway doctor {server} looks for the reason",
+    "bad_frame": "modbus-gateway doctor {server} looks for the reason",
+    "line_lost": "the connection was lost",
+}
 #: Of a unit in place of whose responses frames of others came.
 _OTHER_TRAFFIC: Final = "what came was probably other traffic: check its power, wiring and address"
 _NOT_FITTING: Final = "what came did not fit the request: modbus-gateway doctor says why"
@@ -99,7 +105,7 @@ def _mostly(line: LineStatus) -> str:
 
 def _for_unit(unit: UnitStatus, *, is_on_line: bool) -> Iterator[str]:
     """Give the notes about a unit that was polled."""
-    yield from _about_failures(unit)
+    yield from _about_failures(unit, is_on_line=is_on_line)
     times, counts = unit.times, unit.counts
     share, late, limit = times.limit_share_p99, times.late, times.limit_ms or 0.0
     found = verdict(share, counts.responses, late, limit)
@@ -116,21 +122,22 @@ def _for_unit(unit: UnitStatus, *, is_on_line: bool) -> Iterator[str]:
         )
 
 
-def _about_failures(unit: UnitStatus) -> Iterator[str]:
+def _about_failures(unit: UnitStatus, *, is_on_line: bool) -> Iterator[str]:
     error = unit.last_error
-    cause = _CAUSES.get(error, "see the log")
+    causes = _CAUSES if is_on_line else _CAUSES_BEHIND
+    cause = causes.get(error, "see the log").format(server=unit.line)
     counts, ok, failed = unit.counts, count_ok(unit.counts), count_failed(unit.counts)
     if error == "bad_frame" and 2 * counts.explained >= max(1, counts.bad_frame):
         cause = _NOT_FITTING
     elif error == "bad_frame" and counts.foreign_frames >= max(1, counts.bad_frame):
         cause = _OTHER_TRAFFIC
-    if error == "timeout" and not ok:
+    if error == "timeout" and not ok and is_on_line:
         cause += ", and the unit identifier in the client"
     if unit.state == "resting":
         yield f"rests, next try in {show_duration(ceil(unit.rests_ms / 1000))}; {error}: {cause}"
     elif unit.state == "failing":
         yield f"{error}, {unit.failures} in a row: {cause}"
-    elif failed > (1 - ANSWERED) * (ok + failed) and error in _CAUSES:
+    elif failed > (1 - ANSWERED) * (ok + failed) and error in causes:
         requests = "1 request" if failed == 1 else f"{failed} requests"
         yield f"{requests} failed; last was {error}{_ago(unit.last_error_ms)}: {cause}"
 

@@ -1,5 +1,6 @@
 """The status of a gateway as text for people."""
 
+import sys
 import textwrap
 from typing import Final
 
@@ -10,10 +11,13 @@ from gateway.operator.answers.status import Status
 _INDENT: Final = "  "
 
 
-def show_status(status: Status, width: int = 80) -> str:
-    """Show the status as tables, `width` characters wide unless names and addresses are too long."""
+def show_status(status: Status, width: int = 80, *, is_cut: bool = True) -> str:
+    """Show the status as tables, `width` characters wide unless names and addresses are too long.
+
+    Unless it `is_cut`, no name is shortened: for a file, or a program that looks for one.
+    """
     parts = ["   ".join(fact for fact in (status.site, status.page) if fact)]
-    parts += [table.show(status, width) for table in TABLES]
+    parts += [table.show(status, width if is_cut else sys.maxsize) for table in TABLES]
     parts.append(_show_notes(status, width))
     silent = sum(not was_asked(unit) for unit in status.units)
     if silent:

@@ -63,6 +63,12 @@ def _speed(line: LineStatus | ServerStatus) -> str:
     return f"{line.baud} {line.format}"
 
 
+def _state(unit: UnitStatus) -> str:
+    """Give the state; one that was asked and has never answered in time is not `fine`."""
+    has_failed = unit.state == "fine" and count_failed(unit.counts) and not count_ok(unit.counts)
+    return "failing" if has_failed else unit.state
+
+
 def _answered(unit: UnitStatus) -> str:
     """Give the share of requests that were answered; 100 % only if all were."""
     ok, failed = count_ok(unit.counts), count_failed(unit.counts)
@@ -121,7 +127,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "CLIENT": lambda row: row.user.client,
             "UNIT": lambda row: row.unit,
             "DEVICE": lambda row: row.user.device,
-            "FUNCTION": lambda row: row.user.function,
+            "FUNCTION": lambda row: row.user.function or _NOTHING,
             "SHARE": lambda row: f"{100 * row.user.share:.1f} %",
             "REQ/S": lambda row: f"{row.user.requests_per_s:.1f}",
         },
@@ -133,7 +139,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "UNIT": lambda unit: show_unit(unit.unit),
             "AT": lambda unit: f"{unit.line}/{unit.on_the_wire}",
             "DEVICE": lambda unit: unit.name,
-            "STATE": lambda unit: unit.state,
+            "STATE": _state,
             "LAST": lambda unit: _age(unit.last_answer_ms),
             "P50": lambda unit: _milliseconds(unit.times.answer_p50_ms),
             "P99": lambda unit: _milliseconds(unit.times.answer_p99_ms),

@@ -56,4 +56,5 @@ def _look(args: argparse.Namespace, width: int) -> str:
             return json.dumps(told, indent=None if args.watch else 2)
         if args.fleet:
             return SITES.show(daemon.ask(FLEET, Nothing()), width)
-        return show_status(daemon.ask(STATUS, Nothing()), width)
+        is_cut = sys.stdout.isatty() or "COLUMNS" in os.environ
+        return show_status(daemon.ask(STATUS, Nothing()), width, is_cut=is_cut)

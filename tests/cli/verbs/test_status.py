@@ -201,6 +201,33 @@ def test_long_names_are_shortened_to_80_characters_and_keep_their_ends(monkeypat
     assert "/247  " in rows[6]
 
 
+def test_names_are_whole_in_a_pipe(monkeypatch, capsys) -> None:
+    monkeypatch.delenv("COLUMNS")
+    name = "weighing cell behind the second silo"
+    rows = shown(as_told(replace(STATUS, units=(replace(UNIT, name=name, line=50 * "x"),))), monkeypatch, capsys)
+    assert [row for row in rows if f"  {50 * 'x'}/1  {name}  " in row]
+
+
+def test_a_unit_that_has_never_answered_in_time_is_not_fine() -> None:
+    def row(**counts: int) -> str:
+        unit = replace(UNIT, state="fine", counts=Counts(**counts))
+        return show_status(replace(STATUS, units=(unit,))).partition("MAX-WAIT\n")[2].partition("\n")[0]
+
+    assert "  failing  " in row(sent=4, timeout=2, line_lost=2)
+    assert "  fine  " in row(sent=4, timeout=3, ok=1)
+
+
+def test_what_many_take_together_has_no_function() -> None:
+    others = LineUserStatus("others", 0, "", 0, 0.5, 3.0)
+    text = show_status(replace(STATUS, lines=(replace(LINE, users=(others,)),)))
+    assert ["hall-a", "others", "-", "-", "-", "50.0", "%", "3.0"] in [row.split() for row in text.splitlines()]
+
+
+def test_of_a_unit_behind_a_server_doctor_looks_for_the_reason() -> None:
+    behind = {"line": "roof", "name": "inverter", "state": "failing"}
+    assert notes(**behind) == "unit 41, inverter: timeout, 3 in a row: modbus-gateway doctor roof looks for the reason"
+
+
 def test_a_table_that_is_too_wide_in_any_case_is_not_shortened(monkeypatch, capsys) -> None:
     refused = "Connection refused"
     broker = BrokerStatus("mqtt://127.0.0.1:5883", "", "down", refused, 9.0, "5", 1, 2, 0, 3, 0, 0, 0, 0, 0, 0)
