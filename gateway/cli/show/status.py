@@ -28,7 +28,9 @@ def show_status(status: Status, width: int = 80, *, is_cut: bool = True) -> str:
 def _show_notes(status: Status, width: int) -> str:
     """Show the notes, a paragraph for each."""
     told = [
-        textwrap.fill(f"{about}: {note}", width, initial_indent=_INDENT, subsequent_indent=2 * _INDENT)
+        textwrap.fill(
+            f"{about}: {note}", width, initial_indent=_INDENT, subsequent_indent=2 * _INDENT, break_on_hyphens=False
+        )
         for about, note in notes(status)
     ]
     return "\n".join(["Notes", *told]) if told else ""

@@ -220,7 +220,7 @@ def test_a_unit_that_has_never_answered_in_time_is_not_fine() -> None:
 def test_what_many_take_together_has_no_function() -> None:
     others = LineUserStatus("others", 0, "", 0, 0.5, 3.0)
     text = show_status(replace(STATUS, lines=(replace(LINE, users=(others,)),)))
-    assert ["hall-a", "others", "-", "-", "-", "50.0", "%", "3.0"] in [row.split() for row in text.splitlines()]
+    assert ["hall-a", "others", "-", "-", "50.0", "%", "3.0"] in [row.split() for row in text.splitlines()]
 
 
 def test_of_a_unit_behind_a_server_doctor_looks_for_the_reason() -> None:
@@ -234,6 +234,12 @@ def test_a_table_that_is_too_wide_in_any_case_is_not_shortened(monkeypatch, caps
     rows = shown(as_told(replace(STATUS, brokers=(broker,))), monkeypatch, capsys)
     [row] = [row for row in rows if broker.broker in row]
     assert refused in row
+
+
+def test_no_command_in_a_note_is_broken_in_its_middle() -> None:
+    unit = replace(UNIT, line="roof", name="inverter", last_error="bad_frame", counts=Counts(sent=9, bad_frame=9))
+    for width in range(60, 100):
+        assert "modbus-\n" not in show_status(replace(STATUS, units=(unit,)), width)
 
 
 def test_a_unit_that_is_fine_needs_no_note() -> None:
