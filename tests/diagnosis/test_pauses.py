@@ -125,8 +125,10 @@ def test_a_device_that_sleeps():
     assert found(pauses_before(after_rests(*[0.6, 0.6, 8.2] * 4))) == [
         (
             "loses requests to a unit that was not asked for 8 s: 4 of 4, 0 of 7 that came sooner",
-            'gateway.toml:4: wake = "8 s", if it sleeps; '
-            'after_connect = "500 ms", if it loses what comes soon after connecting',
+            (
+                'gateway.toml:4: wake = "8 s", if it sleeps; '
+                'after_connect = "500 ms", if it loses what comes soon after connecting'
+            ),
         )
     ]
 

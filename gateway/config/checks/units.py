@@ -13,6 +13,7 @@ from gateway.config.schema.config import Config
 from gateway.config.schema.device import Device
 from gateway.config.schema.line import Line
 from gateway.config.schema.profile import ProfileTable
+from gateway.config.schema.upstream import Upstream
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 
@@ -212,7 +213,10 @@ def _check_row(row: Device, owner: Owner) -> Iterator[Problem]:
         yield error((*row.path, "name"), f"{len(row.units)} devices cannot have one name", remedy)
     if 0 in row.client_units:
         what = "unit 0 stands for every device" if isinstance(owner, Line) else "clients cannot ask for unit 0"
-        yield error((*row.path, "unit"), what, "name the unit that clients use: as = 50")
+        remedy = "name the unit that clients use: as = 50" if len(row.units) == 1 else "name the units that clients use"
+        if isinstance(owner, Upstream):
+            remedy += '; or write as = "none": then only a [[listen]] with upstream leads to it, as unit 0'
+        yield error((*row.path, "unit"), what, remedy)
 
 
 def _where(owner: Owner) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from gateway.config.plan.reach import listeners_for, listening
-from gateway.config.problem import Path, Problem, error
+from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.address import Address
@@ -27,9 +27,22 @@ def check_upstreams(config: Config, failed: frozenset[str]) -> Iterator[Problem]
         if upstream.units == ():
             yield error((*upstream.path, "units"), "is empty", "write units = [{ as = 37, unit = 37 }]")
         yield from _check_keys(upstream)
+    yield from _check_shared(config)
     for line in config.line:
         if isinstance(line.port, Address):
             yield from _check_server((*line.path, "port"), line.port, config)
+
+
+def _check_shared(config: Config) -> Iterator[Problem]:
+    """Find a server that is to get one request at a time, and has another upstream, which does not wait for that."""
+    first: dict[Address, Upstream] = {}
+    for upstream in config.upstream:
+        for to in upstream.to:
+            other = first.setdefault(to, upstream) if isinstance(to, Address) else upstream
+            if other is not upstream and any(each.in_flight == 1 or each.gap for each in (upstream, other)):
+                what = f'{to} is that of upstream "{other.label}" too: one does not wait for the other'
+                remedy = f'move its units to "{other.label}", so that the server gets one request at a time'
+                yield warning((*upstream.path, "to"), what, remedy)
 
 
 def _check_server(path: Path, address: Address, config: Config) -> Iterator[Problem]:

@@ -11,7 +11,10 @@ from gateway.config.problem import NotText, Path, Problem, WrongValue, did_you_m
 from gateway.config.reading.masking import is_secret
 from gateway.config.reading.syntax import write_truth
 from gateway.config.reading.toml_text import value_text
+from gateway.config.schema.line import Line
+from gateway.config.schema.profile import ProfileTable
 from gateway.config.schema.table import Table, keys_of, row_model
+from gateway.config.schema.upstream import Upstream
 
 #: Rates below this are meant in 1000 bits per second.
 _MOST_KILOBAUD = 1000
@@ -25,7 +28,8 @@ _ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("speed", "baudrate", "baud_rate"), ("baud",)),
     **dict.fromkeys(("slave", "slave_id", "slaveid", "unit_id", "id"), ("unit",)),
     **dict.fromkeys(("protocol", "type"), ("mode",)),
-    **dict.fromkeys(("units", "slaves"), ("devices",)),
+    **dict.fromkeys(("units", "devices", "slaves"), ("devices", "units")),
+    **dict.fromkeys(("to", "port", "host", "url"), ("to", "port", "bind")),
     "address": ("unit", "bind", "to"),
 }
 
@@ -79,8 +83,15 @@ def unknown_key(path: Path, known: list[str]) -> Problem:
     elif written == "site":
         remedy = "site stands at the top of the file, before the first [table]"
     else:
-        remedy = did_you_mean(written, known) if meant is None else f'did you mean "{meant}"?'
+        remedy = _where_it_is(path) or did_you_mean(written, known) if meant is None else f'did you mean "{meant}"?'
     return Problem("error", path, "unknown key", remedy, on_key=True)
+
+
+def _where_it_is(path: Path) -> str:
+    """Say in which table a key stands that a line, another server or a device does not have."""
+    tables = (("[[line]]", Line), ("[[upstream]]", Upstream), ("[profile.NAME]", ProfileTable))
+    found = [name for name, table in tables if path[-1] in keys_of(table)] if path[0] in ("line", "upstream") else []
+    return f"it is a key of {' and '.join(found)}" if found else ""
 
 
 def not_text(path: Path, value: object, written: Callable[[Path], str]) -> Problem:

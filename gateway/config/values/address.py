@@ -88,6 +88,19 @@ class Address:
         return f"{self.scheme}://{host}:{self.port}"
 
 
+#: Those of device servers, whose bytes go straight to a line.
+_RAW: Final = frozenset({"rtu+tcp", "ascii+tcp"})
+
+
+def _elsewhere(scheme: str, schemes: tuple[str, ...]) -> str:
+    """Say where an address with this scheme belongs, if it was taken for that of a line, or of another server."""
+    if scheme in ("tcp", "tls") and set(schemes) == _RAW:
+        return "; a Modbus TCP server belongs in [[upstream]], as `to`"
+    if scheme in _RAW and "fleet" in schemes:
+        return "; a device server belongs in [[line]], as `port`"
+    return ""
+
+
 def parse_address(value: object, schemes: tuple[str, ...]) -> Address:
     """Parse an address with one of `schemes`.
 
@@ -101,7 +114,7 @@ def parse_address(value: object, schemes: tuple[str, ...]) -> Address:
     scheme, ipv6, name, port = match.groups()
     if scheme not in schemes:
         usable = ", ".join(f"{one}://" for one in schemes)
-        raise WrongValue(f"unknown protocol {scheme}://", f"it can be {usable}")
+        raise WrongValue(f"unknown protocol {scheme}://", f"it can be {usable}{_elsewhere(scheme, schemes)}")
     host = ipv6 if ipv6 is not None else name
     if host in ("", "*"):
         raise WrongValue("names no host", f'"{scheme}://0.0.0.0:{port or 502}" stands for every IPv4 address')

@@ -136,3 +136,46 @@ def test_another_site_has_no_connection(key):
     assert problems(text + fleet) == [
         f"error: upstream[0].{key}: is for connections, and a site has none | take it out"
     ]
+
+
+@pytest.mark.parametrize(("keys", "is_told"), [("", False), ("in_flight = 1", True), ('gap = "50 ms"', True)])
+def test_two_connections_to_a_server_that_gets_one_request_at_a_time(keys, is_told):
+    one = '[[upstream]]\nname = "{}"\nto = "tcp://10.1.0.5"\nunits = [{{ unit = {} }}]\n'
+    said = (
+        'warning: upstream[1].to: tcp://10.1.0.5:502 is that of upstream "roof" too: one does not wait for the other'
+        ' | move its units to "roof", so that the server gets one request at a time'
+    )
+    assert problems(f"{one.format('roof', 1)}{keys}\n{one.format('meter', 2)}") == [said] * is_told
+
+
+@pytest.mark.parametrize(
+    ("unit", "units"), [("0", "unit that clients use: as = 50"), ('"0-3"', "units that clients use")]
+)
+def test_unit_0_has_another_number_or_none_for_clients(unit, units):
+    said = "error: upstream[0].units[0].unit: clients cannot ask for unit 0"
+    none = 'or write as = "none": then only a [[listen]] with upstream leads to it, as unit 0'
+    assert upstream("tcp://10.1.0.5", f"[{{ unit = {unit} }}]") == [f"{said} | name the {units}; {none}"]
+
+
+def test_a_device_server_is_a_line_and_a_modbus_tcp_server_an_upstream():
+    [said] = upstream("rtu+tcp://10.1.0.5:4001")
+    assert said.endswith("it can be tcp://, tls://, fleet://; a device server belongs in [[line]], as `port`")
+    [said] = problems('[[line]]\nport = "tcp://10.1.0.5:4001"\n')
+    assert said.endswith("it can be rtu+tcp://, ascii+tcp://; a Modbus TCP server belongs in [[upstream]], as `to`")
+
+
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        ('[[upstream]]\nto = "tcp://10.1.0.5"\ndevices = [{ unit = 1 }]', 'did you mean "units"?'),
+        ('[[upstream]]\nto = "tcp://10.1.0.5"\nlatency = "1 s"', "it is a key of [[line]]"),
+        (
+            '[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{ unit = 1, limits = { 3 = 9 } }]',
+            "it is a key of [profile.NAME]",
+        ),
+        ('[[line]]\nport = "/dev/a"\ntransaction_id = "zero"', "it is a key of [[upstream]]"),
+        ('[[line]]\nto = "/dev/a"', 'did you mean "port"?'),
+    ],
+)
+def test_a_key_of_another_table_is_said_to_be_one(text, remedy):
+    assert [said.partition(" | ")[2] for said in problems(text) if "unknown key" in said] == [remedy]
