@@ -1,5 +1,6 @@
 """Plain text tables."""
 
+import re
 from collections.abc import Collection, Sequence
 
 from gateway.observe.printable import printable
@@ -7,6 +8,9 @@ from gateway.observe.printable import printable
 _BETWEEN = "  "
 #: No column gets narrower than this, in characters.
 _NARROWEST = 8
+#: So many rows that only count are shown by the first and the last one.
+_LONG_RUN = 10
+_NUMBERS = re.compile(r"([0-9]+)")
 
 
 def align(rows: Sequence[Sequence[str]], indent: str = "") -> str:
@@ -31,6 +35,39 @@ def narrow(rows: Sequence[Sequence[str]], flexible: Collection[int], width: int)
             break
         widths[widest] -= 1
     return [list(map(shorten, row, widths)) for row in rows]
+
+
+def without_middles(rows: Sequence[Sequence[str]], counted: Collection[int]) -> list[Sequence[str]]:
+    """Leave out the middle of long runs of rows that are equal but for numbers that count in the `counted` columns."""
+    shown: list[Sequence[str]] = []
+    run: list[Sequence[str]] = []
+    for row in rows:
+        if run and not _follows(run[-1], row, counted):
+            shown += _without_middle(run)
+            run = []
+        run.append(row)
+    return shown + _without_middle(run)
+
+
+def _without_middle(run: list[Sequence[str]]) -> list[Sequence[str]]:
+    if len(run) < _LONG_RUN:
+        return run
+    return [run[0], ("...", *[""] * (len(run[0]) - 1)), run[-1]]
+
+
+def _follows(before: Sequence[str], row: Sequence[str], counted: Collection[int]) -> bool:
+    """Tell whether each counted cell has the same numbers as the one `before`, or one more at one place."""
+    for place, (one, other) in enumerate(zip(before, row, strict=True)):
+        parts, others = _NUMBERS.split(one), _NUMBERS.split(other)
+        steps = [(a, b) for a, b in zip(parts, others, strict=False) if a != b]
+        is_next = len(parts) == len(others) and len(steps) == 1 and _is_next(*steps[0])
+        if one != other and not (place in counted and is_next):
+            return False
+    return True
+
+
+def _is_next(one: str, other: str) -> bool:
+    return one.isdecimal() and other.isdecimal() and int(other) == int(one) + 1
 
 
 def shorten(text: str, width: int) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from gateway.cli.kit.columns import align
+from gateway.cli.kit.columns import align, without_middles
 from gateway.cli.show.limits import limits_as_json, limits_table, milliseconds, round_up
 from gateway.config.plan.forecast import FunctionLimits, function_limits, owed_after_waking
 from gateway.config.plan.settings import LinePlan, OwnerPlan
@@ -57,7 +57,7 @@ def devices_table(devices: Iterable[ShownDevice], place: str) -> str:
         (one.units, one.wire_units, one.device_name, one.device.profile.name, round_up(one.longest_wait))
         for one in devices
     ]
-    return align([("UNIT", place, "DEVICE", "PROFILE", "LONGEST WAIT"), *rows], "  ")
+    return align([("UNIT", place, "DEVICE", "PROFILE", "LONGEST WAIT"), *without_middles(rows, (0, 1, 2))], "  ")
 
 
 def one_of_each_kind(devices: Iterable[ShownDevice]) -> Iterator[tuple[ShownDevice, str]]:

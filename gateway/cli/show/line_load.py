@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from gateway.cli.kit.columns import align
+from gateway.cli.kit.columns import align, without_middles
 from gateway.config.plan.line_load import PollLoad, ReadRate, load_of, total_share
 from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan
 from gateway.config.values.duration import show_duration
@@ -17,7 +17,7 @@ def polls_as_text(owner: OwnerPlan, plan: Plan) -> Iterator[str]:
                  _time(one.time) if one.time else "-", _percent(one.share) if one.time else "-")
                 for one in load]  # fmt: skip
         of, time = ("line", "LINE TIME") if isinstance(owner, LinePlan) else ("connection", "TIME")
-        table = align([("BY", "OF", "READS", "EVERY", time, "SHARE"), *rows], "    ")
+        table = align([("BY", "OF", "READS", "EVERY", time, "SHARE"), *without_middles(rows, (1,))], "    ")
         yield f"  Declared polls take {_total(load)} of the {of}{_assumed(load)}\n{table}"
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from gateway.cli.kit.columns import align
+from gateway.cli.kit.columns import align, without_middles
 from gateway.config.plan.settings import MqttPlan, Plan
 from gateway.plant.topics import SparkplugTopics, Topics
 from gateway.profiles.published import PublishedDevice
@@ -15,7 +15,7 @@ def published_as_text(plan: Plan) -> list[str]:
     if mqtt is None:
         return []
     rows = [(device.name, _topic(mqtt, device), _names(_read(device)), _names(_set(device))) for device in mqtt.devices]
-    table = align([("DEVICE", "TOPIC", "POINTS", "SET THROUGH THE BROKER"), *rows], "  ")
+    table = align([("DEVICE", "TOPIC", "POINTS", "SET THROUGH THE BROKER"), *without_middles(rows, (0, 1))], "  ")
     return ["\n".join([f"Broker {mqtt.broker}", *_form(mqtt), table])]
 
 
