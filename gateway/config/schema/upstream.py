@@ -79,8 +79,8 @@ class Upstream(Table):
     transaction_id: Literal["checked", "zero"] = Field(
         "checked",
         description="`zero`: for a server that always answers with transaction identifier 0; such responses are taken "
-        "too. It needs `in_flight` = 1. After a time-out or a response too many, a new connection is opened for the "
-        "next request.",
+        "too. It means one request at a time. After a time-out or a response too many, a new connection is opened for "
+        "the next request.",
     )
     certificate: CredentialFile | None = Field(
         None, description="With `tls://`: the file with the certificate that the gateway shows, and its chain (PEM)."
