@@ -181,7 +181,10 @@ def _fails(unit: UnitEvidence, line: LineEvidence) -> Iterator[_Found]:
     if failed > WRONG * unit.asked and (failed >= ENOUGH or not unit.answered):
         what = f"{failed} of {unit.asked} requests were not answered{unit.last_failed}"
         remedy = "check power and wiring of the device; modbus-gateway status shows if it goes on"
-        if line.in_flight > 1:
+        if line.takes_zero:
+            why = 'with transaction_id = "zero" late responses are not seen'
+            remedy = f"{line.source}: a longer timeout, if it is slow ({why}); else check the device"
+        elif line.in_flight > 1:
             remedy = f"if it answers when it is polled alone, {line.source}: in_flight = 1; else check the device"
         yield _Found(failed, _row(unit.last_failed.level, unit, what, remedy))
 

@@ -403,6 +403,15 @@ def test_time_outs_of_a_server_that_answers_with_identifier_0_have_no_rows_of_th
     assert [about for about, *_ in fixes(replace(line, units=timed_out))] == ["roof"]
 
 
+def test_a_server_whose_late_responses_are_not_seen_may_be_slow():
+    losing = replace(SILO, answered=50, timeouts=10)
+    [(_, _, remedy)] = fixes(replace(ROOF, in_flight=1, takes_zero=True, units=(losing,)))
+    assert remedy == (
+        'gateway.toml:4: a longer timeout, if it is slow (with transaction_id = "zero" late responses are not seen); '
+        "else check the device"
+    )
+
+
 @pytest.mark.parametrize(("unit", "keys"), [(SILO, "unit = 9 and as = {}"), (replace(SILO, unit=None), "unit = 9")])
 def test_a_server_that_answers_under_another_unit_identifier(unit, keys):
     other = replace(unit, answered=0, bad_frames=6, explained=6, why=OTHER_UNIT.format(9))
