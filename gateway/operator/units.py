@@ -75,7 +75,7 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
     key = find_unit(gateway.plan, wanted)
     found = next((each for each in _units(gateway.plan) if each.key == key), None)
     if found is None:
-        raise WrongQuestion(f"there is no unit {key}; modbus-gateway check lists the units")
+        raise WrongQuestion(f"there is no unit {key}{_who_has_it(gateway.plan)}; modbus-gateway check lists the units")
     return _picture(found, gateway, gateway.longest_waits)
 
 
@@ -105,6 +105,13 @@ def find_unit(plan: Plan, wanted: object) -> int:
 def shown_unit(key: int) -> int | None:
     """Return the number that clients use, of one that `find_unit` has found; None if they use none."""
     return key if key <= HIGHEST_UNIT else None
+
+
+def _who_has_it(plan: Plan) -> str:
+    """Say where a number may be one, if listeners lead to a single line or upstream: commands do not know by which."""
+    if not any(listener.only for listener in plan.listeners):
+        return ""
+    return " that all clients can reach; one behind a listener of its own has a name, or --tcp with that address"
 
 
 def find_line(gateway: Gateway, wanted: object) -> GatewayLine:

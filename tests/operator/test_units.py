@@ -141,3 +141,10 @@ async def test_a_unit_is_shown_with_what_it_accepts_and_its_points():
         assert picture(bench.gateway, 37).kind == "upstream"
         with pytest.raises(WrongQuestion, match="there is no unit 99; modbus-gateway check lists"):
             picture(bench.gateway, 99)
+
+
+async def test_a_number_that_only_a_listener_of_its_own_leads_to_is_asked_there():
+    listener = '[[listen]]\nbind = "tcp://127.0.0.1:5021"\nupstream = "plant"\n'
+    async with gateway_bench(listener + CONFIG) as bench:
+        with pytest.raises(WrongQuestion, match=r"no unit 99 that all clients can reach; .*--tcp with that address; "):
+            picture(bench.gateway, 99)
