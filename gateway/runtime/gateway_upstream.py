@@ -40,7 +40,12 @@ class GatewayUpstream:
         )
         tell = kept_in(ring, loop.time, emit)
         self.reconnector = Reconnector(self.name, plan.port.port, addresses.open, self.driver, tell, addresses.deadline)
-        addresses.moved = self.reconnector.use_path
+
+        def use(path: str) -> None:
+            self.reconnector.use_path(path)
+            upstream.leave_address()
+
+        addresses.moved = use
         self._new_device = partial(Device, line=self.driver, emit=emit, ring=ring, line_name=self.name)
         self.devices = {each.known_as: self._new_device(each) for each in plan.devices}
         #: The units that the config does not name, by their numbers there: only the listeners for it lead to them.

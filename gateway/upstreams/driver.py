@@ -142,9 +142,7 @@ class TcpDriver(UpstreamDriver):
         if self.upstream.may_leave(self._time()):
             self._renew()
         if self._next_address is not None and self.upstream.silences >= SILENCES:
-            self.upstream.silences = 0
             address = self._next_address()
-            self.upstream.forgive()
             self._renew(f"{SILENCES} requests in a row have timed out, and nothing came; {address} is tried next")
 
     def _step(self, step: Callable[..., None], *arguments: Any) -> None:

@@ -64,13 +64,15 @@ class Upstream:
         """
         self._connection.open(send, look, now)
         if not self.is_closed:
-            self.forgive()
+            self._end_rests()
         self._reopening.end()
 
-    def forgive(self) -> None:
-        """End the rest of all units: what failed was the connection, or the address."""
-        self._failed_at.clear()
-        self._waiting.end_rests()
+    def leave_address(self) -> None:
+        """Forget the time-outs of the address that was used: another one is tried from now on."""
+        self.silences = 0
+        for device in self._failed_at:
+            device.breaker.record_success()
+        self._end_rests()
 
     def port_down(self, now: float) -> None:
         """End the lost connection: requests under way fail with 0B, as units may have acted on them, others with 0A."""
@@ -345,6 +347,10 @@ class Upstream:
         send(identifier, transaction)
         self._telling.record_sent(transaction, None, now)
         transaction.end()
+
+    def _end_rests(self) -> None:
+        self._failed_at.clear()
+        self._waiting.end_rests()
 
     def _recover(self, device: Destination) -> None:
         self._failed_at.pop(device, None)

@@ -57,3 +57,33 @@ async def test_a_late_answer_from_the_address_that_was_left_reaches_nobody(bench
         bench.lines[DEAF].deliver(encode(transaction, unit, b"\x03\x02" + pdu[1:3]))
     await asyncio.sleep(0.1)
     assert client.responses.empty()
+
+
+async def test_time_outs_at_an_address_that_was_lost_do_not_count_at_the_next_one(bench: GatewayBench) -> None:
+    client, deaf, other = bench.client(), bench.lines[DEAF], bench.lines[OTHER]
+    for _ in range(2):
+        assert await client.asks(1, "03 00 05 00 01") == "83 0B"
+    deaf.pull()
+    await asyncio.sleep(1.0)
+    assert other.is_open
+    other.on_write = None
+    assert await client.asks(1, "03 00 05 00 01") == "83 0B"
+    answer_at(other)
+    deaf.plug()
+    await asyncio.sleep(1.0)
+    assert (deaf.is_open, other.is_open) == (False, True)
+
+
+async def test_so_it_is_at_an_address_that_was_left_while_idle(bench: GatewayBench) -> None:
+    client, deaf, other = bench.client(), bench.lines[DEAF], bench.lines[OTHER]
+    for _ in range(2):
+        assert await client.asks(1, "03 00 05 00 01") == "83 0B"
+    deaf.hang_up()
+    deaf.pull()
+    other.on_write = None
+    assert await client.asks(1, "03 00 05 00 01") == "83 0B"
+    deaf.plug()
+    assert other.is_open
+    answer_at(other)
+    assert await client.asks(1, "03 00 05 00 01") == "03 02 00 05"
+    assert (deaf.is_open, other.is_open) == (False, True)
