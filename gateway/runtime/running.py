@@ -29,7 +29,8 @@ from gateway.runtime.self_state import show_itself
 from gateway.tls.store import TlsStore
 from gateway.trace.ring import Ring
 
-#: How long a command waits for lines that were not tried yet, in seconds.
+#: How long commands, and clients at the start, wait for lines that were not tried yet, in seconds. One that has to be
+#: silent for longer after connecting is no reason to refuse the clients of others.
 LONGEST_START: Final = 10.0
 
 
@@ -130,13 +131,12 @@ class Running:
                 mirror.close()
 
     async def tried(self) -> None:
-        """Wait until every line was tried once, then start the polls of mirrors."""
-        for part in self.gateway.parts:
-            await part.reconnector.tried.wait()
+        """Wait as `settled` does, then start the polls of mirrors."""
+        await self.settled()
         self._start_mirrors()
 
     async def settled(self) -> None:
-        """Wait until every line was tried once, at most LONGEST_START: at the start, commands may come earlier."""
+        """Wait until every line was tried once, at most LONGEST_START."""
         with suppress(TimeoutError):
             async with asyncio.timeout(LONGEST_START):
                 for part in self.gateway.parts:

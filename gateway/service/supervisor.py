@@ -43,7 +43,7 @@ async def serve(
     *,
     control: str = "",
 ) -> None:
-    """Run a gateway until `stop`. It is ready when clients can connect and every line was tried once.
+    """Run a gateway until `stop`. It is ready when clients can connect; lines that were not tried yet may delay that.
 
     `pages` are entered after the addresses of all listeners are bound. `control` is the path of the control socket, for
     the log. The order to stop ends a reload of `reloader`.
@@ -78,7 +78,7 @@ async def serve(
 
 async def _serve_until(stop: Stop, running: Running, systemd: Notifier, control: str) -> None:
     parts = running.gateway.parts
-    up = sum(part.reconnector.error is None for part in parts)
+    up = sum(part.reconnector.is_open for part in parts)
     listeners = tuple(each.address for each in running.gateway.listeners)
     running.emit(events.Ready(listeners, up, len(parts) - up, running.page, control))
     systemd.ready(summary(running.gateway))

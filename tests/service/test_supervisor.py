@@ -162,6 +162,17 @@ async def test_it_is_ready_once_every_line_was_tried_and_clients_can_connect() -
     await service.stops_within()
 
 
+async def test_a_line_that_takes_longer_than_any_other_does_not_keep_clients_of_others_waiting() -> None:
+    service = Service()
+    service.part("hall-b").reconnector._deadline = NEVER
+    service.open_with("hall-b", hang)
+    await asyncio.sleep(10.1)
+    assert service.doors[0].told == ["find", "bind", "listen", "start"]
+    assert service.told(Ready) == [Ready(("tcp://127.0.0.1:502",), lines_up=1, lines_down=1)]
+    assert await service.client.asks(2, READ) == "83 0A"
+    await service.stops_within()
+
+
 async def test_the_page_begins_once_the_addresses_of_clients_are_bound_and_ends_last() -> None:
     service = Service(pages=True)
     await asyncio.sleep(1.0)
