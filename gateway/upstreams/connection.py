@@ -56,7 +56,8 @@ class Connection:
 
     def be_silent(self, now: float) -> None:
         """Note that something has come: the silence begins anew."""
-        self._free_at = now + self._gap
+        if self._gap:  # `now` may be later than that of the request for which it was read
+            self._free_at = now + self._gap
 
     def spoil(self) -> None:
         """Note that a response may come, or has come, that could be taken for that to the next request."""

@@ -53,6 +53,7 @@ class Upstream:
         is_zero = settings.transaction_id == "zero"
         self._sent = InFlight(self._queue, self._telling, self._recover, is_zero=is_zero)
         self._connection = Connection(settings)
+        self._is_looking = False
         self._silent_at = 0.0
         self._failed_at: dict[Destination, float] = {}
 
@@ -311,12 +312,12 @@ class Upstream:
     def _go_on(self, now: float) -> None:
         """Send waiting requests while there is place, and fail those that have waited too long."""
         queue = self._queue
-        if not len(queue):
+        if not len(queue) or self._is_looking:
             return
         late = queue.expired(now)
         try:
             if not self._sent.under_way:
-                self._connection.look()
+                self._look()
             while (send := self._connection.send) is not None and self._has_place(now):
                 transaction = queue.take_repeat() or queue.take(self._must_wait)
                 if transaction is None:
@@ -324,6 +325,14 @@ class Upstream:
                 self._send_or_refuse(transaction, send, now)
         finally:
             self._waiting.fail_expired(late, now)
+
+    def _look(self) -> None:
+        """Read what has arrived, once: a server may send without end."""
+        self._is_looking = True
+        try:
+            self._connection.look()
+        finally:
+            self._is_looking = False
 
     def _send_or_refuse(self, transaction: Transaction, send: Send, now: float) -> None:
         """Send a request that has waited, unless something has changed since. A rest stops no repeat."""

@@ -4,6 +4,7 @@ import pytest
 
 from gateway import events
 from gateway.lines.breaker import FAILURES
+from gateway.modbus import mbap
 from kit.asker import Asker
 from kit.upstream_bench import READ, RESPONSE, TIMEOUT, WRITE, UpstreamBench
 
@@ -433,3 +434,38 @@ def test_a_device_that_never_wakes_rests_as_ever() -> None:
         bench.pass_time(2 * TIMEOUT + 0.2)
         assert len(bench.client.answers) == number
     assert len(bench.told(events.UnitResting)) == 1
+
+
+# --- what has arrived is read before a request is sent ---
+
+
+def test_a_server_that_sends_without_end_is_read_once_before_a_request() -> None:
+    bench = UpstreamBench(in_flight=1, gap=0.05)
+    looks: list[bytes] = []
+
+    def look() -> None:
+        looks.append(b"")
+        if len(looks) > 100:
+            raise RecursionError
+        bench.hear(mbap.encode(0x9999, 7, bytes.fromhex(RESPONSE)))
+
+    bench.upstream.port_up(bench._send, bench.now, look)
+    bench.ask()
+    assert len(looks) == 2
+    assert bench.sent == []
+    bench.upstream.port_up(bench._send, bench.now)
+    bench.pass_time(0.05)
+    bench.respond()
+    assert bench.client.answers == [RESPONSE]
+
+
+def test_a_request_is_sent_at_once_though_reading_what_had_arrived_took_time() -> None:
+    bench = UpstreamBench()
+
+    def look() -> None:
+        bench.now += 1e-5
+        bench.hear(mbap.encode(0x9999, 7, bytes.fromhex(RESPONSE)))
+
+    bench.upstream.port_up(bench._send, bench.now, look)
+    bench.ask()
+    assert len(bench.sent) == 1
