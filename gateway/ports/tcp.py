@@ -29,6 +29,8 @@ READ_SIZE: Final = 4096
 WRITE_BOUND: Final = 16 * 1024
 #: How long a closed port may still send them, in seconds.
 FLUSHING_DEADLINE: Final = 1.0
+#: How long a server may take to confirm the end of TLS, in seconds. It need not, and the next connection waits for it.
+CONFIRMING_DEADLINE: Final = 0.3
 #: A vanished server is noticed within half a minute: seconds, seconds, number. While data is sent, `arrives_within`
 #: counts.
 KEEPALIVE: Final = {"idle": 10, "interval": 5, "probes": 3}
@@ -103,8 +105,9 @@ class TcpPort(asyncio.BufferedProtocol):
         #: Since when received bytes are delivered, and whether there were any.
         self._began_at = 0.0
         self._has_heard = False
-        #: Why the connection has ended, or will end.
+        #: Why the connection has ended, or will end; and whether we have ended it, so that nothing else matters.
         self._loss: PortError = PortClosed()
+        self._is_left = False
         #: An unusable transport until the connection is made.
         self._transport = asyncio.Transport()
         self._descriptor = -1
@@ -188,6 +191,7 @@ class TcpPort(asyncio.BufferedProtocol):
         """Close once all written bytes are sent, or after FLUSHING_DEADLINE."""
         if self._transport.is_closing():
             return
+        self._is_left = True
         self._transport.close()
         if self._transport.get_write_buffer_size():
             asyncio.get_running_loop().call_later(FLUSHING_DEADLINE, self._transport.abort)
@@ -225,14 +229,16 @@ class TcpPort(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Note why the connection has ended, and tell the user."""
         self._closed.set()
-        if self._is_secured and isinstance(exc, ssl.SSLError):
+        if self._is_left:
+            self._loss = PortClosed()
+        elif self._is_secured and isinstance(exc, ssl.SSLError):
             self._loss = _NotSecuredError(_NOT_SECURED.format(port=self._name, reason=explain(exc)))
         elif isinstance(exc, OSError):
             self._loss = self._explain_loss(exc)
         self._lose()
 
     def _deliver(self, data: bytes) -> None:
-        if self._user is not None:
+        if self._user is not None and not self._is_left:
             self._has_heard = True
             self._user.received(data)
 
@@ -279,7 +285,7 @@ async def _connect(settings: TcpSettings, address: AddressInfo, context: ssl.SSL
             "ssl": context,
             "server_hostname": settings.tls.server_name,
             "ssl_handshake_timeout": CONNECTING_DEADLINE,
-            "ssl_shutdown_timeout": FLUSHING_DEADLINE,  # a server need not answer when we close
+            "ssl_shutdown_timeout": CONFIRMING_DEADLINE,
         }
     sock = socket.socket(family, kind, protocol)
     try:

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusTlsClient
 
-from gateway.errors import ConnectionEnded, PortError
+from gateway.errors import ConnectionEnded, PortClosed, PortError
 from gateway.listeners.handshakes import MADE_ROOM, MOST, SLOW, TOO_MANY
 from gateway.listeners.tls import OUTLIVED
 from gateway.listeners.tls_stream import TOO_MUCH_BESIDE_DATA
@@ -582,6 +582,19 @@ async def secured(user: Listener) -> AsyncIterator[tuple[Port, ssl.SSLSocket]]:
 async def test_a_server_that_does_not_answer_the_end_of_tls_is_not_waited_for() -> None:
     async with secured(Listener()):
         pass
+
+
+@pytest.mark.parametrize("says", [b"", b"an answer that comes too late"])
+async def test_a_connection_that_the_gateway_has_closed_is_no_loss_whatever_the_server_does(says: bytes) -> None:
+    user = Listener()
+    async with secured(user) as (port, far_end):
+        port.close()
+        if says:
+            far_end.sendall(says)
+        began = asyncio.get_running_loop().time()
+        await asyncio.wait_for(port.wait_closed(), PATIENCE)
+        assert asyncio.get_running_loop().time() - began < 0.9
+    assert ([type(loss) for loss in user.losses], user.heard) == ([PortClosed], b"")
 
 
 @pytest.mark.parametrize("end", ["in order", "reset", "something"])
