@@ -5,7 +5,7 @@ All is found in the records of the trace, so the more of them there are, the sur
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import ceil, inf
+from math import ceil, comb, inf
 from typing import Final, NamedTuple
 
 from gateway.trace.records import Sent
@@ -15,6 +15,9 @@ ENOUGH: Final = 3
 #: Of those that came too soon, this share is lost at least; of the others at most this part of that share.
 LOST: Final = 0.2
 FEWER: Final = 0.25
+#: That so few of the others are lost must be this unlikely, if all are lost alike: the situations are sorted so that
+#: most of the lost requests are in one.
+CHANCE: Final = 0.01
 #: A server that needs more silence than this has another fault. One lost request in ten may have another reason.
 LONGEST: Final = 0.5
 #: A server that loses requests after less rest than this, or fewer of them, has another fault.
@@ -42,9 +45,16 @@ class Losses:
         return self.lost / self.asked if self.asked else 0.0
 
     def is_worse_than(self, other: "Losses") -> bool:
-        """Tell whether the situation explains the losses: in the `other` one there are few."""
+        """Tell whether the situation explains the losses: in the `other` one there are few, and not by chance."""
         is_bad = self.lost >= ENOUGH and self.share >= LOST
-        return is_bad and other.asked - other.lost >= ENOUGH and other.share <= FEWER * self.share
+        is_good = other.asked - other.lost >= ENOUGH and other.share <= FEWER * self.share
+        return is_bad and is_good and self._chance_beside(other) <= CHANCE
+
+    def _chance_beside(self, other: "Losses") -> float:
+        """Compute the chance that of all that were lost no more are among the others, if all are lost alike."""
+        lost = self.lost + other.lost
+        ways = sum(comb(other.asked, each) * comb(self.asked, lost - each) for each in range(other.lost + 1))
+        return ways / comb(self.asked + other.asked, lost)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,12 @@
 """Which situation explains the requests that another server has lost: found in records of the trace."""
 
+from random import Random
+
 import pytest
 
 from gateway.diagnosis.evidence import LineEvidence
 from gateway.diagnosis.lines import about_line
-from gateway.diagnosis.pauses import Pauses, pauses_of, situations
+from gateway.diagnosis.pauses import Asked, Pauses, pauses_of, situations
 from gateway.errors import BrokenResponse, ResponseTimeout
 from gateway.trace.records import Incident, Sent
 
@@ -86,6 +88,17 @@ def test_a_server_that_loses_some_of_all_needs_no_gap(pause, lost):
         records.append(asked(now + pause, now + pause + 0.01, error=ResponseTimeout() if is_lost else None))
         now += pause + 0.01
     assert found(pauses_before(records)) == []
+
+
+@pytest.mark.parametrize("share", [0.22, 0.3, 0.5])
+@pytest.mark.parametrize("count", [15, 25, 40, 100])
+def test_losses_by_chance_are_not_taken_for_hurry(share, count):
+    chance = Random(count)
+    wrong = 0
+    for _ in range(200):
+        asked = [Asked(chance.random() < share, chance.uniform(0.0, 0.5), chance.random() < 0.5) for _ in range(count)]
+        wrong += len(found(pauses_of(asked)))
+    assert wrong <= 6
 
 
 def test_a_server_that_has_room_for_one_request():
