@@ -6,6 +6,7 @@ from typing import Final
 from gateway.config.checks.own_listeners import numbers_on
 from gateway.config.checks.units import not_configured, served_units
 from gateway.config.plan.access import networks_of, sites_of
+from gateway.config.plan.names import owners, rows_of
 from gateway.config.plan.reach import client_lines, is_apart, only_part
 from gateway.config.plan.settings import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
@@ -162,11 +163,20 @@ def _check_units(row: Access, config: Config) -> Iterator[Problem]:
     path, answered = (*row.path, "units"), _answered(row, config)
     if BROADCAST_UNIT in row.units and BROADCAST_UNIT not in answered:
         yield error(path, f"unit {BROADCAST_UNIT} is outside {FIRST_UNIT}-{HIGHEST_UNIT}")
+    elif row.listen is None and (nameless := _without_numbers(config) & set(row.units) - answered):
+        what = f"devices at {show_units(nameless)} have no unit ID for clients, so the row does not count for them"
+        yield warning(path, what, "write a row with listen for each line or upstream; units are its own there")
     elif not answered & set(row.units):
         remedy = ""
         if not _by_own_numbers(config).isdisjoint(row.listen or ()):
             remedy = f"through a listener for one line, units are addresses on its wire: {show_units(answered)}"
         yield warning(path, f"{not_configured(row.units)}, so the row never matches", remedy)
+
+
+def _without_numbers(config: Config) -> frozenset[int]:
+    """Find where devices are that have no unit ID for clients."""
+    rows = (row for owner in owners(config) for row in rows_of(owner) if not row.client_units)
+    return frozenset(unit for row in rows for unit in row.units)
 
 
 def _answered(row: Access, config: Config) -> frozenset[int]:

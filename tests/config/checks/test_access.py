@@ -252,3 +252,17 @@ def test_a_reserve_is_for_somebody(row):
 
 def test_without_rows_a_reserve_is_for_this_machine():
     assert not any("reserve" in one for one in problems(SCADA + SOME))
+
+
+@pytest.mark.parametrize("units", ["[1]", "[1, 2]"])
+def test_a_row_by_unit_ids_does_not_count_for_devices_without_them(units):
+    parts = (
+        f'[[listen]]\nname = "to-{name}"\nbind = "tcp://127.0.0.1:150{number}"\nline = "{name}"\n'
+        f'[[line]]\nname = "{name}"\nport = "/dev/ttyS{number}"\ndevices = [{{ unit = 1 }}, {{ unit = {number} }}]\n'
+        for name, number in (("a", 2), ("b", 3))
+    )
+    text = "".join(parts) + f'[[access]]\nunits = {units}\nallow = ["read"]\n[[access]]\nallow = ["read", "write"]\n'
+    found = [each for each in parse(text, port_trouble=lambda port: None).problems if "access" in each.path]
+    assert [(each.severity, each.what) for each in found] == [
+        ("warning", "devices at 1 have no unit ID for clients, so the row does not count for them")
+    ]
