@@ -18,7 +18,7 @@ class Exchange(Expected):
     """A request to `unit`, and its responses: from `answers_from` (None: any unit), at the place `since` or later."""
 
     __slots__ = (
-        "asked_at", "end_place", "ends_at", "had_arrived", "is_answered", "is_any", "is_awaited", "is_silent", "owed",
+        "asked_at", "end_place", "ends_at", "had_arrived", "held", "is_answered", "is_any", "is_awaited", "owed",
         "place", "transaction", "unit",
     )  # fmt: skip
 
@@ -43,9 +43,9 @@ class Exchange(Expected):
         self.is_answered = False
         #: The place from which on it is not awaited any more.
         self.end_place = NEVER
-        #: Whether nothing was received for it, so that the connection may hold its response back; whether all of it had
+        #: How many of its sendings the connection may hold back, because nothing was received; whether all of it had
         #: arrived at the other end when its late window began.
-        self.is_silent = False
+        self.held = 0
         self.had_arrived = True
 
     @property

@@ -9,8 +9,8 @@ of a frame (`attribution`), requests that must not be sent (`forbid_until`), whe
 |----------------|----------------|-----------------------------------|-----------------------------------------------|
 | current        | we             | its request is sent               | its response, its limit                       |
 | late           | we             | its limit has ended               | all it is owed has come, its late window ends |
-| silent         | we             | the same, if nothing was received | a response to it or a later one, or a new     |
-|                |                | on a connection                   | connection                                    |
+| silent         | we             | the same, if nothing was received | as many responses as sendings, one to a later |
+|                |                | on a connection                   | request, or a new connection                  |
 | foreign        | another client | its request was heard             | its response, or none can come any more, at   |
 |                |                |                                   | the latest after `FOREIGN_LASTS` seconds      |
 
@@ -89,7 +89,7 @@ class Ledger:
         current = Exchange(transaction.unit, transaction.answers_from, transaction.asked, 0, transaction)
         current.owed = owed + (not transaction.is_broadcast)
         if before is not None:
-            current.is_silent, current.had_arrived = before.is_silent, before.had_arrived
+            current.held, current.had_arrived = before.held and before.held + 1, before.had_arrived
         self.current = current
         return current
 
@@ -174,7 +174,7 @@ class Ledger:
         """Start with a new port, which holds nothing back. `has_arrived` is None unless it is a connection."""
         self._has_arrived = has_arrived
         for each in self.late:
-            each.is_silent = False
+            each.held = 0
         self._drop_closed()
 
     def is_underway(self) -> bool:
@@ -184,31 +184,36 @@ class Ledger:
     def note_silence(self, exchange: Exchange) -> None:
         """Note that nothing was received since this request was sent."""
         if self._has_arrived is not None:
-            exchange.is_silent = True
+            exchange.held = exchange.held or 1
             exchange.had_arrived = self._has_arrived()
 
     def release(self, exchange: Exchange) -> None:
-        """Note a response: a connection keeps its order, so all requests up to this one have left the server."""
-        exchange.is_silent = False
+        """Note a response: a connection keeps its order, so all requests before this one have left the server.
+
+        A late response to a request that was sent twice may be to the first sending: the second may still be held back.
+        """
+        if exchange.held:
+            exchange.held = 0 if exchange is self.current else exchange.held - 1
         for each in self.late:
-            each.is_silent = each.is_silent and each.asked_at > exchange.asked_at
+            if each is not exchange and each.asked_at <= exchange.asked_at:
+                each.held = 0
         self._drop_closed()
 
     def renews_at(self) -> float | None:
         """Return when nothing more may be sent on this connection, unless a response comes; None if never."""
-        return min((each.ends_at for each in self.late if each.is_silent), default=None)
+        return min((each.ends_at for each in self.late if each.held), default=None)
 
     def must_renew(self, now: float) -> bool:
         """Tell whether nothing may be sent on this connection, because it may hold a request back."""
-        return any(each.is_silent and each.ends_at <= now for each in self.late)
+        return any(each.held and each.ends_at <= now for each in self.late)
 
     def await_arrived(self, position: int, now: float) -> None:
         """Reopen the late windows of requests that had not arrived when these began: their limits begin only now."""
-        for each in [each for each in self.late if each.is_silent and each.ends_at <= now and not each.had_arrived]:
+        for each in [each for each in self.late if each.held and each.ends_at <= now and not each.had_arrived]:
             if each.transaction is not None and self._has_arrived is not None:
                 self.late.remove(each)
                 each.ends_at = self.end_of(each.transaction, now + each.transaction.limit)
-                each.owed = 1
+                each.owed = each.held
                 each.since = position
                 each.had_arrived = self._has_arrived()
                 self.late.append(each)
@@ -287,7 +292,7 @@ class Ledger:
 
     def _drop_closed(self) -> None:
         if self.late:
-            self.late = [each for each in self.late if each.owed or each.is_silent]
+            self.late = [each for each in self.late if each.owed or each.held]
 
 
 def _handed(exchange: Exchange, owed: int, ends_at: float) -> Exchange:
