@@ -336,7 +336,8 @@ class Line:
                 else:
                     self._scheduler.refuse(transaction, rejection, now)
         finally:
-            self._scheduler.fail_expired(late, now)
+            if late:
+                self._scheduler.fail_expired(late, now)
             for transaction in not_repeated:
                 self._scheduler.refuse(transaction, errors.ResponseTimeout(), now)
 

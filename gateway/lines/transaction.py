@@ -52,6 +52,7 @@ class Destination:
         self.answer_time = answer_time
         self.breaker = Breaker()
         self.counts = UnitCounts()
+        self.times = self.counts.times
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
         """Note that a transaction has ended; `response` is None if none came. Must not answer requests.
@@ -82,7 +83,7 @@ class Transaction:
         self.device = device
         function = asked.function
         self.counts = device.counts[function]
-        self.times = device.counts.times[function]
+        self.times = device.times[function]
         self.expects_answer = asked.is_answered
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
@@ -174,15 +175,14 @@ class Transaction:
     def count_sent(self, now: float) -> None:
         """Count that it is sent, for the first time or again."""
         self.counts.sent += 1
-        is_first = not (self.retries or self.wakes)
         if self.retries:
             self.counts.retries += 1
-        if is_first:
+        elif not self.wakes:
             for request in self.requests:
                 self.times.wait.add(now - request.received_at)
         sleep = self.device.sleep
         if sleep.wake:
-            self.wakes = sleep.end(now) and is_first and self.asked.only_reads
+            self.wakes = sleep.end(now) and self.asked.only_reads and not self.is_repeat
 
     def count_response(self, now: float) -> None:
         """Count a valid response that came in time."""

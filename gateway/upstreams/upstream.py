@@ -324,7 +324,8 @@ class Upstream:
                     break
                 self._send_or_refuse(transaction, send, now)
         finally:
-            self._waiting.fail_expired(late, now)
+            if late:
+                self._waiting.fail_expired(late, now)
 
     def _look(self) -> None:
         """Read what has arrived, once: a server may send without end."""
