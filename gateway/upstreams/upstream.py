@@ -316,7 +316,7 @@ class Upstream:
             return
         late = queue.expired(now)
         try:
-            if not self._sent.under_way:
+            if not self._sent.under_way and self._has_place(now):
                 self._look()
             while (send := self._connection.send) is not None and self._has_place(now):
                 transaction = queue.take_repeat() or queue.take(self._must_wait)

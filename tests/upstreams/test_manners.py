@@ -56,6 +56,24 @@ def test_it_passes_after_a_request_without_a_response_too(keys: dict) -> None:
     assert [each.pdu for each in bench.sent] == [READ, READ if keys else WRITE]
 
 
+@pytest.mark.parametrize("keys", [{"gap": 0.05}, {"transaction_id": "zero"}])
+def test_who_never_ceases_to_send_is_not_listened_to_for_ever_before_a_request(keys: dict) -> None:
+    bench = UpstreamBench(in_flight=1, **keys)
+    looks = 0
+
+    def look() -> None:
+        nonlocal looks
+        looks += 1
+        bench.hear(mbap.encode(9999, 7, bytes.fromhex(RESPONSE)))
+
+    bench.ask()
+    bench.ask(unit=38)
+    bench.upstream.port_up(bench._send, bench.now, look)
+    bench.respond()
+    bench.ask(unit=39)
+    assert looks < 5
+
+
 def test_it_passes_after_a_request_that_expects_none() -> None:
     bench = UpstreamBench(in_flight=1, gap=0.05)
     bench.ask("08 00 04 00 00")
