@@ -126,12 +126,12 @@ class Line:
         self.ledger.connected(has_arrived)
         if self._state != "closed":
             self._scheduler.end_rests()
-        self._scheduler.reopening.end()
+        self._scheduler.reopening.end(now)
         self._state = "idle"
 
     def port_down(self, now: float) -> None:
         """Fail all requests: the sent one with 0B, because the unit may have acted on it, others with 0A."""
-        self._disconnect("down")
+        self._disconnect("down", now)
         waiting = self._scheduler.clear()
         try:
             if self.ledger.current is not None:
@@ -155,7 +155,7 @@ class Line:
 
     def renew(self, now: float) -> None:
         """Keep waiting requests for a new connection, because this one is being closed."""
-        self._disconnect("closed")
+        self._disconnect("closed", now)
         self._scheduler.reopening.begin(now)
 
     def port_ended(self, open_again: OpenAgain, now: float, *, at_once: bool = False) -> None:
@@ -192,7 +192,7 @@ class Line:
     def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones fail with 0A, the one on the line may still be answered."""
         is_repeating = self._state == "repeating"
-        self._disconnect("last" if self.is_busy else "down")
+        self._disconnect("last" if self.is_busy else "down", now)
         waiting = self._scheduler.clear()
         try:
             if is_repeating and self.ledger.current is not None:
@@ -293,11 +293,11 @@ class Line:
         self.spent.tune(self.settings.timing)
         self._receiver.tune(self._budget, self.settings.frame_end + latency, virtual=self._is_virtual)
 
-    def _disconnect(self, state: State) -> None:
+    def _disconnect(self, state: State, now: float) -> None:
         self._state = state
         self._write = None
         self.ledger.connected(None)
-        self._scheduler.reopening.end()
+        self._scheduler.reopening.end(now)
 
     def _limit_of(self, transaction: Transaction) -> float:
         """Return the time limit of a transaction that has not been sent."""

@@ -172,11 +172,16 @@ class WaitingQueue:
         return -inf if self._repeats else self._expiries[0].request.received_at
 
     def wait_longer(self, seconds: float) -> None:
-        """Let requests wait longer by this many seconds: those that wait, and those that come before the next call."""
+        """Let requests wait longer by this many seconds: those that wait, and those that come before `wait_as_ever`."""
         self._longer = seconds
-        if seconds:
-            for place in self._expiries:
-                place.expires_at = max(place.expires_at, place.request.received_at + self._max_wait + seconds)
+        for place in self._expiries:
+            place.expires_at = max(place.expires_at, place.request.received_at + self._max_wait + seconds)
+
+    def wait_as_ever(self, now: float) -> None:
+        """Let no request wait longer than one that comes `now`."""
+        self._longer = 0.0
+        for place in self._expiries:
+            place.expires_at = min(place.expires_at, now + self._max_wait)
 
     @property
     def has_expiry(self) -> bool:

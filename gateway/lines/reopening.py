@@ -52,12 +52,12 @@ class Reopening:
         self.until = until if self.until is None else min(self.until, until)
         self._open()
 
-    def end(self) -> None:
+    def end(self, now: float) -> None:
         """Stop: the connection is open, or cannot be opened."""
         self.is_on = False
         self.until = None
         self._open_again = None
-        self._queue.wait_longer(0.0)
+        self._queue.wait_as_ever(now)
 
     def given_up(self, now: float) -> list[Transaction]:
         """Remove and return the requests that have waited too long for the connection."""

@@ -66,7 +66,7 @@ class Upstream:
         self._connection.open(send, look, now)
         if not self.is_closed:
             self._end_rests()
-        self._reopening.end()
+        self._reopening.end(now)
 
     def leave_address(self) -> None:
         """Forget the time-outs of the address that was used: another one is tried from now on."""
@@ -77,13 +77,13 @@ class Upstream:
 
     def port_down(self, now: float) -> None:
         """End the lost connection: requests under way fail with 0B, as units may have acted on them, others with 0A."""
-        waiting = self._disconnect()
+        waiting = self._disconnect(now)
         self._lose_under_way(now)
         self._waiting.fail_unsent(waiting, now)
 
     def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones fail with 0A, those under way may still be answered."""
-        self._waiting.fail_unsent(self._disconnect(), now)
+        self._waiting.fail_unsent(self._disconnect(now), now)
 
     def renew(self, now: float) -> None:
         """Keep waiting requests for a new connection: this one is being closed. Requests under way fail with 0B."""
@@ -286,10 +286,10 @@ class Upstream:
             self._telling.record_failed(transaction, errors.LineLost(), now)
             transaction.fail_sent(errors.LineLost(), now)
 
-    def _disconnect(self) -> list[Transaction]:
+    def _disconnect(self, now: float) -> list[Transaction]:
         """Stop sending: there is no connection. Return the requests that waited for one."""
         self._connection.close()
-        self._reopening.end()
+        self._reopening.end(now)
         return self._queue.clear()
 
     def _has_place(self, now: float) -> bool:

@@ -167,6 +167,19 @@ def test_on_an_open_connection_nobody_waits_longer_for_it() -> None:
     assert bench.client.answers == ["83 06"]
 
 
+def test_nor_if_others_have_waited_for_the_connection() -> None:
+    """Those wait no longer from then on either: 06 is due to all of them."""
+    bench = UpstreamBench(after_connect=3.0, in_flight=1, max_wait=0.2)
+    under_way, waiting, newcomer = clients(3)
+    bench.hang_up()
+    bench.ask(client=under_way)
+    bench.ask(unit=38, client=waiting)
+    bench.connect()
+    bench.ask(unit=39, client=newcomer)
+    bench.pass_time(0.2)
+    assert [each.answers for each in (under_way, waiting, newcomer)] == [[], ["83 06"], ["83 06"]]
+
+
 # --- coalesce ---
 
 
