@@ -56,9 +56,8 @@ def limit_behind_server(asked: RequestPdu, answer_time: AnswerTime) -> float:
 
     A time-out is meant as it is written; to a time of a device's table, network and server add their own.
     """
-    allowed = answer_time.allowed(asked)
-    has_time = not answer_time.fixed and answer_time.table.time(asked.function, asked.items) is not None
-    return allowed + NETWORK_LATENCY if has_time else allowed
+    time = None if answer_time.fixed else answer_time.table.time(asked.function, asked.items)
+    return answer_time.timeout if time is None else answer_time.margin * time + NETWORK_LATENCY
 
 
 @dataclass(frozen=True, slots=True)
