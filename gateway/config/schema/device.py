@@ -22,8 +22,9 @@ class Device(Table):
         None,
         alias="as",
         description="Its unit ID for clients, 1-255; as many as in `unit`. Default: the same; or none, if other "
-        "devices have it too, and listeners are for one line or upstream each. `none`: it has none, and only a "
-        "listener for its line or upstream leads to it, and its name; a gateway can have any number of those. "
+        "devices have it too, listeners are for one line or upstream each, and no row of `[[access]]` means it. "
+        "`none`: it has none, and only a listener for its line or upstream leads to it, and its name; a gateway can "
+        "have any number of those. "
         "Of the rows of `[[access]]` without `listen`, only those for all units count for it.",
     )
     name: Name | None = Field(

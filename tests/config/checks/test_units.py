@@ -319,6 +319,23 @@ def test_where_somebody_asks_by_units_each_has_one_device(asks_by_units):
     assert "as = " in found[0]
 
 
+@pytest.mark.parametrize(
+    ("row", "are_shared"),
+    [
+        ('units = 8\nallow = ["read"]\n', False),
+        ('units = 8\nlisten = ["control"]\nallow = ["read"]\n', False),
+        ('units = 7\nallow = ["read"]\n', True),
+        ('allow = ["read"]\n', True),
+        ('units = 8\nlisten = ["tcp://127.0.0.1:1502"]\nallow = ["read"]\n', True),
+    ],
+)
+def test_a_unit_that_a_row_of_rights_means_is_that_of_one_device(row, are_shared):
+    """A second line must not be enough to have a row forgotten that keeps clients from writing."""
+    found = [said for said in problems(TWO_PORTS + "[[access]]\n" + row) if said.startswith("error")]
+    assert bool(found) is not are_shared
+    assert all("already units of line" in said for said in found)
+
+
 def test_a_unit_that_is_written_stays():
     text = TWO_PORTS.replace('{ unit = "8-12" }', '{ unit = "8-12", as = "8-12" }')
     plan = resolve(parse(text, port_trouble=lambda _: None).config)
