@@ -280,12 +280,17 @@ async def test_a_server_that_closes_after_each_answer_at_once_is_served_too(keys
         'retries = 1\nwake = "1 s"\ngap = "30 ms"',
         'transaction_id = "zero"\nretries = 2\nwake = "1 s"',
         'transaction_id = "zero"\nafter_connect = "200 ms"\nretries = 1\ngap = "30 ms"',
+        'idle = "1 s"\nafter_connect = "200 ms"\nretries = 2',
     ],
 )
-async def test_nobody_waits_longer_than_check_says(keys: str) -> None:
-    """The server is silent, and takes long to accept connections."""
-    async with gateway_bench(config(f'timeout = "300 ms"\nmax_wait = "1 s"\nrest = "off"\n{keys}')) as bench:
+@pytest.mark.parametrize("bytes_of_it", [0, 7], ids=["silence", "half a response"])
+async def test_nobody_waits_longer_than_check_says(keys: str, bytes_of_it: int) -> None:
+    """The server sends nothing, or a beginning that makes the connection useless. It takes long to accept the next."""
+    usual = 'timeout = "300 ms"\nmax_wait = "1 s"\nrest = "off"\nin_flight = 1\n'
+    async with gateway_bench(config(usual + keys)) as bench:
         line, longest = bench.lines[FIRST], bench.gateway.longest_waits["there/1"]
+        if bytes_of_it:
+            line.on_write = lambda request: line.deliver(request[:bytes_of_it])
         line.opens_in = 0.25 + ("after" in keys) * 0.2
         clients = [bench.client(f"10.0.0.{number}:1") for number in range(4)]
         took: list[float] = []

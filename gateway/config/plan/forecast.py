@@ -144,19 +144,20 @@ def times_for_repeats(plan: LinePlan) -> tuple[float, float]:
 def longest_waits_behind(plan: UpstreamPlan) -> dict[str, float]:
     """Compute the longest wait for each unit behind another server, by its name: for its turn, and for the response.
 
-    Reads are repeated at once, and sent once more to wake a device; where the server answers with identifier 0, over a
-    new connection. The first requests wait for the connection, and for what has to pass after it.
+    Reads are repeated at once, and sent once more to wake a device. That may need a new connection: the server answers
+    with identifier 0, half of a response has come, or another address is tried. The first requests wait for the
+    connection too, and for what has to pass after it.
     """
     settings = plan.upstream
     before = settings.max_wait + settings.gap + settings.after_connect
-    is_zero = settings.transaction_id == "zero"
+    is_connection = isinstance(plan.port, TcpSettings)
     waits: dict[Hashable, float] = {}
     for device in (*plan.devices, *plan.unnamed):
         kind = _limiting(device)
         if kind not in waits:
             limits = function_limits(device.profile, device.answer_time, plan.budget)
             limit, repeats = max(one.most_items for one in limits), (device.wake > 0.0) + settings.retries
-            connecting = min(limit, settings.max_wait) + settings.after_connect if is_zero else 0.0
+            connecting = min(limit, settings.max_wait) + settings.after_connect if is_connection else 0.0
             waits[kind] = before + limit + repeats * (settings.gap + connecting + limit)
     return {device.name: waits[_limiting(device)] for device in (*plan.devices, *plan.unnamed)}
 
