@@ -77,7 +77,6 @@ class Device(Destination):
             wake=settings.wake,
         )
         self.settings = settings
-        self._profile = settings.profile
         self._line = line
         self._emit = emit
         self._ring = ring or Ring()
@@ -86,7 +85,7 @@ class Device(Destination):
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Send the request in its turn, or fail it. If it `yields`, requests of clients go first: a mirror's poll."""
         try:
-            transaction = self._transaction(request, self._profile.check(request.pdu))
+            transaction = self._transaction(request, self.settings.profile.check(request.pdu))
         except RequestError as error:
             self.counts[request.pdu[0]].count_error(error, 1)
             self.report_rejection(request, error)

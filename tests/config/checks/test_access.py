@@ -258,7 +258,8 @@ def test_without_rows_a_reserve_is_for_this_machine():
 def test_a_row_by_unit_ids_does_not_count_for_devices_without_them(units):
     parts = (
         f'[[listen]]\nname = "to-{name}"\nbind = "tcp://127.0.0.1:150{number}"\nline = "{name}"\n'
-        f'[[line]]\nname = "{name}"\nport = "/dev/ttyS{number}"\ndevices = [{{ unit = 1 }}, {{ unit = {number} }}]\n'
+        f'[[line]]\nname = "{name}"\nport = "/dev/ttyS{number}"\n'
+        f'devices = [{{ unit = 1, as = "none" }}, {{ unit = {number} }}]\n'
         for name, number in (("a", 2), ("b", 3))
     )
     text = "".join(parts) + f'[[access]]\nunits = {units}\nallow = ["read"]\n[[access]]\nallow = ["read", "write"]\n'
