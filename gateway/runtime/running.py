@@ -84,6 +84,8 @@ class Running:
         self.ports = OpenPorts(emit, kept.left_behind)
         self._listening = Listening(sockets or OpenSockets())
         self.started = loop.time()
+        #: Until when requests of operators wait for lines that were not tried yet.
+        self._settles_by = 0.0
         self.gateway = self.builder.build(plan)
         self.recent = Recent(self.gateway, self.started)
         self.apply(self.gateway)
@@ -102,6 +104,7 @@ class Running:
             each.rerouted(gateway)
         self.gateway = gateway
         self.ports.present = gateway.parts
+        self._settles_by = asyncio.get_running_loop().time() + LONGEST_START
         show_itself(self)
 
     def _route(self, gateway: Gateway) -> None:
@@ -136,9 +139,9 @@ class Running:
         self._start_mirrors()
 
     async def settled(self) -> None:
-        """Wait until every line was tried once, at most LONGEST_START."""
+        """Wait until every line was tried once, at most until LONGEST_START seconds after the last change of parts."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(LONGEST_START):
+            async with asyncio.timeout_at(self._settles_by):
                 for part in self.gateway.parts:
                     await part.reconnector.tried.wait()
 

@@ -30,6 +30,8 @@ class Connection:
         self.send: Send | None = None
         self.look: Look = see_nothing
         self.is_spoilt = False
+        #: Whether no request is over yet on it.
+        self.is_unused = True
         self._gap = settings.gap
         self._idle = settings.idle
         self._is_zero = settings.transaction_id == "zero"
@@ -42,6 +44,7 @@ class Connection:
         self.send = send
         self.look = look
         self.is_spoilt = False
+        self.is_unused = True
         self._used_at = now
 
     def close(self) -> None:
@@ -51,6 +54,7 @@ class Connection:
 
     def rest(self, now: float) -> None:
         """Note that a request is over."""
+        self.is_unused = False
         self._used_at = now
         self.be_silent(now)
 

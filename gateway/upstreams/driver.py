@@ -151,7 +151,10 @@ class TcpDriver(UpstreamDriver):
         except NotModbus as error:
             self._tell(f"what came is not Modbus TCP: {error}")
             self._boundary.close_port()
-        if self.upstream.must_renew:
+        if self.upstream.must_renew and self.upstream.is_unused:  # a new one would be no better
+            self._tell("the server sends before it is asked, and does not say which request it answers")
+            self._boundary.close_port()
+        elif self.upstream.must_renew:
             self._renew("too many answers are overdue on it" if self.upstream.is_spent else "")
 
     def _down(self) -> None:

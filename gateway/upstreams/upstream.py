@@ -227,6 +227,11 @@ class Upstream:
         connection = self._connection
         return not self._sent.under_way and (connection.is_spoilt or self.is_spent) and connection.send is not None
 
+    @property
+    def is_unused(self) -> bool:
+        """Whether no request is over yet on this connection."""
+        return self._connection.is_unused
+
     def may_leave(self, now: float) -> bool:
         """Tell whether the connection may be closed until the next request, because nobody has asked for so long."""
         return self._leaves_at() <= now

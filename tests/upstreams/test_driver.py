@@ -42,10 +42,10 @@ class FakePort:
 class Driven:
     """A driver with a connection and one unit."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: UpstreamSettings | None = None) -> None:
         self.loop = asyncio.get_running_loop()
         self.events: list[Event] = []
-        self.upstream = Upstream(UpstreamSettings("plant-1"), self.events.append)
+        self.upstream = Upstream(settings or UpstreamSettings("plant-1"), self.events.append)
         self.driver = TcpDriver(self.upstream, self.loop, self.events.append)
         self.port = FakePort()
         self.driver.port_up(self.port)
@@ -146,4 +146,33 @@ async def test_a_second_defect_while_the_first_is_dealt_with_ends_at_the_error_b
     driven.driver.received(b"?")
     assert [type(event) for event in driven.events] == [PartFailed, PartFailed]
     assert driven.port.closed
+    driven.driver.close()
+
+
+async def test_a_server_that_sends_before_it_is_asked_is_no_server_with_identifier_0() -> None:
+    """A new connection for each such frame would be one connection after the other, without end."""
+    driven = Driven(UpstreamSettings("plant-1", in_flight=1, transaction_id="zero"))
+    unasked = encode(0, 7, bytes.fromhex(RESPONSE))
+    driven.port.read_now = lambda: driven.driver.received(unasked)
+    driven.driver.port_down(PortError("closed"))
+    driven.driver.port_up(driven.port)
+    driven.ask()
+    assert driven.port.written == []
+    assert driven.port.closed
+    (told,) = driven.events
+    assert told.reason == "the server sends before it is asked, and does not say which request it answers"
+    assert not driven.upstream.is_closed
+    driven.ask()
+    assert driven.client.answers == ["83 0A", "83 0A"]
+    driven.driver.close()
+
+
+async def test_after_a_request_the_same_is_a_reason_for_a_new_connection() -> None:
+    driven = Driven(UpstreamSettings("plant-1", in_flight=1, transaction_id="zero"))
+    driven.ask()
+    driven.driver.received(encode(0, 7, bytes.fromhex(RESPONSE)))
+    driven.driver.received(encode(0, 7, bytes.fromhex(RESPONSE)))
+    assert driven.port.closed
+    assert driven.events == []
+    assert driven.upstream.is_closed
     driven.driver.close()

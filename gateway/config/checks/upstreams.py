@@ -3,11 +3,13 @@
 from collections.abc import Iterator
 from typing import Final
 
+from gateway.config.plan.names import rows_of
 from gateway.config.plan.reach import listeners_for, listening
 from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.address import Address
+from gateway.config.values.duration import show_duration
 from gateway.config.values.site import Site
 
 #: Keys that are for connections to servers.
@@ -66,3 +68,9 @@ def _check_keys(upstream: Upstream) -> Iterator[Problem]:
     if isinstance(upstream.to[0], Site):
         for key in filter(upstream.has, _ONLY_TCP):
             yield error((*upstream.path, key), "is for connections, and a site has none", "take it out")
+        for table in (upstream, *rows_of(upstream)):
+            if table.has("wake"):
+                yield error((*table.path, "wake"), "is for the gateway that asks the device itself", "set it there")
+    elif upstream.gap >= upstream.max_wait:
+        what = f"is longer than max_wait ({show_duration(upstream.max_wait)}): a request that comes within it gets 06"
+        yield warning((*upstream.path, "gap"), what, "make max_wait longer")

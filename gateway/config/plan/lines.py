@@ -188,6 +188,8 @@ def _unnamed(upstream: Upstream, usual: DeviceSettings) -> Iterator[DeviceSettin
 
 def _wake(owner: Owner, row: Device, profile: Profile) -> float:
     """Choose the time after which a device sleeps; 0 for never."""
+    if _is_site(owner):  # its own gateway wakes it
+        return 0.0
     return row.wake if row.wake is not None else profile.wake or owner.wake
 
 
@@ -200,8 +202,12 @@ def _answer_time(owner: Owner, row: Device, profile: Profile) -> AnswerTime:
     if row.timeout is not None:
         return AnswerTime(profile.timing, profile.margin, row.timeout, fixed=True)
     of_owner = owner.timeout if row.profile is None else None
-    is_site = isinstance(owner, Upstream) and isinstance(owner.to[0], Site)
-    return AnswerTime(profile.timing, profile.margin, of_owner or profile.timeout, fixed=is_site)
+    return AnswerTime(profile.timing, profile.margin, of_owner or profile.timeout, fixed=_is_site(owner))
+
+
+def _is_site(owner: Owner) -> bool:
+    """Tell whether its devices are those of the gateway of another site."""
+    return isinstance(owner, Upstream) and isinstance(owner.to[0], Site)
 
 
 def _other_server(upstream: Upstream, to: Address | Site) -> TcpSettings | SiteSettings:

@@ -179,3 +179,19 @@ def test_a_device_server_is_a_line_and_a_modbus_tcp_server_an_upstream():
 )
 def test_a_key_of_another_table_is_said_to_be_one(text, remedy):
     assert [said.partition(" | ")[2] for said in problems(text) if "unknown key" in said] == [remedy]
+
+
+def test_a_device_at_another_site_is_woken_there():
+    text = 'site = "west"\n[[upstream]]\nto = "fleet://east"\nunits = [{ unit = 7, wake = "5 s" }]\nwake = "9 s"\n'
+    said = "is for the gateway that asks the device itself | set it there"
+    assert problems(text + '[fleet]\nservers = ["nats://127.0.0.1:4222"]\n') == [
+        f"error: upstream[0].units[0].wake: {said}",
+        f"error: upstream[0].wake: {said}",
+    ]
+
+
+def test_a_gap_that_nobody_waits_for():
+    text = '[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{ unit = 7 }]\ngap = "3 s"\n'
+    assert problems(text + 'max_wait = "4 s"\n') == []
+    (said,) = problems(text)
+    assert said.startswith("warning: upstream[0].gap: is longer than max_wait (2 s)")
