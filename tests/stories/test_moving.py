@@ -54,7 +54,7 @@ async def test_it_notices_a_restart_that_forgets_an_unanswered_move(monkeypatch)
     monkeypatch.setattr(
         Memory, "remember", lambda memory, key, configured, now, *_: remember(memory, key, configured, now)
     )
-    assert (await played(transactions=8_000)).wrong_count > 0
+    assert (await played(transactions=2_000)).wrong_count > 0
 
 
 @pytest.mark.interpreted
