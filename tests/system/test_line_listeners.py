@@ -55,6 +55,11 @@ def asks(client: socket.socket, scheme: str, unit: int, *, within: float = PATIE
         return None
 
 
+def asks_again(client: socket.socket, scheme: str, unit: int) -> bytes | None:
+    """The response to a read. A gateway that has stood still answers none of two requests that it reads together."""
+    return next((answer for _ in range(3) if (answer := asks(client, scheme, unit, within=PATIENCE / 3))), None)
+
+
 @pytest.mark.parametrize(
     ("scheme", "other"), [("tcp", "rtu+tcp"), ("rtu+tcp", "udp"), ("ascii+tcp", "tcp"), ("udp", "ascii+tcp")]
 )
@@ -74,5 +79,5 @@ def test_each_line_is_asked_under_its_own_numbers(tmp_path: Path, scheme: str, o
                 assert asks(client, spoken, 1) == ENCODE[spoken](1, b"\x03\x02" + held.to_bytes(2))
                 expected = failure and ENCODE[spoken](250, failure)
                 assert asks(client, spoken, 250, within=PATIENCE if failure else SILENCE) == expected
-                assert asks(client, spoken, 1) == ENCODE[spoken](1, b"\x03\x02" + held.to_bytes(2))
+                assert asks_again(client, spoken, 1) == ENCODE[spoken](1, b"\x03\x02" + held.to_bytes(2))
         assert {frame.unit for frame in (*hall.heard, *yard.heard)} == {1}
