@@ -31,7 +31,7 @@ def _without_add_ons(config: Config) -> Plan:
     owners: tuple[LinePlan | UpstreamPlan, ...] = (*lines, *upstreams)
     devices = {device.name: device for owner in owners for device in owner.devices}
     images = tuple(image_settings(image, profiles) for image in config.image if image.of is None)
-    own = () if config.own is None else (self_settings(config.own.unit, config.own.source),)
+    own = () if config.own is None else (self_settings(config.own.unit, config.own.place),)
     mirrors = tuple(mirror_settings(image, devices[image.of]) for image in config.image if image.of is not None)
     behind = {device.known_as: device.profile for line in lines for device in line.shared}
     behind |= {device.known_as: device.profile for upstream in upstreams for device in upstream.devices}

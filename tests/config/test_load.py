@@ -372,11 +372,11 @@ def test_every_table_knows_its_line_of_the_file():
         port_trouble=lambda _: None,
     ).config
     assert config is not None
-    assert config.line[0].source == "gateway.toml:1"
-    assert [row.source for row in config.line[0].devices] == ["gateway.toml:4", "gateway.toml:5"]
+    assert config.line[0].place == "gateway.toml:1"
+    assert [row.place for row in config.line[0].devices] == ["gateway.toml:4", "gateway.toml:5"]
     assert config.line[0].devices[1].path == ("line", 0, "devices", 1)
-    assert config.profile["x"].source == "gateway.toml:7"
-    assert config.log.source == "gateway.toml:8"
+    assert config.profile["x"].place == "gateway.toml:7"
+    assert config.log.place == "gateway.toml:8"
 
 
 def test_a_file_adds_profiles_and_replaces_built_in_ones():
@@ -385,7 +385,7 @@ def test_a_file_adds_profiles_and_replaces_built_in_ones():
     assert config is not None
     assert set(config.profile) == {"generic", "mint", "v80", "weigher", "own"}
     assert (config.profile["mint"].title, config.profile["mint"].functions) == ("mine", None)
-    assert config.profile["v80"].source == "built in"
+    assert config.profile["v80"].place == "built in"
 
 
 def test_the_built_in_profiles_say_what_the_documents_say():

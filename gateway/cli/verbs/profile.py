@@ -88,12 +88,12 @@ def _tables(config: str | None) -> Mapping[str, ProfileTable] | None:
 
 
 def _list_as_text(tables: Mapping[str, ProfileTable]) -> str:
-    rows = [(name, table.title, table.source) for name, table in tables.items()]
+    rows = [(name, table.title, table.place) for name, table in tables.items()]
     return align([("NAME", "TITLE", "FROM"), *rows])
 
 
 def _list_as_json(tables: Mapping[str, ProfileTable]) -> str:
-    rows = [{"name": name, "title": table.title, "from": table.source} for name, table in tables.items()]
+    rows = [{"name": name, "title": table.title, "from": table.place} for name, table in tables.items()]
     return json.dumps(rows, indent=2, ensure_ascii=False)
 
 

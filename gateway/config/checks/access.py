@@ -204,7 +204,7 @@ def _check_order(rows: Sequence[Access], by_own_numbers: frozenset[str]) -> Iter
         )
         first = min((one for one in covering if one is not None), default=None)
         if first is not None:
-            what = f"never matches, because the row in {rows[first].source} matches all that it would match"
+            what = f"never matches, because the row in {rows[first].place} matches all that it would match"
             yield warning(row.path, what, "first match wins: put the special row before the general one")
         for client in (None,) if row.networks is None else row.networks:
             naming.setdefault(client, []).append(index)

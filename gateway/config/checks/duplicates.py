@@ -68,5 +68,5 @@ def _find_repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str =
     for value, table in uses:
         first = taken.setdefault(value, table)
         if first is not table:
-            place = f"{first.source}, {dotted(first.path)}" if isinstance(first, Device) else first.source
+            place = f"{first.place}, {dotted(first.path)}" if isinstance(first, Device) else first.place
             yield error((*table.path, key), f"{what.format(value)} is already used in {place}")

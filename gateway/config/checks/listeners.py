@@ -17,7 +17,7 @@ def check_binds(config: Config) -> Iterator[Problem]:
     for index, listen in enumerate(config.listen):
         first = next((one for one in config.listen[:index] if one.bind.collides_with(listen.bind)), None)
         if first is not None:
-            yield taken((*listen.path, "bind"), listen.bind, first.bind, f"in {first.source}")
+            yield taken((*listen.path, "bind"), listen.bind, first.bind, f"in {first.place}")
 
 
 def taken(path: Path, bind: Address, earlier: Address, where: str) -> Problem:
@@ -42,8 +42,8 @@ def check_ipv6(config: Config) -> Iterator[Problem]:
     for listen in config.listen:
         ipv4 = next((other for other in config.listen if listen.bind.takes_ipv4_of(other.bind)), None)
         if ipv4 is not None and not ipv4.bind.is_wildcard:
-            remedy = f'to serve every IPv4 address, write "{replace(ipv4.bind, host="0.0.0.0")}" in {ipv4.source}'  # noqa: S104 - advice
-            what = f"takes IPv6 clients only, because {ipv4.source} has an IPv4 address with the same port"
+            remedy = f'to serve every IPv4 address, write "{replace(ipv4.bind, host="0.0.0.0")}" in {ipv4.place}'  # noqa: S104 - advice
+            what = f"takes IPv6 clients only, because {ipv4.place} has an IPv4 address with the same port"
             yield warning((*listen.path, "bind"), what, remedy)
 
 
@@ -56,6 +56,6 @@ def check_shared_ports(config: Config) -> Iterator[Problem]:
         first = next((other for other in config.listen[:index] if listen.bind.has_port_of(other.bind)), None)
         is_low = listen.bind.port < _FIRST_FREE_PORT
         if first is not None and is_low and not listen.bind.collides_with(first.bind):
-            what = f"the service does not start with it and {first.source}, unless modbus-gateway.socket names both"
+            what = f"the service does not start with it and {first.place}, unless modbus-gateway.socket names both"
             remedy = 'its [::] takes clients of every address; for both see "Other addresses" in docs/operations.md'
             yield warning((*listen.path, "bind"), what, remedy)

@@ -149,7 +149,7 @@ def _names(tables: Iterable[PointTable]) -> dict[str, str]:
     return {
         name: source
         for table in tables
-        for source in (table.source or "a built-in profile",)
+        for source in (table.place or "a built-in profile",)
         for area, addresses in places_of(table)
         for name in names_of(table, area, addresses)
     }

@@ -56,12 +56,12 @@ def claims(config: Config) -> Iterator[Claim]:
         owner = f'of {"line" if isinstance(part, Line) else "upstream"} "{part.label}"'
         for row in rows_of(part):
             path = (*row.path, "unit" if row.known_as is None else "as")
-            yield Claim(row.client_units, owner, path, row.source, remedy, tuple(device_names(part, row)), or_none)
+            yield Claim(row.client_units, owner, path, row.place, remedy, tuple(device_names(part, row)), or_none)
     for image in config.image:
         owner = f'of image "{image.label}"'
-        yield Claim((image.unit,), owner, (*image.path, "unit"), image.source, names=(image.label,))
+        yield Claim((image.unit,), owner, (*image.path, "unit"), image.place, names=(image.label,))
     if config.own is not None:
-        yield Claim((config.own.unit,), "of the gateway itself", (*config.own.path, "unit"), config.own.source)
+        yield Claim((config.own.unit,), "of the gateway itself", (*config.own.path, "unit"), config.own.place)
 
 
 def _without_units(part: Owner, config: Config) -> str:

@@ -17,7 +17,7 @@ def access_row(row: Access) -> AccessRow:
         listeners=None if row.listen is None else frozenset(row.listen),
         units=None if row.units == "all" else frozenset(row.units),
         role=row.role,
-        source=row.source,
+        source=row.place,
         sites=frozenset(sites_of(row)),
     )
 

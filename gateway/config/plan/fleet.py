@@ -33,5 +33,5 @@ def _fleet(site: str, fleet: Fleet) -> FleetPlan:
         tls=ClientTls(fleet.certificate, fleet.key, fleet.ca, "") if is_encrypted else None,
         lease=fleet.lease,
         fallback=fleet.fallback,
-        source=fleet.source,
+        source=fleet.place,
     )

@@ -25,7 +25,7 @@ def image_settings(image: Image, profiles: Mapping[str, Profile]) -> ImageSettin
             if initial_values(area, image)
         },
         persist=image.persist,
-        source=image.source,
+        source=image.place,
     )
 
 
@@ -39,5 +39,5 @@ def mirror_settings(image: Image, device: DeviceSettings) -> MirrorSettings:
     )
     areas = {area: join_ranges((poll.first, poll.last) for poll in polls if poll.area is area) for area in Area}
     return MirrorSettings(
-        image.unit, image.label, device.name, device.profile, polls, areas, image.stale, source=image.source
+        image.unit, image.label, device.name, device.profile, polls, areas, image.stale, source=image.place
     )

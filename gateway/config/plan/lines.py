@@ -62,7 +62,7 @@ def server_plan(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
         wire=line.wire,
         on_failure=line.on_failure,
         answer_within=line.answer_within,
-        source=line.source,
+        source=line.place,
     )
     port = _port(line, timing)
     if isinstance(port, TcpSettings):
@@ -85,7 +85,7 @@ def upstream_plan(upstream: Upstream, profiles: dict[str, Profile], config: Conf
         queue=upstream.queue,
         max_wait=upstream.max_wait,
         transaction_id=upstream.transaction_id,
-        source=upstream.source,
+        source=upstream.place,
     )
     port, *others = (_other_server(upstream, to) for to in upstream.to)
     (usual,) = _of_row(upstream, Device.model_validate({"unit": 1}), profiles)
@@ -140,7 +140,7 @@ def _line_settings(line: Line, timing: LineTiming, devices: tuple[DeviceSettings
         queue=line.queue,
         max_wait=line.max_wait,
         broadcast=line.broadcast,
-        source=line.source,
+        source=line.place,
     )
 
 
@@ -157,7 +157,7 @@ def _turnaround(devices: Iterable[DeviceSettings]) -> float:
 
 def _devices(line: Line, profiles: dict[str, Profile], config: Config) -> Iterator[DeviceSettings]:
     if line.devices is None:
-        row = Device.model_validate({"unit": units_without_devices(line, config)}).placed(line.path, line.source)
+        row = Device.model_validate({"unit": units_without_devices(line, config)}).placed(line.path, line.place)
         return _of_row(line, row, profiles)
     return (one for row in line.devices for one in _of_row(line, row, profiles))
 
@@ -176,14 +176,14 @@ def _of_row(owner: Owner, row: Device, profiles: dict[str, Profile]) -> Iterator
             answer_time=answer_time,
             priority=row.priority,
             wake=wake,
-            source=row.source,
+            source=row.place,
         )
 
 
 def _unnamed(upstream: Upstream, usual: DeviceSettings) -> Iterator[DeviceSettings]:
     """Describe the units of the server that no row lists."""
     for unit, name in unlisted_units(upstream).items():
-        yield replace(usual, name=name, unit=unit, known_as=unit, source=upstream.source)
+        yield replace(usual, name=name, unit=unit, known_as=unit, source=upstream.place)
 
 
 def _wake(owner: Owner, row: Device, profile: Profile) -> float:

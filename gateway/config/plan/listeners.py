@@ -21,7 +21,7 @@ def listen_settings(listen: Listen, everyone: Iterable[Listen]) -> ListenSetting
         in_flight=listen.in_flight,
         unit0=listen.unit0 if listen.upstream is None else BROADCAST_UNIT,  # there it is a unit of the server
         on_failure=listen.on_failure,
-        source=listen.source,
+        source=listen.place,
         scheme=bind.scheme,
         ipv6_only=any(bind.takes_ipv4_of(other.bind) for other in everyone),
         line=listen.line or "",

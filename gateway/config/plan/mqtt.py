@@ -62,7 +62,7 @@ def _mqtt(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
         write=mqtt.write,
         home_assistant=mqtt.home_assistant,
         sparkplug=mqtt.sparkplug,
-        source=mqtt.source,
+        source=mqtt.place,
     )
 
 

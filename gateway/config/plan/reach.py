@@ -13,7 +13,7 @@ from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 def listening(config: Config) -> tuple[tuple[Address, str], ...]:
     """List the addresses where clients can connect, each with its place in the file."""
     default = Address(DEFAULT_LISTENER.scheme, DEFAULT_LISTENER.host, DEFAULT_LISTENER.port)
-    return tuple((each.bind, each.source) for each in config.listen) or ((default, "the default listener"),)
+    return tuple((each.bind, each.place) for each in config.listen) or ((default, "the default listener"),)
 
 
 def only_part(listen: Listen) -> str | None:

@@ -20,7 +20,7 @@ def _web(web: Web) -> WebPlan:
         token=web.token,
         users=web.users,
         tls=None if web.certificate is None or web.key is None else ServerTls(web.certificate, web.key),
-        source=web.source,
+        source=web.place,
         proxy=web.proxy or (),
         write=web.write,
         history=web.history,

@@ -19,6 +19,6 @@ def _for_upstream(listen: Listen, upstreams: list[Upstream]) -> Listen:
     site = Site(listen.site)
     there = next((upstream for upstream in upstreams if site in upstream.to), None)
     if there is None:
-        there = Upstream.model_validate({"to": str(site)}).placed(listen.path, listen.source)
+        there = Upstream.model_validate({"to": str(site)}).placed(listen.path, listen.place)
         upstreams.append(there)
     return listen.model_copy(update={"site": None, "upstream": there.label})

@@ -14,7 +14,7 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class Table(BaseModel):
-    """A table of the file. `path` and `source` are its place, after `placed` was called.
+    """A table of the file. `path` and `place` say where it is, after `placed` was called.
 
     A property of a table is the default of a key where that follows from its other keys, and nothing else.
     """
@@ -23,7 +23,7 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)
 
     _path: Path = PrivateAttr(default=())
-    _source: str = PrivateAttr(default="")
+    _place: str = PrivateAttr(default="")
 
     @property
     def path(self) -> Path:
@@ -31,14 +31,14 @@ class Table(BaseModel):
         return self._path
 
     @property
-    def source(self) -> str:
+    def place(self) -> str:
         """Give file and line of the table, such as `gateway.toml:31`."""
-        return self._source
+        return self._place
 
-    def placed(self, path: Path, source: str) -> Self:
+    def placed(self, path: Path, place: str) -> Self:
         """Set the place of this table. Called once, after the file was read."""
         self._path = path
-        self._source = source
+        self._place = place
         return self
 
     def has(self, key: str) -> bool:

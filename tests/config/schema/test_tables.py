@@ -126,9 +126,9 @@ def test_what_is_named_has_its_name_and_the_rest_is_called_after_its_place(table
 
 def test_a_table_knows_where_it_stands_once_it_was_told():
     table = Table()
-    assert (table.path, table.source) == ((), "")
+    assert (table.path, table.place) == ((), "")
     table.placed(("line", 0), "gateway.toml:3")
-    assert (table.path, table.source) == (("line", 0), "gateway.toml:3")
+    assert (table.path, table.place) == (("line", 0), "gateway.toml:3")
 
 
 def test_a_table_tells_what_the_user_wrote_from_a_default():
