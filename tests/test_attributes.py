@@ -10,11 +10,19 @@ import gateway
 MOST = 18
 PACKAGE = Path(gateway.__file__).parent
 #: A table of the config file has an attribute for each of its keys, and those are the operator's.
-TABLES = frozenset({"gateway.config.schema.line.Line", "gateway.config.schema.upstream.Upstream"})
-#: One object for all that is known of a failure: a second one would cost the ring 50 bytes more.
+TABLES = frozenset(
+    {
+        "gateway.config.schema.line.Line",
+        "gateway.config.schema.upstream.Upstream",
+        "gateway.config.schema.profile.ProfileTable",
+        "gateway.config.schema.profile.PointTable",
+    }
+)
+#: What such a table says of a point. One object for all that is known of a failure: a second one would cost the ring 50 bytes more.
 #: And what the rules of `doctor` look at: a line, a unit, each fact for itself.
 RECORDS = frozenset(
     {
+        "gateway.profiles.point.Point",
         "gateway.trace.records.Incident",
         "gateway.diagnosis.evidence.LineEvidence",
         "gateway.diagnosis.evidence.UnitEvidence",

@@ -9,7 +9,8 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.answers import values as answers
 from gateway.operator.kept import ImageWindow, PolledAge, Written
-from gateway.profiles.point import Point, Reading
+from gateway.profiles.point import Point
+from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import has_bits
 

@@ -8,7 +8,8 @@ from gateway.modbus.codes import Area
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.requests import Ask
 from gateway.operator.values import Answer, Outcome, Steps, reading, request_to_write
-from gateway.profiles.point import Point, Reading
+from gateway.profiles.point import Point
+from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
 from gateway.registers.items import has_bits
 

@@ -14,7 +14,8 @@ from gateway.modbus.pdu import Span
 from gateway.operator.answers import values as answers
 from gateway.operator.complaint import Complaint
 from gateway.profiles.batches import Batch, batches
-from gateway.profiles.point import Point, Reading
+from gateway.profiles.point import Point
+from gateway.profiles.reading import Reading
 from gateway.registers.items import WRITERS, has_bits, most_written, write_request
 
 #: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.

@@ -28,7 +28,7 @@ class Watch:
         self._published: dict[str, Reading] = {}
         self._failures = 0
 
-    def answered(self, values: Mapping[str, Value], now: float) -> bool:
+    def answered(self, values: Mapping[str, Value | None], now: float) -> bool:
         """Take the values of an answer; tell whether the device was unavailable before."""
         for name, value in values.items():
             reading = self._latest[name] = Reading(value, now)
@@ -88,9 +88,9 @@ class Watch:
         return point.at_least is not None and reading.at - last.at + point.every > point.at_least
 
 
-def _differ(old: Value, new: Value, deadband: float | None) -> bool:
+def _differ(old: Value | None, new: Value | None, deadband: float | None) -> bool:
     """Tell whether two values differ by at least the `deadband`, or at all if it is None. NaN equals NaN here."""
-    if deadband is None or isinstance(old, str) or isinstance(new, str):
+    if deadband is None or old is None or new is None or isinstance(old, str) or isinstance(new, str):
         return old != new and (old == old or new == new)  # noqa: PLR0124 - NaN differs from itself
     distance = abs(new - old)
     return distance >= deadband and old != new if distance == distance else (old == old) != (new == new)  # noqa: PLR0124

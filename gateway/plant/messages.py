@@ -48,9 +48,9 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The value of a point, and when its device answered."""
+    """The value of a point, None if the device has none there, and when its device answered."""
 
-    value: Value
+    value: Value | None
     at: float
 
 

@@ -16,7 +16,6 @@ from gateway.plant.messages import (
     Received,
 )
 from gateway.plant.topics import Topics
-from gateway.profiles.point import finite
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 
 ONLINE: Final = b"online"
@@ -82,7 +81,7 @@ class PlainForm:
         at: float,
     ) -> Sequence[Message]:
         """Return one message with all values of the device."""
-        values = {name: finite(reading.value) for name, reading in readings.items()}
+        values = {name: reading.value for name, reading in readings.items()}
         return (self._json(self._topics.values(device.name), at, values, retain=True, device=device.name),)
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:

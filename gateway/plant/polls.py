@@ -53,7 +53,7 @@ class Answer(NamedTuple):
     """
 
     device: PublishedDevice
-    values: Mapping[str, Value]
+    values: Mapping[str, Value | None]
     answers: bool | None
 
 

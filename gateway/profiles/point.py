@@ -1,31 +1,43 @@
-"""A point, the meaning of some coils or registers of a device, and what was read or written there."""
+"""A point: the meaning of some coils, some registers, or some bits of a register."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from math import isfinite, isinf
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.registers.datatypes import Value, bounds, decode, encode, is_float, is_whole
-from gateway.registers.items import has_bits, reference
+from gateway.registers.datatypes import BYTE_TYPES, Value, bounds, decode, encode, is_float, is_whole, swapped
+from gateway.registers.items import has_bits
+from gateway.registers.numbers import parse_number
 
 #: Whether a point can be written: no, yes, or only written and never read.
 Writing = Literal["no", "yes", "only"]
+#: The functions that write a point: 05 or 06 for one item and 15 or 16 for several, or always the ones or the others.
+WriteFunction = Literal["auto", "single", "multiple"]
 
 #: No type and scale have room for numbers with more digits before or behind the point: those are not even converted.
 _LARGEST_EXPONENT: Final = 400
+#: The largest power of ten in a scale register, up or down (SunSpec, type sunssf); beyond it there is no value.
+_LARGEST_SCALE: Final = 10
 #: How bits are written, beside 0 and 1.
 _BIT_WORDS: Final[Mapping[str, int]] = {"on": 1, "off": 0, "true": 1, "false": 0}
+#: How a place without a value is shown.
+NO_VALUE: Final = "–"  # noqa: RUF001 - a dash, as in tables
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
     """One value: where it is, how it is encoded and shown. `name` is empty for a plain address.
 
-    `count` is how many items of `area` it takes. The value is the encoded number times `scale`, in `unit`, and is shown
-    with `decimals`. Some numbers have `labels` instead.
+    `count` is how many items of `area` it takes, registers of `width` bytes each. With `bits`, the first and the last,
+    it is only these bits of them; 0 is the lowest. The value is the encoded number times `scale` plus `offset`, in
+    `unit`, and is shown with `decimals`. With `scale_at` it is first multiplied by ten to the power of the int16 there.
+    Some numbers have `labels` instead. The encoded numbers `invalid`, which are those of the whole register where only
+    bits count, say that there is no value.
+
+    What is written must be from `minimum` to `maximum`, and is written at `write_at` if that is another place.
     """
 
     name: str
@@ -39,50 +51,133 @@ class Point:
     unit: str = ""
     labels: Mapping[int, str] = field(default_factory=dict)
     write: Writing = "no"
+    offset: float = 0.0
+    invalid: tuple[float, ...] = ()
+    bits: tuple[int, int] | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    write_at: int | None = None
+    write_function: WriteFunction = "auto"
+    scale_at: int | None = None
+    width: int = 2
 
     @property
     def span(self) -> Span:
-        """Its addresses."""
+        """Its own addresses."""
         return Span(self.area, self.address, self.count)
 
-    def value(self, items: bytes) -> Value:
-        """Decode its items: a number, or text."""
+    @property
+    def read_span(self) -> Span:
+        """The addresses that are read for it: its own, and up to those of its scale."""
+        if self.scale_at is None:
+            return self.span
+        first = min(self.address, self.scale_at)
+        return Span(self.area, first, max(self.address + self.count, self.scale_at + 1) - first)
+
+    @property
+    def write_span(self) -> Span:
+        """The addresses that are written for it: coils or holding registers."""
+        area = Area.COILS if has_bits(self.area) else Area.HOLDING
+        return Span(area, self.address if self.write_at is None else self.write_at, self.count)
+
+    @property
+    def is_bit(self) -> bool:
+        """Whether it is 0 or 1."""
+        return has_bits(self.area) or (self.bits is not None and self.bits[0] == self.bits[1])
+
+    @property
+    def least_and_greatest(self) -> tuple[int, int]:
+        """The least and the greatest encoded number, of a type of whole numbers."""
+        if self.bits is None or self.type in BYTE_TYPES:
+            return bounds("bit" if has_bits(self.area) else self.type)
+        return 0, 2 ** (self.bits[1] - self.bits[0] + 1) - 1
+
+    def own(self, items: bytes) -> bytes:
+        """Take its own items out of those of its `read_span`."""
+        if self.scale_at is None:
+            return items
+        start = (self.address - self.read_span.start) * self.width
+        return items[start : start + self.count * self.width]
+
+    def value(self, items: bytes) -> Value | None:
+        """Decode the items of its `read_span`: a number, or text; None if they say that there is no value."""
         if has_bits(self.area):
             return self.labels.get(items[0], items[0])
-        carried = decode(items, self.type, self.swap)
-        if isinstance(carried, str):
+        carried = self._carried(self.own(items))
+        if carried is None or isinstance(carried, str):
             return carried
         if isinstance(carried, int) and carried in self.labels:
             return self.labels[carried]
-        return self._scaled(carried)
+        exponent = self._exponent(items)
+        return None if exponent is None else self._scaled(carried, exponent)
 
-    def show(self, value: Value) -> str:
+    def show(self, value: Value | None) -> str:
         """Write a value of this point as text, without its unit."""
+        if value is None:
+            return NO_VALUE
         if self.decimals is not None and not isinstance(value, str):
             return f"{value:.{self.decimals}f}"
         return str(value)
 
-    def items(self, text: str) -> bytes:
-        """Encode a value that a user typed as `text`: a finite number, a label, text.
+    def items(self, text: str, before: bytes | None = None) -> bytes:
+        """Encode a value that a user typed as `text`: a finite number, a label, text. Return its own items.
+
+        Of registers of which only bits are meant the other bits are 0. `before` are the items of the `read_span`, which
+        a point with a scale register needs.
 
         Raises:
-            ValueError: the point cannot hold it.
+            ValueError: the point cannot hold it, it is not within the limits, or there is no scale.
         """
         if self.type == "string":
             return encode(text, self.type, self.swap, self.count)
-        number = self._number(text)
+        exponent = 0 if before is None else self._exponent(before)
+        if exponent is None or (self.scale_at is not None and before is None):
+            raise ValueError(f"the device has no scale for {self.name} now")
+        number = self._number(text, exponent)
         if has_bits(self.area):
             if not number.is_finite() or number not in (0, 1):
                 raise ValueError(f"{text} is not a bit: write 0 or 1, off or on")
             return bytes((int(number),))
-        return encode(self._carried(text, number), self.type, self.swap)
+        self._check_limits(text, number)
+        encoded = self._encoded(text, number, exponent)
+        if self.bits is None:
+            return encode(encoded, self.type, self.swap)
+        bits = (int(encoded) << self.bits[0]) & self.mask
+        return swapped(bits.to_bytes(self.count * self.width, "big"), self.swap)
 
-    def _number(self, text: str) -> Decimal:
-        """Find the number that `text` means; for a label, the encoded number."""
+    @property
+    def mask(self) -> int:
+        """The bits of its registers that are its own, as one number."""
+        first, last = self.bits or (0, 8 * self.count * self.width - 1)
+        return (1 << (last + 1)) - (1 << first)
+
+    def _carried(self, own: bytes) -> Value | None:
+        """Find the number that its own items carry; None for one that means no value."""
+        if self.bits is None:
+            number = decode(own, self.type, self.swap)
+            is_none = isinstance(number, float) and not isfinite(number)
+            return None if is_none or number in self.invalid else number
+        whole = int.from_bytes(swapped(own, self.swap), "big")
+        number = (whole & self.mask) >> self.bits[0]
+        if self.type == "int8" and number > bounds("int8")[1]:
+            number -= 256
+        judged = number if self.type in BYTE_TYPES else whole
+        return None if judged in self.invalid else number
+
+    def _exponent(self, items: bytes) -> int | None:
+        """Find the power of ten that its scale register holds; 0 without one, None if it holds none."""
+        if self.scale_at is None:
+            return 0
+        at = (self.scale_at - self.read_span.start) * self.width
+        exponent = int.from_bytes(items[at : at + 2], "big", signed=True)
+        return exponent if abs(exponent) <= _LARGEST_SCALE else None
+
+    def _number(self, text: str, exponent: int) -> Decimal:
+        """Find the number that `text` means; for a label, what its encoded number means."""
         for number, label in self.labels.items():
             if label == text:
-                return Decimal(number) * self._factor
-        if has_bits(self.area) and text.lower() in _BIT_WORDS:
+                return Decimal(number) * self._factor(exponent) + self._offset
+        if self.is_bit and text.lower() in _BIT_WORDS:
             return Decimal(_BIT_WORDS[text.lower()])
         number_ = parse_number(text)
         if number_ is None:
@@ -90,7 +185,16 @@ class Point:
             raise ValueError(f'"{text}" is not a number{known}')
         return number_
 
-    def _carried(self, text: str, number: Decimal) -> int | float:
+    def _check_limits(self, text: str, number: Decimal) -> None:
+        if not number.is_finite():
+            return
+        least, greatest = self.minimum, self.maximum
+        if least is not None and number < Decimal(repr(least)):
+            raise ValueError(f"{text} is too low: {self.name} is at least {self.show(_plain(least))}")
+        if greatest is not None and number > Decimal(repr(greatest)):
+            raise ValueError(f"{text} is too high: {self.name} is at most {self.show(_plain(greatest))}")
+
+    def _encoded(self, text: str, number: Decimal, exponent: int) -> int | float:
         """Compute the encoded number for a value."""
         if not number.is_finite():
             if is_float(self.type):
@@ -98,92 +202,56 @@ class Point:
             raise ValueError(f"{text} does not fit into {self.type}")
         if number and abs(number.adjusted()) > _LARGEST_EXPONENT:
             raise ValueError(f"{text} does not fit into {self.type}")
-        carried = number / self._factor
+        carried = (number - self._offset) / self._factor(exponent)
         if not is_whole(self.type):
             value = float(carried)
             if isinf(value):
                 raise ValueError(f"{text} does not fit into {self.type}")
             return value
         if carried != carried.to_integral_value():
-            if self.scale != 1:
-                raise ValueError(f"{text} is not a multiple of {self.scale:g}, the scale of {self.name}")
-            raise ValueError(f"{text} does not fit into {self.type}: it holds whole numbers only")
-        least, greatest = bounds(self.type)
+            raise ValueError(self._not_whole(text, exponent))
+        least, greatest = self.least_and_greatest
         if not least <= carried <= greatest:
-            of, to = (self.show(self._scaled(bound)) for bound in sorted((least, greatest), key=self._scaled))
-            raise ValueError(f"{text} does not fit into {self.type}: {of} to {to}")
+            ends = sorted(self._scaled(bound, exponent) for bound in (least, greatest))
+            of, to = (self.show(end) for end in ends)
+            raise ValueError(f"{text} does not fit into {self._place}: {of} to {to}")
         return int(carried)
 
-    def _scaled(self, carried: float) -> float:
+    def _not_whole(self, text: str, exponent: int) -> str:
+        if self.scale == 1 and not exponent:
+            return f"{text} does not fit into {self._place}: it holds whole numbers only"
+        if self.offset:
+            return f"{text} is not {self.offset:g} and a multiple of {float(self._factor(exponent)):g}: see {self.name}"
+        return f"{text} is not a multiple of {float(self._factor(exponent)):g}, the scale of {self.name}"
+
+    @property
+    def _place(self) -> str:
+        if self.bits is None or self.type in BYTE_TYPES:
+            return self.type
+        first, last = self.bits
+        return f"bit {first}" if first == last else f"bits {first}-{last}"
+
+    def _scaled(self, carried: float, exponent: int = 0) -> float:
         value = carried
-        if self.scale != 1 and isinstance(carried, int):
-            exact = carried * self._factor
+        factor = self._factor(exponent)
+        if factor == 1 and not self.offset:
+            pass
+        elif isinstance(carried, int):
+            exact = carried * factor + self._offset
             value = int(exact) if exact == exact.to_integral_value() and self.decimals is None else float(exact)
-        elif self.scale != 1:
-            value = carried * self.scale
+        else:
+            value = carried * float(factor) + self.offset
         return value if self.decimals is None or isinstance(value, int) else round(value, self.decimals)
 
-    @property
-    def _factor(self) -> Decimal:
-        """The scale as a decimal: 0.1 is one tenth, not the nearest binary fraction."""
-        return Decimal(repr(self.scale))
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A point and the items that were read or written there; `before` are those that were there before a write."""
-
-    point: Point
-    items: bytes
-    before: bytes | None = None
+    def _factor(self, exponent: int) -> Decimal:
+        """Compute the scale as a decimal: 0.1 is one tenth, not the nearest binary fraction."""
+        return Decimal(repr(self.scale)).scaleb(exponent)
 
     @property
-    def value(self) -> Value:
-        """What the items mean."""
-        return self.point.value(self.items)
-
-    @property
-    def registers(self) -> list[int]:
-        """The registers as numbers; coils and inputs have none."""
-        if has_bits(self.point.area):
-            return []
-        return [int.from_bytes(self.items[at : at + 2], "big") for at in range(0, len(self.items), 2)]
-
-    def as_json(self, *, with_area: bool) -> dict[str, Any]:
-        """Make the reading for programs; points of several areas need `with_area`."""
-        point = self.point
-        named = {"point": point.name} if point.name else {}
-        unit = {"unit": point.unit} if point.unit else {}
-        before = {} if self.before is None else {"old": finite(point.value(self.before))}
-        return {
-            **named,
-            **({"area": point.area} if with_area else {}),
-            "address": point.address,
-            "reference": reference(point.area, point.address),
-            "value": finite(self.value),
-            **before,
-            **unit,
-            "registers": self.registers,
-        }
+    def _offset(self) -> Decimal:
+        return Decimal(repr(self.offset))
 
 
-def parse_number(text: str) -> Decimal | None:
-    """Parse a number: 12, -3.5, 1e3, 0x1F, 0b101; None if it is not one."""
-    digits = text.strip().lower()
-    if "_" in digits or not digits.isascii():  # Python's own reader takes 1_000 and digits of every script
-        return None
-    for prefix, base in (("0x", 16), ("0b", 2)):
-        if digits.lstrip("+-").startswith(prefix):
-            try:
-                return Decimal(int(digits, base))
-            except ValueError:
-                return None
-    try:
-        return Decimal(digits)
-    except InvalidOperation:
-        return None
-
-
-def finite(value: Value) -> Value | None:
-    """Turn a value into one of JSON, which has no infinity and no not-a-number: those become None."""
-    return None if isinstance(value, float) and not isfinite(value) else value
+def _plain(number: float) -> float:
+    """Make a whole number an int, as values are."""
+    return int(number) if number == int(number) else number

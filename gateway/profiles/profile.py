@@ -7,6 +7,7 @@ from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent
+from gateway.profiles.identity import Identity
 from gateway.timing.table import TimingTable
 
 #: First and last address of a range.
@@ -20,7 +21,8 @@ class Profile:
     `functions` None allows all; `limits` is the most items for a function; `areas` are the addresses that exist; an
     area that is not named has all. `idle_chars` is the silence that ends a frame for this device. With `any_coil`, 05
     may have other values than FF00 and 0000. `quirks` are its other deviations from the protocol. It sleeps after
-    `wake` seconds without a request; 0 for never.
+    `wake` seconds without a request; 0 for never. Registers in `wide` have four bytes. Points are read together over
+    gaps of at most `max_gap` addresses.
     """
 
     name: str
@@ -35,6 +37,9 @@ class Profile:
     any_coil: bool = False
     quirks: frozenset[str] = frozenset()
     wake: float = 0.0
+    wide: Mapping[Area, tuple[Range, ...]] = field(default_factory=dict)
+    max_gap: int = 0
+    identity: Identity | None = None
 
     def check(self, pdu: bytes) -> RequestPdu:
         """Parse `pdu`, and check that this kind of device accepts it.

@@ -12,15 +12,34 @@ byte of each register comes first, as in the specification's own encoding (A 4.2
 """
 
 from collections.abc import Mapping
+from math import nan
 from struct import Struct, error
 from typing import Final, Literal, get_args
 
-DataType = Literal["uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64", "bit", "string"]
+DataType = Literal[
+    "uint16",
+    "int16",
+    "uint32",
+    "int32",
+    "uint64",
+    "int64",
+    "float32",
+    "float64",
+    "bcd16",
+    "bcd32",
+    "uint8",
+    "int8",
+    "bit",
+    "string",
+]
 Swap = Literal["none", "words", "bytes", "both"]
 #: A whole number, a floating-point number, or text.
 Value = int | float | str
 
-DATA_TYPES: Final[tuple[str, ...]] = get_args(DataType)
+#: Types of a byte, which shares its register with another one: a point says which byte it is.
+BYTE_TYPES: Final = ("uint8", "int8")
+#: Types of values that have their registers, or their coil, to themselves.
+DATA_TYPES: Final[tuple[str, ...]] = tuple(each for each in get_args(DataType) if each not in BYTE_TYPES)
 SWAPS: Final[tuple[str, ...]] = get_args(Swap)
 
 _FORMATS: Final[Mapping[str, Struct]] = {
@@ -32,6 +51,8 @@ _FORMATS: Final[Mapping[str, Struct]] = {
     "int64": Struct(">q"),
     "float32": Struct(">f"),
     "float64": Struct(">d"),
+    "bcd16": Struct(">H"),
+    "bcd32": Struct(">I"),
 }
 #: The most significant digits that distinguish a float32 from its neighbours.
 _DIGITS_OF_FLOAT32: Final = 9
@@ -58,17 +79,22 @@ def bounds(data_type: str) -> tuple[int, int]:
     """Return the least and the greatest number that fits into a type of whole numbers."""
     if data_type == "bit":
         return 0, 1
-    bits = 16 * registers_of(data_type)
+    if data_type.startswith("bcd"):
+        return 0, 10 ** (4 * registers_of(data_type)) - 1
+    bits = 8 if data_type in BYTE_TYPES else 16 * registers_of(data_type)
     return (0, 2**bits - 1) if data_type.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
 
 def decode(data: bytes, data_type: str, swap: str = "none") -> Value:
     """Decode the bytes of a value's registers, in the order in which a response carries them.
 
-    A float32 is the shortest number that is nearest to it. Text ends at the first NUL; spaces behind it are dropped,
-    and bytes that are no UTF-8 become �.
+    A float32 is the shortest number that is nearest to it. BCD with a digit above 9 is not a number (NaN). Text ends at
+    the first NUL; spaces behind it are dropped, and bytes that are no UTF-8 become �.
     """
     plain = swapped(data, swap)
+    if data_type.startswith("bcd"):
+        digits = plain.hex()
+        return int(digits) if digits.isdecimal() else nan
     if data_type == "string":
         return plain.partition(b"\0")[0].decode("utf-8", "replace").rstrip(" ")
     value: int | float = _FORMATS[data_type].unpack(plain)[0]
@@ -91,6 +117,8 @@ def encode(value: Value, data_type: str, swap: str = "none", length: int = 1) ->
         if is_fraction or not least <= value <= greatest:
             raise ValueError(f"{value} does not fit into {data_type}: whole numbers from {least} to {greatest}")
         value = int(value)
+    if data_type.startswith("bcd"):
+        value = int(str(value), 16)
     try:
         return swapped(_FORMATS[data_type].pack(value), swap)
     except (OverflowError, error):

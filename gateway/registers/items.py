@@ -10,6 +10,11 @@ from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import FUNCTIONS, READERS
 from gateway.modbus.pdu import Span
 
+#: The bytes of a register (A 4.3) and of a wide one, and the most wide ones in one read: 248 bytes of values.
+REGISTER: Final = 2
+WIDE_REGISTER: Final = 4
+MOST_WIDE: Final = 62
+
 _ON: Final = b"\xff\0"
 _OFF: Final = b"\0\0"
 
@@ -47,14 +52,14 @@ def read_request(span: Span) -> bytes:
     return bytes((function, *span.start.to_bytes(2, "big"), *span.count.to_bytes(2, "big")))
 
 
-def items_read(span: Span, response: bytes) -> bytes:
-    """Take the items out of a normal response to a read of `span`.
+def items_read(span: Span, response: bytes, width: int = REGISTER) -> bytes:
+    """Take the items out of a normal response to a read of `span`, whose registers have `width` bytes.
 
     Raises:
         ValueError: the response is not that long.
     """
     data = response[2:]
-    needed = (span.count + 7) // 8 if has_bits(span.area) else 2 * span.count
+    needed = (span.count + 7) // 8 if has_bits(span.area) else width * span.count
     if len(data) < needed:
         raise ValueError(f"the response carries {len(data)} bytes, and {needed} were asked for")
     return unpack_bits(data, span.count) if has_bits(span.area) else data[:needed]

@@ -59,6 +59,11 @@ _PROFILES = st.sampled_from(["generic", "mint", "v80", "weigher", "own"])
 
 OF_KEY: Mapping[tuple[type[Table], str], st.SearchStrategy[Any]] = {
     (PointTable, "name"): st.sampled_from(["a", "b-*", "weight", "*", "a/2"]),
+    (PointTable, "scale_from"): st.sampled_from(["a", "b-1", "weight"]),
+    (PointTable, "invalid"): st.sampled_from([0x8000, 0xFFFF, 1.5, [0, 1]]),
+    (PointTable, "bits"): st.sampled_from(["0-3", "8-15", "4-40"]),
+    (ProfileTable, "wide"): st.sampled_from(["all", {"holding": "16-40"}, {"input": "all"}]),
+    (ProfileTable, "identity"): st.sampled_from([{"fc43": "a"}, {"holding": 0, "equals": 7}, {"sunspec": [1, 103]}]),
     (PointTable, "labels"): st.dictionaries(st.sampled_from(["0", "1", "70000"]), st.sampled_from(["off", "on"])),
     (Line, "port"): st.sampled_from(["/dev/a", "/dev/b", "/dev/x/a", "rtu+tcp://c:1", "ascii+tcp://c:2"]),
     (Listen, "line"): st.sampled_from(["a", "b"]),

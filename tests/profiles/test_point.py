@@ -1,14 +1,13 @@
 """What the items of a point mean, and how values become items."""
 
-from math import isfinite
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.modbus.codes import Area
-from gateway.profiles.point import Point, parse_number
+from gateway.profiles.point import Point
 from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
+from gateway.registers.numbers import parse_number
 
 WEIGHT = Point("weight", Area.HOLDING, 0, "float32", count=2, decimals=2, unit="kg")
 STATE = Point("state", Area.HOLDING, 8, labels={0: "off", 1: "running"}, write="yes")
@@ -107,7 +106,7 @@ def test_a_value_that_was_read_can_be_written_again(data_type, swap, scale, data
     point = Point("a", Area.HOLDING, 0, data_type, swap, count, scale)
     items = data.draw(st.binary(min_size=2 * count, max_size=2 * count))
     value = point.value(items)
-    if not isinstance(value, float) or isfinite(value):
+    if value is not None:
         assert point.items(point.show(value)) == items
 
 

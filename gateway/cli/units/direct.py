@@ -118,7 +118,7 @@ class _Place:
         self.limits = kind.limits
         if kind.mode is not None and not self._is_mode_given:
             self.mode = kind.mode
-        return points_of(kind.points)
+        return points_of(kind.points, kind)
 
     def trace(self, sending: bool, data: bytes) -> bytes:  # noqa: FBT001 - called by pymodbus
         """Keep the frames that pymodbus sends and receives."""

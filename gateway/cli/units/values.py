@@ -11,7 +11,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.parameters import fields_of
 from gateway.operator.values import Answer, Failure, Outcome, values_told
-from gateway.profiles.point import Reading
+from gateway.profiles.reading import Reading
 from gateway.registers.items import MANUAL_BASES, has_bits, reference
 
 #: The text of an empty cell.

@@ -59,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
     timing = LineTiming(mode, args.baud, format_)
     answer_time = AnswerTime(profile.timing, profile.margin, profile.timeout)
     limits = function_limits(profile, answer_time, Budget(timing, ASSUMED_LATENCY))
-    points = tables[args.name].points
-    print(_as_json(profile, timing, limits, points) if args.json else _as_text(profile, timing, limits, points))
+    kind = tables[args.name]
+    print(_as_json(profile, timing, limits, kind) if args.json else _as_text(profile, timing, limits, kind.points))
     return FINE
 
 
@@ -150,9 +150,7 @@ def _span(addresses: Range) -> str:
     return str(first) if first == last else f"{first}-{last}"
 
 
-def _as_json(
-    profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits, ...], points: Iterable[PointTable]
-) -> str:
+def _as_json(profile: Profile, timing: LineTiming, limits: tuple[FunctionLimits, ...], kind: ProfileTable) -> str:
     picture: dict[str, Any] = {
         "name": profile.name,
         "title": profile.title,
@@ -168,7 +166,7 @@ def _as_json(
             for function, row in profile.timing.rows.items()
             for point in row
         ],
-        "points": [asdict(point) for point in points_of(points)],
+        "points": [asdict(point) for point in points_of(kind.points, kind)],
         "line": {"mode": timing.mode, "baud": timing.baud, "format": str(timing.format)},
         "time_limits": limits_as_json(limits),
     }

@@ -18,7 +18,7 @@ from gateway.cli.units.words import Assignment, Command, find_assignments
 from gateway.errors import DoesNotFit, ExceptionCode, GatewayError
 from gateway.modbus.codes import FunctionCode
 from gateway.operator.values import Answer, Failure, Outcome, request_to_write
-from gateway.profiles.point import Reading
+from gateway.profiles.reading import Reading
 from gateway.registers.items import WRITERS
 
 _EXAMPLES: Final = """\

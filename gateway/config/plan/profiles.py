@@ -26,4 +26,7 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
         any_coil=table.coil_values == "any",
         quirks=frozenset(table.quirks),
         wake=table.wake,
+        wide=table.wide,
+        max_gap=table.max_gap,
+        identity=table.identity,
     )

@@ -26,7 +26,7 @@ def points_of_units(
 
     @cache  # most of the built-in profiles are not in use
     def of_profile(name: str) -> tuple[Point, ...]:
-        return points_of(config.profile[name].points)
+        return points_of(config.profile[name].points, config.profile[name])
 
     for image in images:
         yield image.unit, _points_in(image.areas, of_profile(image.profile.name))
@@ -58,7 +58,8 @@ def _device_points(
             yield from ((f"{line.label}/{unit}", unit, points) for unit in passing_units(config))
     for owner in owners(config):
         for row in rows_of(owner):
-            points = (*of_profile(row.profile or owner.profile), *points_of(row.points))
+            kind = row.profile or owner.profile
+            points = (*of_profile(kind), *points_of(row.points, config.profile[kind]))
             named = zip(device_names(owner, row), keys_of(owner, row), strict=True)
             yield from ((name, key, points) for name, key in named)
 

@@ -9,16 +9,24 @@ from gateway.config.values.key_types import (
     AnswerDuration,
     Duration,
     DurationOrZero,
+    KindIdentity,
     Limits,
     ListOf,
     PointAddresses,
+    PointBits,
+    PointInvalid,
     PointLabels,
     PointName,
     PointWriting,
     Ranges,
+    Wide,
 )
 from gateway.devices.quirks import Quirk
+from gateway.profiles.point import WriteFunction
 from gateway.registers.datatypes import DataType, Swap
+
+#: A limit of values.
+Limit = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class PointTable(Table):
@@ -38,8 +46,15 @@ class PointTable(Table):
         None, description="With a range: the number of the first point, for `*`. Default: its address."
     )
     type: DataType | None = Field(
-        None, description="How the value is encoded. Default: `uint16`; coils and discrete inputs are always `bit`."
+        None,
+        description="How the value is encoded. Default: `uint16`, and `uint8` with `byte`; coils and discrete inputs "
+        "are always `bit`.",
     )
+    bit: Annotated[int, Field(ge=0, le=63)] | None = Field(
+        None, description="One bit of the register, or of the registers of its type: 0 is the lowest."
+    )
+    bits: PointBits | None = Field(None, description='Some bits of it, a number of their own: `"4-6"`.')
+    byte: Literal["high", "low"] | None = Field(None, description="One byte of it, of type `uint8` or `int8`.")
     length: Annotated[int, Field(ge=1, le=125)] | None = Field(
         None, description="The registers of a `string`; other types know their own."
     )
@@ -49,15 +64,37 @@ class PointTable(Table):
         "register has the lowest word. `bytes`: low bytes come first. `both`: both.",
     )
     scale: Annotated[float, Field(allow_inf_nan=False)] = Field(
-        1.0, description="The value is the number in the registers times this."
+        1.0, description="The value is the number in the registers times this, plus `offset`."
+    )
+    offset: Annotated[float, Field(allow_inf_nan=False)] = Field(0.0, description="See `scale`.")
+    scale_from: PointName | None = Field(
+        None,
+        description="The point with the power of ten by which the number is multiplied first, an int16 (SunSpec's "
+        "scale factor). Both are read with one request.",
     )
     decimals: Annotated[int, Field(ge=0, le=15)] | None = Field(
         None, description="Decimals of the value. Default: as many as it needs."
     )
     unit: str = Field("", description='The unit of the value, such as `"kg"`.')
     labels: PointLabels = Field({}, description="Text for some of the numbers in the register, instead of a value.")
+    invalid: PointInvalid = Field(
+        (),
+        description="The numbers in the register that mean that there is no value, such as 0x8000; with `bit` and "
+        "`bits` those of the whole register. A float that is infinite or not a number never is a value.",
+    )
+    min: Limit | None = Field(None, description="The lowest value that may be written.")
+    max: Limit | None = Field(None, description="The highest value that may be written.")
     write: PointWriting = Field(
         "no", description='Whether it can be written. `"only"`: it cannot be read, and is left out when all are.'
+    )
+
+    write_at: Annotated[int, Field(ge=0, le=65535)] | None = Field(
+        None,
+        description="The address where it is written, if that is another one: a holding register, or a coil. Default: "
+        "its own.",
+    )
+    write_function: WriteFunction | None = Field(
+        None, description="The function that writes it, as in the profile. Default: the one of the profile."
     )
 
 
@@ -73,6 +110,16 @@ class ProfileTable(Table):
     """What a kind of device accepts, and how fast it responds."""
 
     title: str = Field("", description="The kind of device, as text.")
+    maker: str = Field("", description="Its maker.")
+    source: str = Field("", description="The document that this is out of: title, edition, pages.")
+    seen: Literal["", "printed frames", "simulated", "hardware"] = Field(
+        "", description="What it was tried with: frames that a document prints, a simulation, a device."
+    )
+    identity: KindIdentity | None = Field(
+        None,
+        description="How `scan` recognises it: `fc43` is a text that it tells with function 43/14; `holding` or "
+        "`input` is a register that `equals` a number; `sunspec` are models in its chain of SunSpec models.",
+    )
     mode: Literal["rtu", "ascii"] | None = Field(
         None, description="The mode of these devices, if they have only one: `check` warns of a line with the other."
     )
@@ -88,6 +135,14 @@ class ProfileTable(Table):
     input: Ranges | None = Field(None, description="Input registers that exist. Default: all.")
     coils: Ranges | None = Field(None, description="Coils that exist. Default: all.")
     discrete: Ranges | None = Field(None, description="Discrete inputs that exist. Default: all.")
+    wide: Wide = Field(
+        {},
+        description="Registers that have four bytes each (Enron). A request for them lies wholly inside; 62 is the "
+        "most of a read, and function 06 does not write them.",
+    )
+    max_gap: Annotated[int, Field(ge=0, le=2000)] = Field(
+        0, description="Points are read with one request over so many addresses between them that no point has."
+    )
     idle_chars: Annotated[float, Field(gt=0, le=1000)] = Field(
         3.5, description="The silence that ends a frame, in characters."
     )
@@ -105,6 +160,11 @@ class ProfileTable(Table):
         "checked",
         description="`any`: function 05 is sent with other values than FF00 and 0000 too, by which relay boards toggle "
         "or pulse. `checked`: such requests are answered 03.",
+    )
+    write_function: WriteFunction = Field(
+        "auto",
+        description="The functions that write its points. `auto`: 05 or 06 for one item and 15 or 16 for several. "
+        "`single`: 05 or 06. `multiple`: 15 or 16.",
     )
     quirks: Annotated[tuple[Quirk, ...], ListOf] = Field(
         (),

@@ -31,8 +31,16 @@ from gateway.config.values.kind import NUMBER, TRUTH, WORD, Kind, any_of, list_o
 from gateway.config.values.limits import parse_item, parse_limits
 from gateway.config.values.names import parse_name, parse_role
 from gateway.config.values.networks import parse_networks, parse_networks_or_sites
-from gateway.config.values.point_keys import parse_labels, parse_point_addresses, parse_point_name, parse_writing
+from gateway.config.values.point_keys import (
+    parse_bits,
+    parse_invalid,
+    parse_labels,
+    parse_point_addresses,
+    parse_point_name,
+    parse_writing,
+)
 from gateway.config.values.port import parse_port
+from gateway.config.values.profile_keys import parse_identity, parse_wide
 from gateway.config.values.ranges import parse_ranges
 from gateway.config.values.site import Site, parse_lease_name, parse_other_servers, parse_site
 from gateway.config.values.size import parse_size_or_zero, show_size
@@ -43,6 +51,8 @@ from gateway.config.values.unitset import (
     parse_units_or_all,
     parse_units_or_none,
 )
+from gateway.modbus.codes import Area
+from gateway.profiles.identity import Identity
 from gateway.profiles.point import Writing
 from gateway.profiles.profile import Range
 from gateway.timing.characters import CharacterFormat
@@ -133,6 +143,25 @@ PointName = Annotated[str, PlainValidator(parse_point_name), Kind("text", WORD)]
 PointAddresses = Annotated[Range, PlainValidator(parse_point_addresses), Kind("address or range", _RANGE)]
 PointLabels = Annotated[
     dict[int, str], PlainValidator(parse_labels), Kind('table such as `{ 0 = "off" }`', map_to(WORD))
+]
+PointInvalid = Annotated[
+    tuple[float, ...],
+    PlainValidator(parse_invalid),
+    Kind("number, or list of numbers", any_of({"type": "number"}, list_of({"type": "number"}))),
+]
+PointBits = Annotated[Range, PlainValidator(parse_bits), Kind('range such as `"4-6"`', _RANGE)]
+Wide = Annotated[
+    dict[Area, tuple[Range, ...]],
+    PlainValidator(parse_wide),
+    Kind(
+        'table such as `{ holding = "5000-5999" }`, or `"all"`',
+        any_of(one_of("all"), map_to(any_of(one_of("all"), _RANGES))),
+    ),
+]
+KindIdentity = Annotated[
+    Identity,
+    PlainValidator(parse_identity),
+    Kind('table such as `{ fc43 = "Model" }`', {"type": "object"}),
 ]
 PointWriting = Annotated[
     Writing,

@@ -9,7 +9,10 @@ from gateway.modbus.codes import Area
 from gateway.profiles.point import Writing
 from gateway.profiles.profile import Range
 
-_WHOLE_NUMBER = re.compile(r"-?[0-9]{1,20}")
+_WHOLE_NUMBER = re.compile(r"-?(?:[0-9]{1,20}|0[xX][0-9A-Fa-f]{1,16})")
+#: The most bits of a value, and the most numbers that may mean "no value".
+_MOST_BITS = 64
+_MOST_INVALID = 16
 #: With a star, which stands for a number.
 _POINT_NAME = re.compile(r"[^\W\d_][\w.*-]*")
 
@@ -58,12 +61,39 @@ def parse_labels(value: object) -> dict[int, str]:
             raise WrongValue(f'"{text}" is no whole number', 'labels are for numbers: { 0 = "off", 1 = "running" }')
         if not isinstance(label, str) or not label.strip():
             raise WrongValue(f"the label of {text} must be text", f'write {text} = "running"')
-        if int(text) in labels:
-            raise WrongValue(f"{int(text)} is there twice")
+        number = int(text, 16 if "x" in text.lower() else 10)
+        if number in labels:
+            raise WrongValue(f"{number} is there twice")
         if label in labels.values():
             raise WrongValue(f'"{label}" is there twice')
-        labels[int(text)] = label
+        labels[number] = label
     return labels
+
+
+def parse_invalid(value: object) -> tuple[float, ...]:
+    """Parse the encoded numbers that mean that there is no value: one, or a list.
+
+    Raises:
+        WrongValue: they are no numbers, or too many.
+    """
+    numbers = value if isinstance(value, list) else [value]
+    if not numbers or not all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers):
+        raise WrongValue("must be a number or a list of numbers", "write it as 0x8000, or as [0x7FFF, 0x8000]")
+    if len(numbers) > _MOST_INVALID:
+        raise WrongValue(f"has more than {_MOST_INVALID} numbers")
+    return tuple(numbers)
+
+
+def parse_bits(value: object) -> Range:
+    """Parse which bits of a register belong to a value: `"4-6"`.
+
+    Raises:
+        WrongValue: it is no range of bits.
+    """
+    ranges = parse_ranges(value) if isinstance(value, str) else ()
+    if len(ranges) != 1 or ranges[0][1] >= _MOST_BITS:
+        raise WrongValue("is no range of bits", 'write bits = "4-6"; 0 is the lowest, and bit = 3 is a single one')
+    return ranges[0]
 
 
 def parse_writing(value: object) -> Writing:

@@ -10,7 +10,8 @@ from gateway.profiles.profile import Range
 #: Addresses have 16 bits (A 4.4).
 MOST_ITEMS: Final = 65536
 
-_RANGE = re.compile(r"([0-9]{1,20})(?:\s*-\s*([0-9]{1,20}))?")
+_ADDRESS = "[0-9]{1,20}|0[xX][0-9A-Fa-f]{1,16}"
+_RANGE = re.compile(rf"({_ADDRESS})(?:\s*-\s*({_ADDRESS}))?")
 
 
 def parse_ranges(value: object) -> tuple[Range, ...]:
@@ -52,9 +53,13 @@ def _parse_range(part: object) -> Range:
         raise WrongValue(
             "is not a valid range of addresses", 'write a count such as 100, a range "1-99", or a list of ranges'
         )
-    first, last = int(match[1]), int(match[2] or match[1])
+    first, last = _address(match[1]), _address(match[2] or match[1])
     if first > last:
         raise WrongValue(f'"{part}" counts backwards', f'write "{last}-{first}"')
     if last >= MOST_ITEMS:
         raise WrongValue(f"address {last} is above {MOST_ITEMS - 1}")
     return first, last
+
+
+def _address(text: str) -> int:
+    return int(text, 16 if "x" in text.lower() else 10)

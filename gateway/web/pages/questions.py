@@ -9,7 +9,7 @@ from typing import Final
 
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint
-from gateway.profiles.point import Reading
+from gateway.profiles.reading import Reading
 
 #: How long a question can be confirmed, and its result be seen, in seconds; and how many there are at a time.
 PATIENCE: Final = 120.0

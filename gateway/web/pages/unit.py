@@ -25,7 +25,8 @@ from gateway.operator.requests import ask_for
 from gateway.operator.status import recent_status
 from gateway.operator.unit_values import read, values_at
 from gateway.operator.values import Outcome
-from gateway.profiles.point import Point, Reading
+from gateway.profiles.point import Point
+from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import reference
 from gateway.web.access.guard import VISITOR, Need
