@@ -18,7 +18,8 @@ TABLES = frozenset(
         "gateway.config.schema.profile.PointTable",
     }
 )
-#: What such a table says of a point. One object for all that is known of a failure: a second one would cost the ring 50 bytes more.
+#: What such a table says of a point. One object for all that is known of a failure: a second one would cost the ring
+#: 50 bytes more.
 #: And what the rules of `doctor` look at: a line, a unit, each fact for itself.
 RECORDS = frozenset(
     {

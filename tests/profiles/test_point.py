@@ -118,3 +118,103 @@ def test_what_is_no_number_is_none(text):
 @pytest.mark.parametrize(("text", "number"), [("0x1F", 31), ("-0x1", -1), ("0b101", 5), ("+7", 7), ("1e3", 1000)])
 def test_numbers_may_be_written_in_many_ways(text, number):
     assert parse_number(text) == number
+
+
+FLOW = Point("flow", Area.INPUT, 12, "int16", scale=0.1, offset=-40.0, invalid=(-32768, 32767))
+ALARMS = Point("alarm", Area.HOLDING, 8, bits=(3, 3), invalid=(0xFFFF,))
+MODE = Point("mode", Area.HOLDING, 8, bits=(4, 6), labels={5: "auto"}, write="yes")
+HIGH = Point("high", Area.HOLDING, 8, "int8", bits=(8, 15), invalid=(-128,))
+CODE = Point("code", Area.HOLDING, 8, "bcd32", count=2, swap="words")
+ENERGY = Point("energy", Area.INPUT, 30, "uint32", count=2, scale_at=33, invalid=(0xFFFFFFFF,))
+
+
+@pytest.mark.parametrize(
+    ("point", "items", "value"),
+    [
+        (FLOW, "00 0A", -39),
+        (FLOW, "00 0B", -38.9),
+        (FLOW, "80 00", None),
+        (FLOW, "7F FF", None),
+        (ALARMS, "00 08", 1),
+        (ALARMS, "FF F7", 0),
+        (ALARMS, "FF FF", None),
+        (MODE, "00 5F", "auto"),
+        (MODE, "FF BF", 3),
+        (HIGH, "FE 00", -2),
+        (HIGH, "80 00", None),
+        (CODE, "56 78 12 34", 12345678),
+        (CODE, "56 7A 12 34", None),
+        (WEIGHT, "7F C0 00 00", None),
+        (WEIGHT, "FF 80 00 00", None),
+        (ENERGY, "00 01 00 00 AA AA FF FE", 655.36),
+        (ENERGY, "00 00 00 07 AA AA 00 03", 7000),
+        (ENERGY, "00 00 00 07 AA AA 80 00", None),
+        (ENERGY, "FF FF FF FF AA AA 00 00", None),
+    ],
+)
+def test_a_point_says_what_its_registers_mean(point, items, value):
+    assert point.value(bytes.fromhex(items)) == value
+
+
+def test_a_place_without_a_value_is_a_dash():
+    assert (FLOW.show(None), WEIGHT.show(None)) == ("\u2013", "\u2013")
+
+
+@pytest.mark.parametrize(
+    ("point", "text", "items"),
+    [
+        (FLOW, "-38.9", "00 0B"),
+        (MODE, "auto", "00 50"),
+        (MODE, "7", "00 70"),
+        (HIGH, "-2", "FE 00"),
+        (CODE, "12345678", "56 78 12 34"),
+        (ALARMS, "on", "00 08"),
+        (Point("b", Area.HOLDING, 8, bits=(3, 3), swap="bytes"), "1", "08 00"),
+    ],
+)
+def test_a_value_becomes_the_bits_of_its_point(point, text, items):
+    assert point.items(text) == bytes.fromhex(items)
+
+
+def test_a_value_with_a_scale_register_is_encoded_by_what_it_holds_now():
+    assert ENERGY.items("655.36", bytes.fromhex("00 00 00 00 AA AA FF FE")) == bytes.fromhex("00 01 00 00")
+    for before in (None, bytes.fromhex("00 00 00 00 AA AA 80 00")):
+        with pytest.raises(ValueError, match=r"^the device has no scale for energy now$"):
+            ENERGY.items("655.36", before)
+
+
+@pytest.mark.parametrize(
+    ("point", "text", "reason"),
+    [
+        (FLOW, "-38.95", r"^-38.95 is not -40 and a multiple of 0.1: see flow$"),
+        (MODE, "8", r"^8 does not fit into bits 4-6: 0 to 7$"),
+        (ALARMS, "2", r"^2 does not fit into bit 3: 0 to 1$"),
+        (HIGH, "200", r"^200 does not fit into int8: -128 to 127$"),
+        (CODE, "-1", r"^-1 does not fit into bcd32: 0 to 99999999$"),
+        (Point("p", Area.HOLDING, 1, minimum=5.0, maximum=9.5), "4", r"^4 is too low: p is at least 5$"),
+        (Point("p", Area.HOLDING, 1, minimum=5.0, maximum=9.5), "10", r"^10 is too high: p is at most 9.5$"),
+    ],
+)
+def test_a_value_that_the_point_must_not_have_is_refused(point, text, reason):
+    with pytest.raises(ValueError, match=reason):
+        point.items(text)
+
+
+def test_its_scale_is_read_with_it():
+    assert (ENERGY.span.addresses, ENERGY.read_span.addresses) == ("30-31", "30-33")
+    before = Point("p", Area.INPUT, 30, "int16", scale_at=20)
+    assert before.read_span.addresses == "20-30"
+    assert before.value(bytes.fromhex("0001" + "0000" * 9 + "0005")) == 50
+
+
+@pytest.mark.parametrize(
+    ("point", "span"),
+    [
+        (FLOW, (Area.HOLDING, 12)),
+        (Point("p", Area.INPUT, 1, write_at=9), (Area.HOLDING, 9)),
+        (Point("p", Area.DISCRETE, 1, write_at=9), (Area.COILS, 9)),
+        (COIL, (Area.COILS, COIL.address)),
+    ],
+)
+def test_it_is_written_at_its_own_place_or_another(point, span):
+    assert (point.write_span.area, point.write_span.start) == span

@@ -3,7 +3,8 @@
 - listeners, own_listeners, access, tls    where clients connect, and their rights
 - lines, retries, line_load    the keys of a line, repeats, and the time that polls need
 - units, duplicates    one destination for each unit; names, ports and leases that are used once
-- profiles, points, reference_numbers    kinds of devices, points, addresses that may be numbers of a manual
+- profiles, reference_numbers    kinds of devices; addresses that may be numbers of a manual
+- points, point_places, point_values, point_writing    points: their names, places and values, and how they are written
 - images, upstreams    images and mirrors; other servers
 - web, mqtt, fleet, lease    the add-ons
 """

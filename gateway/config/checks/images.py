@@ -23,7 +23,7 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     profiles = _profiles_of_devices(config)
     for image in config.image:
         if image.of is None:
-            yield from _check_local(image)
+            yield from _check_local(image, config.profile.get(image.profile or ""))
             continue
         yield from _check_mirror(image)
         if image.of not in profiles and not failed & {"line", "upstream"}:
@@ -65,10 +65,12 @@ def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
     return profiles
 
 
-def _check_local(image: Image) -> Iterator[Problem]:
+def _check_local(image: Image, profile: ProfileTable | None) -> Iterator[Problem]:
     for key in ("read", "stale"):
         if image.has(key):
             yield error((*image.path, key), "only a mirror has this key", 'name the device to poll: of = "DEVICE"')
+    if profile is not None and profile.wide:
+        yield error((*image.path, "profile"), "an image has no registers of four bytes", "choose another profile")
     if not any(ranges_in(area, image) for area in Area):
         yield error(image.path, "has no register and no coil", "write how many, such as holding = 100")
     for area in Area:
@@ -123,6 +125,11 @@ def _check_polled(image: Image, device: str, profile: ProfileTable) -> Iterator[
         function = polling_function(area)
         if profile.functions is not None and function not in profile.functions:
             yield error((*row.path, area), f"{device} has no function {function:d}, which reads {area}")
+        wide = profile.wide.get(area, ())
+        if any(one[0] <= other[1] and other[0] <= one[1] for one in ranges_in(area, row) for other in wide):
+            yield error(
+                (*row.path, area), f"registers of {device} with four bytes cannot be mirrored", "leave them out"
+            )
         existing: tuple[Range, ...] | None = getattr(profile, area)
         for first, last in ranges_in(area, row):
             if not covers(existing, Span(area, first, last + 1 - first)):

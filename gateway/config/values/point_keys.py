@@ -1,6 +1,7 @@
 """The keys of a point: its name, its place, its labels, and whether it can be written."""
 
 import re
+from math import isfinite
 
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.values.names import LONGEST_NAME
@@ -10,6 +11,7 @@ from gateway.profiles.point import Writing
 from gateway.profiles.profile import Range
 
 _WHOLE_NUMBER = re.compile(r"-?(?:[0-9]{1,20}|0[xX][0-9A-Fa-f]{1,16})")
+_BITS = re.compile(r"([0-9]{1,2})-([0-9]{1,2})")
 #: The most bits of a value, and the most numbers that may mean "no value".
 _MOST_BITS = 64
 _MOST_INVALID = 16
@@ -77,11 +79,15 @@ def parse_invalid(value: object) -> tuple[float, ...]:
         WrongValue: they are no numbers, or too many.
     """
     numbers = value if isinstance(value, list) else [value]
-    if not numbers or not all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers):
+    if not numbers or not all(map(_is_number, numbers)):
         raise WrongValue("must be a number or a list of numbers", "write it as 0x8000, or as [0x7FFF, 0x8000]")
     if len(numbers) > _MOST_INVALID:
         raise WrongValue(f"has more than {_MOST_INVALID} numbers")
     return tuple(numbers)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
 def parse_bits(value: object) -> Range:
@@ -90,10 +96,11 @@ def parse_bits(value: object) -> Range:
     Raises:
         WrongValue: it is no range of bits.
     """
-    ranges = parse_ranges(value) if isinstance(value, str) else ()
-    if len(ranges) != 1 or ranges[0][1] >= _MOST_BITS:
+    match = _BITS.fullmatch(value) if isinstance(value, str) else None
+    first, last = (int(match[1]), int(match[2])) if match is not None else (0, _MOST_BITS)
+    if not first <= last < _MOST_BITS:
         raise WrongValue("is no range of bits", 'write bits = "4-6"; 0 is the lowest, and bit = 3 is a single one')
-    return ranges[0]
+    return first, last
 
 
 def parse_writing(value: object) -> Writing:

@@ -57,12 +57,136 @@ WHERE = "line[0].devices[0].points[0]"
         ('name = "a", holding = 1, labels = { 0 = "off", 00 = "on" }', "{}.labels: 0 is there twice"),
         ('name = "a", holding = 1, labels = { 0 = "off", 1 = "off" }', '{}.labels: "off" is there twice'),
         ('name = "a", holding = 1, labels = "off"', "{}.labels: must be a table"),
+        ('name = "a", holding = 1, labels = { 0x10 = "x", 16 = "y" }', "{}.labels: 16 is there twice"),
+        (
+            'name = "a", holding = 1, type = "int16", labels = { 0xFFFF = "x", -1 = "y" }',
+            "{}.labels: two of the numbers are the same in a register",
+        ),
+        ('name = "a", holding = 1, bit = 3, bits = "3-4"', "{}.bits: a point has one of bit, bits, byte, and this one"),
+        ('name = "a", holding = 1, bit = 16', "{}.bit: a uint16 has the bits 0 to 15"),
+        ('name = "a", holding = 1, bits = "8-32", type = "uint32"', "{}.bits: a uint32 has the bits 0 to 31"),
+        ('name = "a", holding = 1, bits = "x"', "{}.bits: is no range of bits"),
+        ('name = "a", holding = 1, bit = 3, type = "int16"', "{}.bit: a int16 has no bits to name"),
+        ('name = "a", holding = 1, byte = "high", type = "uint16"', "{}.type: a byte is uint8 or int8, and no uint16"),
+        (
+            'name = "a", holding = 1, byte = "high", swap = "bytes"',
+            "{}.swap: there is nothing to swap: the point is one",
+        ),
+        ('name = "a", coils = 1, bit = 0', "{}.bit: coils are bits\n  help: leave bit out"),
+        ('name = "a", holding = 1, bit = 3, scale = 0.1', "{}.scale: a bit is no number to be scaled or rounded"),
+        (
+            'name = "a", holding = 1, bits = "2-3", labels = { 4 = "x" }',
+            "{}.labels: 4 does not fit into bits 2-3: 0 to 3",
+        ),
+        ('name = "a", holding = 1, invalid = 70000', "{}.invalid: 70000 does not fit into uint16: 0 to 65535"),
+        ('name = "a", holding = 1, invalid = [0.5]', "{}.invalid: 0.5 does not fit into uint16"),
+        ('name = "a", holding = 1, invalid = []', "{}.invalid: must be a number or a list of numbers"),
+        (
+            'name = "a", holding = 1, type = "float32", invalid = nan',
+            "{}.invalid: must be a number or a list of numbers",
+        ),
+        ('name = "a", coils = 1, invalid = 1', "{}.invalid: a bit always has a value"),
+        ('name = "a", holding = 1, min = 5, max = 4', "{}.min: is more than max, which is 4"),
+        ('name = "a", coils = 1, max = 4', "{}.max: a bit is no number to be scaled or rounded"),
+        ('name = "a", holding = 1, write_at = 5', "{}.write_at: the point is not written\n  help: add write = true"),
+        ('name = "a", holding = 1, write_function = "single"', "{}.write_function: the point is not written"),
+        (
+            'name = "a", input = 1, write = true, write_at = 65535, type = "int32"',
+            "{}.write_at: the point would end at 65536",
+        ),
+        (
+            'name = "a", holding = 1, type = "int32", write = true, write_function = "single"',
+            "{}.write_function: function 6",
+        ),
+        (
+            'name = "a", input = 1, bit = 3, write = true, write_at = 5',
+            "{}.bit: bits can be written only in the holding",
+        ),
+        (
+            'name = "a", holding = 1, type = "uint32", bits = "8-20", write = true',
+            "{}.bits: can be written only in one",
+        ),
+        ('name = "a", holding = 1, bit = 3, write = "only"', "{}.write: bits are written by reading the others"),
+        ('name = "a", holding = 1, scale_from = "b"', '{}.scale_from: there is no point "b"'),
         ('name = "a", holding = 1, unlt = "kg"', '{}.unlt: unknown key\n  help: did you mean "unit"?'),
     ],
 )
 def test_a_point_that_cannot_be_is_an_error_at_its_key(row, problem):
     (found,) = problems(row)
     assert problem.format(WHERE) in found
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        'name = "a", holding = 1, bits = "4-4", write = true',
+        'name = "a", holding = 1, type = "int16", invalid = [0x7FFF, 0x8000, -3], labels = { 0x8001 = "x" }',
+        'name = "a", holding = 1, type = "float32", invalid = [-9999.0, 5]',
+        'name = "a", holding = 0x0200, type = "uint64", bit = 63',
+        'name = "a-*", holding = "0x10-0x13", first = 1, byte = "high", type = "int8", write = true',
+        'name = "a", input = 1, write = true, write_at = 0x1001, type = "int32", write_function = "multiple"',
+        'name = "a", discrete = 1, write = true, write_at = 9',
+        'name = "a", holding = 1, type = "bcd32", labels = { 99999999 = "never" }',
+    ],
+)
+def test_a_point_that_says_more_is_fine(row):
+    assert problems(row) == []
+
+
+SCALE = '{ name = "sf", holding = 9, type = "int16" }'
+
+
+@pytest.mark.parametrize(
+    ("row", "of_profile", "said"),
+    [
+        ("holding = 1", SCALE, None),
+        ("holding = 20, write = true", SCALE, None),
+        ("input = 1", SCALE, "sf is no input register of type int16 with the plain number"),
+        ("holding = 1", '{ name = "sf", holding = 9 }', "sf is no holding register of type int16"),
+        ("holding = 200", SCALE, "is 192 registers away, and one request reads 125"),
+        ('holding = 1, type = "float32"', SCALE, "a float32 has no scale register"),
+        ("holding = 1, write = true, max = 5", SCALE, "limits cannot be guarded"),
+    ],
+)
+def test_a_scale_register_is_read_with_its_point(row, of_profile, said):
+    found = problems(f'name = "a", {row}, scale_from = "sf"', of_profile=of_profile)
+    assert [f"{WHERE}.scale_from: {said}" in one for one in found] == [True] * (said is not None)
+
+
+def test_the_registers_up_to_the_scale_exist():
+    (found,) = problems(
+        'name = "a", holding = 1, scale_from = "sf"', profile='holding = ["0-3", "9"]', of_profile=SCALE
+    )
+    assert "is read together with its point, and the profile has no holding 1-9" in found
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ('type = "float32", write = true', None),
+        ('type = "float64"', None),
+        ('type = "uint32", bit = 31', None),
+        ("write_at = 5, write = true", "type: the register has four bytes, and a uint16 has fewer"),
+        ('type = "uint32", bit = 3, write = true', "bit: can be written only in one register of two bytes"),
+        ('type = "float32", write = true, write_function = "single"', "write_function: function 6 writes one register"),
+    ],
+)
+def test_a_wide_register_holds_four_bytes(row, said):
+    found = problems(f'name = "a", holding = 5000, {row}', profile='wide = { holding = "5000-5999" }')
+    assert [f"{WHERE}.{said}" in one for one in found] == [True] * (said is not None)
+
+
+def test_a_point_is_not_partly_wide():
+    (found,) = problems('name = "a", holding = 5999, type = "uint64"', profile='wide = { holding = "5000-5999" }')
+    assert "only some of its registers are wide, which have four bytes" in found
+
+
+@pytest.mark.parametrize("functions", ["[3, 22]", "[3, 6]", "[3, 16]"])
+def test_bits_are_written_with_function_22_or_by_a_read_and_a_write(functions):
+    row = 'name = "a", holding = 1, bit = 3, write = true'
+    assert problems(row, profile=f"functions = {functions}") == []
+    (found,) = problems(row, profile="functions = [3]")
+    assert "cannot be written: function 6 or 16 is not among the functions of the profile" in found
 
 
 def test_a_point_outside_its_profile_is_an_error():
