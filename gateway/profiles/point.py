@@ -32,10 +32,10 @@ class Point:
     """One value: where it is, how it is encoded and shown. `name` is empty for a plain address.
 
     `count` is how many items of `area` it takes, registers of `width` bytes each. With `bits`, the first and the last,
-    it is only these bits of them; 0 is the lowest. The value is the encoded number times `scale` plus `offset`, in
-    `unit`, and is shown with `decimals`. With `scale_at` it is first multiplied by ten to the power of the int16 there.
-    Some numbers have `labels` instead. The encoded numbers `invalid`, which are those of the whole register where only
-    bits count, say that there is no value.
+    it is only these bits of them; 0 is the lowest. Text has these bits of each register. The value is the encoded
+    number times `scale` plus `offset`, in `unit`, and is shown with `decimals`. With `scale_at` it is first multiplied
+    by ten to the power of the int16 there. Some numbers have `labels` instead. The encoded numbers `invalid`, which are
+    those of the whole register where only bits count, say that there is no value.
 
     What is written must be from `minimum` to `maximum`, and is written at `write_at` if that is another place.
     """
@@ -153,7 +153,9 @@ class Point:
 
     def _carried(self, own: bytes) -> Value | None:
         """Find the number that its own items carry; None for one that means no value."""
-        if self.bits is None:
+        if self.type == "string" and self.bits is not None:  # one character in each register
+            own = own[1::2] if self.bits[0] == 0 else own[::2]
+        if self.bits is None or self.type == "string":
             number = decode(own, self.type, self.swap)
             is_none = isinstance(number, float) and not isfinite(number)
             return None if is_none or number in self.invalid else number

@@ -146,6 +146,8 @@ ENERGY = Point("energy", Area.INPUT, 30, "uint32", count=2, scale_at=33, invalid
         (CODE, "56 7A 12 34", None),
         (WEIGHT, "7F C0 00 00", None),
         (WEIGHT, "FF 80 00 00", None),
+        (Point("t", Area.HOLDING, 1, "string", count=3, bits=(0, 7)), "11 41 22 42 33 00", "AB"),
+        (Point("t", Area.HOLDING, 1, "string", count=3, bits=(8, 15)), "41 11 42 22 00 33", "AB"),
         (ENERGY, "00 01 00 00 AA AA FF FE", 655.36),
         (ENERGY, "00 00 00 07 AA AA 00 03", 7000),
         (ENERGY, "00 00 00 07 AA AA 80 00", None),

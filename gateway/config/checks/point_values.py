@@ -45,7 +45,7 @@ def check_type(table: PointTable, area: Area, width: int) -> Iterator[Problem]:
     elif width > REGISTER and data_type != "string" and registers_of(data_type) == 1:
         yield error((*path, "type"), f"the register has four bytes, and a {data_type} has fewer", 'write "uint32"')
     if table.swap in _useless_swaps(table, area):
-        item = "bit" if has_bits(area) else "byte" if data_type in BYTE_TYPES else "word"
+        item = "bit" if has_bits(area) else "byte" if "bytes" in _useless_swaps(table, area) else "word"
         yield error((*path, "swap"), f"there is nothing to swap: the point is one {item}")
 
 
@@ -105,8 +105,8 @@ def _check_distance(table: PointTable, span: Span, profile: ProfileTable | None)
 def _check_part(table: PointTable, area: Area, part: str, data_type: str) -> Iterator[Problem]:
     _, last = bits_of(table, area) or (0, 0)
     if part == "byte":
-        if data_type not in BYTE_TYPES:
-            yield error((*table.path, "type"), f"a byte is uint8 or int8, and no {data_type}")
+        if data_type not in (*BYTE_TYPES, "string"):
+            yield error((*table.path, "type"), "a byte is uint8 or int8, or one of each register of a string")
     elif data_type not in _TYPES_WITH_BITS:
         known = ", ".join(_TYPES_WITH_BITS)
         yield error((*table.path, part), f"a {data_type} has no bits to name", f"types with bits are {known}")
@@ -153,6 +153,6 @@ def _useless_swaps(table: PointTable, area: Area) -> tuple[str, ...]:
     if has_bits(area):
         return ("words", "bytes", "both")
     data_type = type_of(table, area)
-    if data_type in BYTE_TYPES:
+    if data_type in BYTE_TYPES or table.byte is not None:
         return ("words", "bytes", "both")
     return ("words", "both") if (table.length or registers_of(data_type)) == 1 else ()

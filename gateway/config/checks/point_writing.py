@@ -67,7 +67,7 @@ def _check_bits(table: PointTable, area: Area, profile: ProfileTable | None, wid
     if area != Area.HOLDING or table.write_at is not None:
         remedy = "write the register as a point of its own"
         yield error((*table.path, key), "bits can be written only in the holding register in which they are", remedy)
-    elif width > REGISTER or first // 16 != last // 16:
+    elif width > REGISTER or first // 16 != last // 16 or table.length is not None:
         yield error((*table.path, key), "can be written only in one register of two bytes", "take write out")
     elif profile is not None and (profile.functions is None or _MASK_WRITE not in profile.functions):
         if table.write == "only":

@@ -54,7 +54,11 @@ class PointTable(Table):
         None, description="One bit of the register, or of the registers of its type: 0 is the lowest."
     )
     bits: PointBits | None = Field(None, description='Some bits of it, a number of their own: `"4-6"`.')
-    byte: Literal["high", "low"] | None = Field(None, description="One byte of it, of type `uint8` or `int8`.")
+    byte: Literal["high", "low"] | None = Field(
+        None,
+        description="One byte of it, of type `uint8` or `int8`; with `string` the byte of each register that has a "
+        "character.",
+    )
     length: Annotated[int, Field(ge=1, le=125)] | None = Field(
         None, description="The registers of a `string`; other types know their own."
     )

@@ -67,7 +67,7 @@ WHERE = "line[0].devices[0].points[0]"
         ('name = "a", holding = 1, bits = "8-32", type = "uint32"', "{}.bits: a uint32 has the bits 0 to 31"),
         ('name = "a", holding = 1, bits = "x"', "{}.bits: is no range of bits"),
         ('name = "a", holding = 1, bit = 3, type = "int16"', "{}.bit: a int16 has no bits to name"),
-        ('name = "a", holding = 1, byte = "high", type = "uint16"', "{}.type: a byte is uint8 or int8, and no uint16"),
+        ('name = "a", holding = 1, byte = "high", type = "uint16"', "{}.type: a byte is uint8 or int8, or one of each"),
         (
             'name = "a", holding = 1, byte = "high", swap = "bytes"',
             "{}.swap: there is nothing to swap: the point is one",
@@ -126,6 +126,7 @@ def test_a_point_that_cannot_be_is_an_error_at_its_key(row, problem):
         'name = "a-*", holding = "0x10-0x13", first = 1, byte = "high", type = "int8", write = true',
         'name = "a", input = 1, write = true, write_at = 0x1001, type = "int32", write_function = "multiple"',
         'name = "a", discrete = 1, write = true, write_at = 9',
+        'name = "a", holding = 1, type = "string", length = 8, byte = "low"',
         'name = "a", holding = 1, type = "bcd32", labels = { 99999999 = "never" }',
     ],
 )
