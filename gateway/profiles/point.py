@@ -235,14 +235,13 @@ class Point:
 
     def _scaled(self, carried: float, exponent: int = 0) -> float:
         value = carried
-        factor = self._factor(exponent)
-        if factor == 1 and not self.offset:
+        if self.scale == 1 and not exponent and not self.offset:
             pass
         elif isinstance(carried, int):
-            exact = carried * factor + self._offset
+            exact = carried * self._factor(exponent) + self._offset
             value = int(exact) if exact == exact.to_integral_value() and self.decimals is None else float(exact)
         else:
-            value = carried * float(factor) + self.offset
+            value = carried * float(self._factor(exponent)) + self.offset
         return value if self.decimals is None or isinstance(value, int) else round(value, self.decimals)
 
     def _factor(self, exponent: int) -> Decimal:
