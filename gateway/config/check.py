@@ -70,7 +70,7 @@ def _check_tables(config: Config, failed: frozenset[str], real_path: Callable[[s
     for add_on in ADD_ONS:
         yield from add_on.check(config, failed)
     yield from check_tls(config)
-    yield from check_profiles(config, failed)
+    yield from check_profiles(config)
     yield from check_points(config, failed)
     yield from check_profiles_of_devices(config)
     yield from check_access(config, failed)

@@ -13,10 +13,11 @@ from gateway.config.machine.paths import check_paths
 from gateway.config.machine.port_trouble import port_trouble
 from gateway.config.plan.shared_units import without_shared_units
 from gateway.config.problem import Path, Problem, error, errors_in, warning
+from gateway.config.profile_files import Origin, ProfileFiles, with_profiles
 from gateway.config.reading.positions import Positions
 from gateway.config.reading.syntax import syntax_problem
 from gateway.config.reading.tables import LISTS, TableReader
-from gateway.config.schema.config import Config
+from gateway.config.schema.config import PROFILE, Config
 
 #: How many problems are listed.
 _MOST_PROBLEMS: Final = 1000
@@ -26,12 +27,13 @@ _MOST_PROBLEMS: Final = 1000
 class Loaded:
     """A loaded file: its config if it has no error, its problems in the order of the file, and its text.
 
-    The text has the line ends of Unix, and no byte order mark.
+    `profiles` are those of the config that are not shipped. The text has the line ends of Unix, and no byte order mark.
     """
 
     config: Config | None
     problems: tuple[Problem, ...]
     text: str = ""
+    profiles: tuple[Origin, ...] = ()
 
     @property
     def errors(self) -> tuple[str, ...]:
@@ -59,6 +61,7 @@ def parse(
     real_path: Callable[[str], str] = os.path.realpath,
     address_trouble: AddressTrouble = lambda _: None,
     exists: Callable[[str], bool] = os.path.exists,
+    profile_files: ProfileFiles | None = None,
 ) -> Loaded:
     """Parse `text`, the content of `file`. `exists` looks for the files that it names."""
     try:
@@ -71,25 +74,44 @@ def parse(
         return _fail(error((), "is nested too deeply"), file)
     folder = folder_of(FilePath(file))
     reader = TableReader(document, positions, FilePath(file).name, folder)
-    config = without_shared_units(reader.config())
-    found = [*reader.problems, *check_paths(document, folder, exists)]
-    found += check(config, frozenset(reader.failed), port_trouble, real_path, address_trouble)
-    problems = [_locate(one, positions, file, document) for one in dict.fromkeys(found)]
+    files = profile_files or ProfileFiles.of_config(file)
+    profiled = with_profiles(reader.config(), files, is_whole=PROFILE not in reader.failed)
+    config = without_shared_units(profiled.config)
+    found = [*reader.problems, *profiled.problems, *check_paths(document, folder, exists)]
+    failed = frozenset(reader.failed if profiled.is_whole else {*reader.failed, PROFILE})
+    found += check(config, failed, port_trouble, real_path, address_trouble)
+    places = _Places(positions, file, document, files)
+    problems = [places.locate(one) for one in dict.fromkeys(found)]
     has_error = any(one.severity == "error" for one in problems)
-    return Loaded(None if has_error else config, tuple(_most_important(problems, file)))
+    kept = tuple(_most_important(problems, file))
+    return Loaded(None if has_error else config, kept, profiles=profiled.origins)
 
 
 def _most_important(problems: list[Problem], file: str) -> list[Problem]:
     """Keep at most _MOST_PROBLEMS of these, errors before warnings, in the order of the file."""
     kept = sorted(problems, key=lambda one: one.severity != "error")[:_MOST_PROBLEMS]
-    kept.sort(key=lambda one: (one.line, one.column))
+    kept.sort(key=lambda one: (one.file != file, one.file, one.line, one.column))
     left_out = len(problems) - len(kept)
     return [*kept, warning((), f"{left_out} more problems are not listed").located(file, 0, 0)] if left_out else kept
 
 
-def _locate(problem: Problem, positions: Positions, file: str, document: dict[str, Any]) -> Problem:
-    place = positions.key(problem.path) if problem.on_key else positions.value(problem.path)
-    return problem.located(file, *place, _name(problem.path, document))
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """Where problems are: in the config, which has `document`, or in the file of a profile."""
+
+    positions: Positions
+    file: str
+    document: dict[str, Any]
+    files: ProfileFiles
+
+    def locate(self, problem: Problem) -> Problem:
+        if problem.file:
+            return problem
+        section, name = (*problem.path, "", "")[:2]
+        other = self.files.found.get(str(name)) if section == PROFILE else None
+        if other is not None and name not in self.document.get(PROFILE, {}):
+            return other.located(problem)
+        return self.positions.locate(problem, self.file, _name(problem.path, self.document))
 
 
 def _name(path: Path, document: dict[str, Any]) -> str:

@@ -100,7 +100,7 @@ def did_you_mean(written: str, known: Iterable[str]) -> str:
     close = get_close_matches(written, names, n=_MOST_NEAREST + 1)
     nearest = [name for name in close if _likeness(name, written) == _likeness(close[0], written)]
     if 0 < len(nearest) <= _MOST_NEAREST:
-        return f"did you mean {_either(nearest)}?"
+        return f"did you mean {either(nearest)}?"
     return f"known here: {', '.join(names)}" if 0 < len(names) <= _MOST_NAMES else ""
 
 
@@ -108,5 +108,6 @@ def _likeness(one: str, other: str) -> float:
     return SequenceMatcher(None, one, other).ratio()
 
 
-def _either(names: list[str]) -> str:
+def either(names: Iterable[str]) -> str:
+    """Write names as a choice: `"mint" or "v80"`."""
     return " or ".join(f'"{name}"' for name in sorted(names))

@@ -1,14 +1,38 @@
-"""What a kind of device accepts and how fast it answers. The built-in ones are the TOML files in this folder."""
+"""What a kind of device accepts, how fast it answers, and what its registers mean.
 
-from pathlib import Path
+The shipped profiles are the TOML files in this folder, one kind of device each, written as users write their own.
+
+- profile, point    the rules for requests, and the values
+- batches, published    points that are read together, and those that are published
+- columns      a table of points as CSV
+"""
+
+import re
+from pkgutil import get_data
 from typing import Final
 
-#: The built-in profiles, written as users write their own.
-BUILTIN_PROFILES: Final = ("generic", "mint", "v80", "weigher")
-
-_FOLDER: Final = Path(__file__).parent
+#: The names that files can have.
+_NAME: Final = re.compile(r"\w[\w.-]*")
 
 
-def builtin_text(name: str) -> str:
-    """Read the TOML text of the built-in profile `name`, one of `BUILTIN_PROFILES`."""
-    return _FOLDER.joinpath(f"{name}.toml").read_text(encoding="utf-8")
+def shipped_names() -> list[str]:
+    """List the shipped profiles."""
+    from importlib.resources import files  # noqa: PLC0415 - it takes longer than to read a profile
+
+    return sorted(each.name[:-5] for each in files(__name__).iterdir() if each.name.endswith(".toml"))
+
+
+def shipped_text(name: str) -> str | None:
+    """Read the TOML text of the shipped profile `name`; None if there is none."""
+    if not is_file_name(name):
+        return None
+    try:
+        content = get_data(__name__, f"{name}.toml")
+    except OSError:
+        return None
+    return None if content is None else content.decode()
+
+
+def is_file_name(name: str) -> bool:
+    """Tell whether a file can have the name of this profile."""
+    return _NAME.fullmatch(name) is not None

@@ -8,14 +8,14 @@ import tomllib
 from gateway.config.values.duration import parse_duration
 from gateway.config.values.ranges import parse_ranges
 from gateway.modbus.codes import Area
-from gateway.profiles import builtin_text
+from gateway.profiles import shipped_text
 from gateway.profiles.profile import Profile
 from gateway.timing.table import Point, TimingTable
 
 
 def builtin_profile(name: str) -> Profile:
     """Read the built-in profile `name`, with the same result as `gateway.config`."""
-    table = tomllib.loads(builtin_text(name))["profile"][name]
+    table = tomllib.loads(shipped_text(name) or "")["profile"][name]
     functions = table.get("functions")
     points: dict[int, list[Point]] = {}
     for row in table.get("timing", ()):

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config.load import load, parse
-from gateway.config.reading.builtin_profiles import builtin_profiles
+from gateway.config.reading.profile_file import shipped_profile
 from gateway.config.resolve import resolve
 from gateway.config.schema.config import Config
 from gateway.config.schema.table import Table, keys_of, row_model
@@ -379,17 +379,17 @@ def test_every_table_knows_its_line_of_the_file():
     assert config.log.place == "gateway.toml:8"
 
 
-def test_a_file_adds_profiles_and_replaces_built_in_ones():
-    text = SMALLEST + '[profile.mint]\ntitle = "mine"\n[profile.own]\n'
+def test_a_file_adds_profiles_and_replaces_shipped_ones():
+    text = SMALLEST + 'devices = [{ unit = 1, profile = "v80" }]\n[profile.mint]\ntitle = "mine"\n[profile.own]\n'
     config = parse(text, port_trouble=lambda _: None).config
     assert config is not None
-    assert set(config.profile) == {"generic", "mint", "v80", "weigher", "own"}
+    assert set(config.profile) == {"generic", "v80", "mint", "own"}  # those that are used, and those of the file
     assert (config.profile["mint"].title, config.profile["mint"].functions) == ("mine", None)
-    assert config.profile["v80"].place == "built in"
+    assert config.profile["v80"].place == "shipped"
 
 
-def test_the_built_in_profiles_say_what_the_documents_say():
-    profiles = builtin_profiles()
+def test_the_shipped_profiles_say_what_the_documents_say():
+    profiles = {name: shipped_profile(name).table for name in ("generic", "mint", "v80", "weigher")}
     assert profiles["mint"].limits == {3: 99}
     assert profiles["mint"].holding == ((1, 99),)
     assert profiles["v80"].idle_chars == 4.5
@@ -489,7 +489,7 @@ def test_what_a_wrong_table_refers_to_is_looked_at_together_with_what_is_wrong_i
         """
     ) == [
         "gateway.toml:3:8: error: line[0].baud: must be a whole number",
-        'gateway.toml:4:11: error: line[0].profile: there is no profile "mnt"\n  help: did you mean "mint"?',
+        'gateway.toml:4:11: error: line[0].profile: there is no profile "mnt"\n  help: did you mean "mint"? modbus-gateway profile list shows all',
         (
             "gateway.toml:5:34: error: line[0].devices[0].timeout: a duration needs a unit\n"
             '  help: put it in quotes with a unit: "5 ms" or "5 s"'

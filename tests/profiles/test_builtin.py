@@ -1,28 +1,36 @@
-"""The built-in profiles say what the manufacturers' documents say."""
+"""The shipped profiles say what the manufacturers' documents say."""
 
 import tomllib
-from importlib.resources import files
 
 import pytest
 
-from gateway.profiles import BUILTIN_PROFILES, builtin_text
+from gateway.profiles import is_file_name, shipped_names, shipped_text
 
 
 def profile(name: str) -> dict:
-    (table,) = tomllib.loads(builtin_text(name))["profile"].values()
+    (table,) = tomllib.loads(shipped_text(name))["profile"].values()
     return table
 
 
-@pytest.mark.parametrize("name", BUILTIN_PROFILES)
+@pytest.mark.parametrize("name", shipped_names())
 def test_each_file_holds_the_one_profile_of_its_name(name):
-    assert list(tomllib.loads(builtin_text(name))) == ["profile"]
-    assert list(tomllib.loads(builtin_text(name))["profile"]) == [name]
+    assert list(tomllib.loads(shipped_text(name))) == ["profile"]
+    assert list(tomllib.loads(shipped_text(name))["profile"]) == [name]
     assert profile(name)["title"]
 
 
-def test_every_file_of_the_package_is_a_built_in_profile():
-    names = {file.name for file in files("gateway.profiles").iterdir() if file.name.endswith(".toml")}
-    assert names == {f"{name}.toml" for name in BUILTIN_PROFILES}
+@pytest.mark.parametrize(
+    "name", ["mnt", "", "../profiles/mint", "/etc/passwd", "mint/", ".mint", "a\0b", "__init__.py"]
+)
+def test_there_are_no_others(name):
+    assert shipped_text(name) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "is_one"), [("eastron-sdm630", True), ("Zähler_1.2", True), ("a/b", False), ("..", False), ("", False)]
+)
+def test_names_that_files_can_have(name, is_one):
+    assert is_file_name(name) == is_one
 
 
 def test_generic_knows_no_rule():

@@ -271,7 +271,10 @@ def test_what_cannot_be_reached_is_a_problem_in_plain_words(words: list[str], co
         (["silo-1", "--tcp", "127.0.0.1"], '"silo-1" is a name, and only a running gateway knows names'),
         (["0", "holding", "0", "--port", "/dev/x"], "0 is not a unit number\n  help: units are 1 to 255"),
         (["256", "holding", "0", "--tcp", "x"], "256 is not a unit number"),
-        (["1", "--tcp", "127.0.0.1", "--profile", "mnt"], 'there is no profile "mnt"\n  help: did you mean "mint"?'),
+        (
+            ["1", "--tcp", "127.0.0.1", "--profile", "mnt"],
+            'there is no profile "mnt"\n  help: did you mean "mint"? modbus-gateway profile list shows all',
+        ),
         (["1", "holding", "0", "--tcp", "a b"], "write --tcp 10.1.0.5, or --tcp 10.1.0.5:502"),
         (["1", "holding", "0", "--port", "ttyUSB0"], 'did you mean "/dev/ttyUSB0"?'),
         (["1", "holding", "0", "--port", "/dev/x", "--format", "7E1"], "is it --mode ascii?"),

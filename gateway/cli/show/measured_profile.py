@@ -1,9 +1,9 @@
-"""A profile with measured times, as text for a config: a built-in one with other times, or the times alone."""
+"""A profile with measured times, as text for a config: a shipped one with other times, or the times alone."""
 
 import re
 from typing import Final
 
-from gateway.profiles import BUILTIN_PROFILES, builtin_text
+from gateway.profiles import shipped_text
 
 _COMMENT: Final = re.compile(r"\A(#.*\n)*\n*")
 _HEADING: Final = re.compile(r"^\[profile\.[^]]*\]\n", re.MULTILINE)
@@ -15,10 +15,11 @@ def profile_text(profile: str, timing: str, margin: float, origin: str) -> str:
     """Write the TOML table of the profile `NAME-measured`, with a `timing` key as text, and where that comes from."""
     name = f"{profile}-measured"
     key = f"{timing}\nmargin    = {margin:g}\n"
-    if profile not in BUILTIN_PROFILES:
+    shipped = shipped_text(profile)
+    if shipped is None:
         return f"# {origin}\n# Add the other keys of [profile.{profile}].\n\n[profile.{name}]\n{key}"
-    text = _COMMENT.sub("", builtin_text(profile))
+    text = _COMMENT.sub("", shipped)
     text = _MARGIN.sub("", _TIMING.sub("", text))
-    return f"# {origin}\n# All else is as in the built-in profile {profile}.\n\n" + _HEADING.sub(
+    return f"# {origin}\n# All else is as in the shipped profile {profile}.\n\n" + _HEADING.sub(
         lambda _: f"[profile.{name}]\n{key}", text, count=1
     )

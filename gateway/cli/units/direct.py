@@ -19,8 +19,8 @@ from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.device_server import refuse_port_of_gateway, settle
 from gateway.cli.units.unit import NoResponseError
 from gateway.config.plan.points import points_of
-from gateway.config.problem import WrongValue, did_you_mean
-from gateway.config.reading.builtin_profiles import builtin_profiles
+from gateway.config.problem import WrongValue
+from gateway.config.profile_files import ProfileFiles
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.values.address import Address, parse_address
 from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
@@ -153,10 +153,13 @@ def open_directly(wanted: str, args: argparse.Namespace) -> Iterator[DirectUnit]
 def _points(profile: str | None, place: _Place) -> tuple[Point, ...]:
     if profile is None:
         return ()
-    profiles = builtin_profiles()
-    if profile not in profiles:
-        raise WrongUsageError(f'there is no profile "{profile}"', did_you_mean(profile, profiles))
-    return place.take(profiles[profile])
+    files = ProfileFiles()
+    file = files.find(profile)
+    if file is None:
+        raise WrongUsageError(f'there is no profile "{profile}"', files.advise_on(profile))
+    if file.table is None:
+        raise DirectError("\n".join(map(str, file.problems)))
+    return place.take(file.table)
 
 
 def _tcp_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack) -> _Client:

@@ -66,7 +66,7 @@ def _names(tables: Iterable[PointTable], profile: ProfileTable | None) -> dict[s
     return {
         name: place
         for table in tables
-        for place in (table.place or "a built-in profile",)
+        for place in (table.place,)
         for area, addresses in places_of(table)
         for name in names_of(table, area, addresses, width_of(area, addresses[0], profile))
     }

@@ -5,32 +5,23 @@ from itertools import groupby, pairwise
 
 from gateway.config.checks.lines import other_mode
 from gateway.config.plan.lines import spoken_on
-from gateway.config.plan.names import Owner, owners, rows_of
+from gateway.config.plan.names import owners, rows_of
 from gateway.config.plan.reach import listeners_for
-from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.problem import Problem, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.device import Device
-from gateway.config.schema.image import Image
 from gateway.config.schema.line import Line
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.duration import show_duration
 
 
-def check_profiles(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Find profiles that contradict themselves, and names of profiles that do not exist. `failed` as in `check`."""
+def check_profiles(config: Config) -> Iterator[Problem]:
+    """Find profiles that contradict themselves."""
     for profile in config.profile.values():
         if profile.functions == ():
             yield error((*profile.path, "functions"), "is empty", "leave it out, and every function is accepted")
         yield from _check_timing(profile)
-    if "profile" in failed:
-        return
-    rows = [row for owner in owners(config) for row in rows_of(owner)]
-    tables: tuple[Owner | Device | Image, ...] = (*config.line, *config.upstream, *rows, *config.image)
-    for table in tables:
-        if table.profile is not None and table.profile not in config.profile:
-            remedy = did_you_mean(table.profile, config.profile)
-            yield error((*table.path, "profile"), f'there is no profile "{table.profile}"', remedy)
 
 
 def check_profiles_of_devices(config: Config) -> Iterator[Problem]:

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Final, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from gateway.config.reading.builtin_profiles import builtin_profiles
 from gateway.config.schema.config import Config
 from gateway.config.schema.table import Table, keys_of, row_model
 from gateway.config.values.kind import Kind
@@ -133,12 +132,30 @@ last slope continues. A `timeout` replaces `margin x timing`: that of a device a
 that are not in its `timing`. `modbus-gateway profile NAME` prints the limits of a profile.
 """
 
+_PROFILES: Final = """\
+## Where profiles come from
+
+`profile = "NAME"` means the first of these that there is:
+
+1. `[profile.NAME]` in the config,
+2. `profiles/NAME.toml` beside the config,
+3. `/etc/modbus-gateway/profiles/NAME.toml`, for all configs of the machine,
+4. a [shipped profile](profiles/index.md).
+
+A file has one kind of device, in a table `[profile.NAME]` as in a config, and is called `NAME.toml`.
+
+- `modbus-gateway profile list` shows all profiles, each with its place and what it hides.
+- `modbus-gateway profile add FILE` checks a file and puts it into `/etc/modbus-gateway/profiles`.
+- A change of a file takes effect with `modbus-gateway reload`, as one of the config does.
+- The gateway only reads the files of profiles that are in use. `check` warns of others that are broken.
+"""
+
 _PLAIN: Final[Mapping[Any, str]] = {int: "number", float: "number", str: "text", bool: "`true` or `false`"}
 
 
 def document() -> str:
     """Write the whole page."""
-    parts = [_OPENING, *_sections(), _profiles()]
+    parts = [_OPENING, *_sections(), _PROFILES]
     return "\n".join(parts)
 
 
@@ -223,11 +240,6 @@ def default_text(field: FieldInfo) -> str:
     if value in (None, (), {}) or isinstance(value, Table):
         return ""
     return json.dumps(value)
-
-
-def _profiles() -> str:
-    rows = [f"| `{name}` | {table.title} |" for name, table in builtin_profiles().items()]
-    return "\n".join(["## Built-in profiles", "", "| name | for |", "|---|---|", *rows, ""])
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """From the text of a config file to its tables, with the place of each mistake.
 
 - tables       makes a table of each section; a broken one hides no other's mistakes
-- builtin_profiles    the profiles that come with the gateway
+- profile_file     the file of a profile
 - positions, source    where keys and values stand, and where a table does once it is read
 - syntax, wording    what is wrong with text that is no TOML, and with values, in words
 - masking      a file without its secrets

@@ -5,7 +5,7 @@ import tomllib
 from bisect import bisect_right
 from collections.abc import Sequence
 
-from gateway.config.problem import Path
+from gateway.config.problem import Path, Problem
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 STRING = re.compile(
@@ -41,6 +41,11 @@ class Positions:
         """Give the number, date or word at `path` as it is written, for values that should have been text."""
         match = _SCALAR.match(self._text, self._values[path])
         return match[0].strip() if match else ""
+
+    def locate(self, problem: Problem, file: str, name: str = "") -> Problem:
+        """Give a problem its place in `file`, which has this text; `name` is that of the table it is in."""
+        place = self.key(problem.path) if problem.on_key else self.value(problem.path)
+        return problem.located(file, *place, name)
 
     def _place(self, offsets: dict[Path, int], path: Path) -> tuple[int, int]:
         while path not in offsets:

@@ -8,12 +8,11 @@ from typing import Any, Final, get_origin
 from pydantic import ValidationError
 
 from gateway.config.problem import Path, Problem, error
-from gateway.config.reading.builtin_profiles import PROFILE, builtin_profiles
 from gateway.config.reading.positions import Positions
 from gateway.config.reading.sites import with_sites
 from gateway.config.reading.source import Source
 from gateway.config.reading.wording import not_text, unknown_key, value_problems
-from gateway.config.schema.config import Config
+from gateway.config.schema.config import PROFILE, Config
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.schema.table import Table, keys_of, row_model
 
@@ -55,13 +54,12 @@ class TableReader:
         self._folder = folder
 
     def config(self) -> Config:
-        """Make the config of every table that is good."""
+        """Make the config of every table that is good, with the profiles that are in it."""
         self._find_unknown_sections()
         lists = {section: tuple(self._rows(section, model)) for section, model in LISTS.items()}
         singles = {section: self._single(section, model) for section, model in _SINGLES.items()}
         present = {section: table for section, table in singles.items() if table is not None}
-        profiles = {**builtin_profiles(), **self._profiles()}
-        return with_sites(Config.model_validate({"site": self._site(), PROFILE: profiles, **lists, **present}))
+        return with_sites(Config.model_validate({"site": self._site(), PROFILE: self.profiles(), **lists, **present}))
 
     def _find_unknown_sections(self) -> None:
         known = keys_of(Config)
@@ -96,7 +94,8 @@ class TableReader:
             return None
         return self._table((section,), raw, model)
 
-    def _profiles(self) -> dict[str, Table]:
+    def profiles(self) -> dict[str, ProfileTable]:
+        """Make the tables of the profiles that are good."""
         profiles = self._document.get(PROFILE, {})
         if not isinstance(profiles, dict):
             self._complain((PROFILE,), "is a table of tables", f"write [{PROFILE}.NAME]")

@@ -1,7 +1,7 @@
 """A whole config file: its sections. docs/configuration.md is made from the tables in this folder."""
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import Field
 
@@ -19,6 +19,9 @@ from gateway.config.schema.web import Web
 from gateway.config.values.key_types import (
     ListOf,
 )
+
+#: The section of profiles.
+PROFILE: Final = "profile"
 
 
 class Config(Table):

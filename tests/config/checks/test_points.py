@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.config.load import parse
-from gateway.config.reading.builtin_profiles import builtin_profiles
+from gateway.config.reading.profile_file import shipped_profile
 from gateway.config.resolve import resolve
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
@@ -315,4 +315,4 @@ def test_a_mirror_has_the_points_that_it_polls_and_those_that_are_written_only()
 
 @pytest.mark.parametrize("name", ["mint", "v80", "weigher"])
 def test_the_built_in_profiles_have_points(name):
-    assert builtin_profiles()[name].points
+    assert shipped_profile(name).table.points

@@ -41,7 +41,6 @@ def test_its_examples_have_no_error(text):
         "| `functions` | list of functions |  | Functions that are allowed, and no others. |",
         "| `read` | list of tables |  | Mirrors: what to poll, and how often. |",
         "| `margin` | number | `1.5` | Times are multiplied by it, to be safe. |",
-        "| `mint` | Mint motion controller |",
     ],
 )
 def test_a_row_says_how_a_value_is_written_and_what_it_is_without_it(row):

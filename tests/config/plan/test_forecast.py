@@ -15,7 +15,7 @@ from gateway.config.plan.forecast import (
     waits_behind,
 )
 from gateway.config.plan.profiles import profile_of
-from gateway.config.reading.builtin_profiles import builtin_profiles
+from gateway.config.reading.profile_file import shipped_profile
 from gateway.config.resolve import resolve
 from gateway.config.schema.profile import ProfileTable
 from gateway.listeners.sessions.server_line import UNNOTICED
@@ -33,7 +33,7 @@ def limits_of(profile):
 
 
 def builtin(name):
-    return profile_of(name, builtin_profiles()[name])
+    return profile_of(name, shipped_profile(name).table)
 
 
 def own(**keys):
