@@ -13,8 +13,9 @@ from gateway.config.machine.paths import check_paths
 from gateway.config.machine.port_trouble import port_trouble
 from gateway.config.plan.shared_units import without_shared_units
 from gateway.config.problem import Path, Problem, error, errors_in, warning
-from gateway.config.profile_files import Origin, ProfileFiles, with_profiles
+from gateway.config.profile_files import Origin, ProfileFiles, read_profile_file, with_profiles
 from gateway.config.reading.positions import Positions
+from gateway.config.reading.profile_file import ProfileFile
 from gateway.config.reading.syntax import syntax_problem
 from gateway.config.reading.tables import LISTS, TableReader
 from gateway.config.schema.config import PROFILE, Config
@@ -52,6 +53,16 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
     except UnreadableFile as wrong:
         return _fail(error((), str(wrong), wrong.remedy), file, wrong.line, min(wrong.line, 1))
     return replace(parse(text, file, address_trouble=address_trouble), text=text)
+
+
+def load_profile(path: FilePath, name: str = "") -> ProfileFile:
+    """Load the file of a profile by itself, and check it as in a config; with a `name` it must have that one."""
+    file = read_profile_file(path, name)
+    if file.table is None:
+        return file
+    alone = Config.model_validate({PROFILE: {file.name: file.table}})
+    problems = tuple(file.located(each) for each in check(alone) if each.path[:1] == (PROFILE,))
+    return replace(file, problems=problems)
 
 
 def parse(

@@ -27,14 +27,14 @@ _MOST_SUGGESTED: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a profile comes from that is not a shipped one, and what it hides."""
+    """Where a profile comes from, and what it hides."""
 
     name: str
     place: str
     hides: tuple[str, ...]
 
     def __str__(self) -> str:
-        return f"{self.place}, hides {_list(self.hides)}" if self.hides else self.place
+        return f"{self.place}, hides {in_words(self.hides)}" if self.hides else self.place
 
 
 class Profiled(NamedTuple):
@@ -55,7 +55,7 @@ class ProfileFiles:
     def __init__(self, folders: Iterable[Path] = (OWN_PROFILES,)) -> None:
         self.found: dict[str, ProfileFile] = {}
         self.problems: dict[Path, Problem] = {}
-        self._folders = tuple(folders)
+        self._folders = tuple(dict.fromkeys(folders))
 
     @classmethod
     def of_config(cls, config: str | Path, own: Path = OWN_PROFILES) -> "ProfileFiles":
@@ -122,7 +122,8 @@ class ProfileFiles:
 
 def with_profiles(config: Config, files: ProfileFiles, *, is_whole: bool = True) -> Profiled:
     """Add the profiles that a config uses and does not have. Unknown ones are errors if its own profiles are whole."""
-    tables, problems = dict(config.profile), []
+    tables = dict(config.profile)
+    problems: list[Problem] = []
     broken: set[str] = set()
     for user in _users(config):
         name = user.profile
@@ -137,11 +138,11 @@ def with_profiles(config: Config, files: ProfileFiles, *, is_whole: bool = True)
         elif is_whole:
             advice = files.advise_on(name, config.profile)
             problems.append(error((*user.path, "profile"), f'there is no profile "{name}"', advice))
-    origins = [_origin(name, table, files.places(name)) for name, table in tables.items()]
+    origins = [origin_of(name, table, files) for name, table in tables.items()]
     for each in origins:
         own = [place for place in each.hides if place != SHIPPED]
         if own:
-            what = f"hides {_list(own)}"
+            what = f"hides {in_words(own)}"
             problems.append(warning((PROFILE, each.name), what, "remove one of them, or give one another name"))
     problems += files.problems.values()
     foreign = tuple(each for each in origins if each.place != SHIPPED)
@@ -169,13 +170,16 @@ def _users(config: Config) -> Iterator[Line | Upstream | Device | Image]:
     yield from config.image
 
 
-def _origin(name: str, table: ProfileTable, places: list[str]) -> Origin:
+def origin_of(name: str, table: ProfileTable, files: ProfileFiles) -> Origin:
+    """Find where a profile comes from, and what it hides."""
+    places = files.places(name)
     nearest = table.place.rpartition(":")[0]
     is_in_file = table.place == SHIPPED or nearest in places
     return Origin(name, table.place, tuple(places[1:] if is_in_file else places))
 
 
-def _list(places: Iterable[str]) -> str:
+def in_words(places: Iterable[str]) -> str:
+    """Name the places of hidden profiles."""
     return " and ".join("the shipped one" if each == SHIPPED else each for each in places)
 
 

@@ -1,7 +1,7 @@
 """The columns of a table of points as CSV: `profile NAME --csv` writes them, and `import csv` reads them.
 
-Comma separated, UTF-8, quoted as in RFC 4180. An empty cell is the default of its key. Each row is one point: a range
-of points becomes one row for each. The file has no keys of the profile itself.
+Comma separated, UTF-8, quoted as in RFC 4180, in lines that end as on Unix. An empty cell is the default of its key.
+Each row is one point: a range of points becomes one row for each. The file has no keys of the profile itself.
 """
 
 import re

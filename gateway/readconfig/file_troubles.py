@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Final
 
 from gateway.config.add_ons import ADD_ONS
-from gateway.config.load import Loaded
+from gateway.config.load import Loaded, load_profile
 from gateway.config.machine.file_trouble import SERVICE_CONFIG, file_trouble
+from gateway.config.machine.profile_folders import BESIDE
 from gateway.config.problem import Path as ProblemPath
 from gateway.config.problem import Problem, warning
+from gateway.config.profile_files import ProfileFiles
 from gateway.config.reading.positions import Positions
 from gateway.config.schema.config import Config
 from gateway.config.schema.table import Table
@@ -40,6 +42,7 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
     positions = Positions(loaded.text)
     found += [each.located(file, *positions.key(each.path)) for each in _about_libraries(config)]
     found += [each.located(file, *positions.value(each.path)) for each in _about_files(config, folder)]
+    found += _about_profiles(config, file, folder)
     return replace(loaded, problems=(*found, *loaded.problems)) if found else loaded
 
 
@@ -66,6 +69,20 @@ def _about_file(table: Table, key: str, loss: str, folder: Path) -> Iterator[Pro
             yield from _about_token(path, named, loss, folder)
         case "users":
             yield from _about_users(path, named, loss, folder, may_write=getattr(table, "write", False))
+
+
+def _about_profiles(config: Config, file: str, folder: Path) -> Iterator[Problem]:
+    """Warn of profiles in files that are broken and not used, and of those in use that the service cannot read."""
+    files = ProfileFiles.of_config(file, folder / BESIDE)
+    for name in files.own_names():
+        path = files.places(name)[0]
+        if name in config.profile:
+            trouble = file_trouble(path, folder / BESIDE)
+            yield from () if trouble is None else (trouble,)
+        else:
+            for each in load_profile(Path(path), name).problems:
+                if each.severity == "error":
+                    yield replace(each, severity="warning", what=f"{each.what} (no device has this profile)")
 
 
 def _about_libraries(config: Config) -> Iterator[Problem]:

@@ -312,3 +312,40 @@ def test_who_may_not_make_the_control_socket_is_told(about):
     text = '[[image]]\nunit = 1\nholding = 10\n[control]\nsocket = "/no-such-folder/control.sock"\n'
     (told,) = about(text, not_as_root())
     assert told.endswith(": /no-such-folder/control.sock: the user who runs this command cannot create files in /")
+
+
+@pytest.fixture
+def with_profiles(tmp_path):
+    """What is said of a config of the service beside which these profiles are, without its own file."""
+
+    def find(**texts):
+        (tmp_path / "profiles").mkdir()
+        for name, text in texts.items():
+            (tmp_path / "profiles" / f"{name}.toml").write_text(text)
+            (tmp_path / "profiles" / f"{name}.toml").chmod(0o644)
+        file = tmp_path / "gateway.toml"
+        file.write_text('[[line]]\nport = "/dev/null"\nprofile = "used"\ndevices = [{ unit = 1 }]\n')
+        (tmp_path / "profiles" / "used.toml").chmod(0o640)
+        found = with_file_troubles(load(file), str(file), tmp_path)
+        assert found.config is not None
+        return [str(each) for each in found.problems if each.file != str(file)]
+
+    return find
+
+
+def test_a_profile_in_use_that_the_service_cannot_read(with_profiles, tmp_path):
+    assert with_profiles(used="[profile.used]\n") == [
+        f"{tmp_path}/profiles/used.toml: warning: the service may not be able to read this file\n"
+        f"  help: sudo chmod 644 {tmp_path}/profiles/used.toml"
+    ]
+
+
+def test_a_broken_profile_that_is_not_in_use_is_a_warning(with_profiles, tmp_path):
+    said = with_profiles(
+        used="[profile.used]\n", good="[profile.good]\n", bad="[profile.bad]\nmargin = 0\n", renamed="[profile.x]\n"
+    )
+    assert said[:2] == [
+        f"{tmp_path}/profiles/bad.toml:2:10: warning: profile.bad.margin: must be at least 1 (no device has this profile)",
+        f'{tmp_path}/profiles/renamed.toml:1:1: warning: profile.x: the file is renamed.toml, and its profile is "x"'
+        " (no device has this profile)\n  help: rename it to x.toml, or write [profile.renamed]",
+    ]

@@ -51,7 +51,7 @@ function _shtab_modbus_gateway_using
 end
 
 set -g _shtab_modbus_gateway_commands demo run check reload status trace doctor read write ask forget scan calibrate bench profile ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
-set -g _shtab_modbus_gateway_opts_with_value --at --baud --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --silent-unit --since --slow --swap --tcp --timeout --unit --weight --why --write --write-profile -i -n
+set -g _shtab_modbus_gateway_opts_with_value --at --baud --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
 
 complete -c modbus-gateway -e
 complete -c modbus-gateway -f
@@ -179,8 +179,12 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -s h -l help
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l baud -x -d 'baud rate of the line (default 19200)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l format -x -d 'character format (default 8E1, ASCII 7E1)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l mode -xka "rtu ascii" -d 'mode of the line (default rtu, mint ascii)'
-complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config file with more profiles'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config file with more profiles, in it and beside it'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l json -d 'print JSON instead of tables'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l csv -d 'print the points of NAME as CSV, for import csv'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l to -xka "(__fish_complete_directories)" -d 'with add: the folder (default /etc/modbus-gateway/profiles, or profiles beside --config)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l force -d 'with add: replace a file that is there'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile; and test $_shtab_modbus_gateway_npos -eq 1' -ka "(__fish_complete_path (commandline -ct))" -d 'with add: the file; with list: a word to look for'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a ports -d 'List the serial ports of this machine.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ports' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ports' -l json -d 'print JSON instead of a table'

@@ -27,7 +27,7 @@ def look_at_config(file: Path, line: str | None) -> list[Finding]:
     """
     loaded = load(file)
     findings = [
-        Finding(_LEVELS[problem.severity], str(file), _told(problem), problem.remedy) for problem in loaded.problems
+        Finding(_LEVELS[problem.severity], problem.file, _told(problem), problem.remedy) for problem in loaded.problems
     ]
     if loaded.config is None:
         return findings

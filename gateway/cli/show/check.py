@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import zip_longest
 from typing import Any, Final
 
+from gateway.cli.kit.columns import align
 from gateway.cli.show.images import images_as_json, images_as_text, mirrors_as_json
 from gateway.cli.show.lines import line_as_json, line_as_text
 from gateway.cli.show.listeners import listeners_as_json, listeners_as_text
@@ -43,6 +44,7 @@ def check_as_text(loaded: Loaded, plan: Plan | None) -> str:
     parts += [server_as_text(server, plan) for server in plan.servers]
     parts += images_as_text(plan)
     parts += published_as_text(plan)
+    parts += _profiles(loaded)
     parts += _remembered(plan)
     if plan.lines or plan.upstreams:
         parts.append(_advice(plan))
@@ -71,6 +73,12 @@ def _verdict(problems: tuple[Problem, ...]) -> str:
 
 def _count(number: int, noun: str) -> str:
     return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+
+
+def _profiles(loaded: Loaded) -> list[str]:
+    """Show where profiles come from that are not shipped ones."""
+    rows = [(each.name, str(each)) for each in loaded.profiles]
+    return [f"Profiles\n{align([('NAME', 'FROM'), *rows], '  ')}"] if rows else []
 
 
 def _remembered(plan: Plan) -> list[str]:
@@ -114,6 +122,7 @@ def check_as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
         picture["images"] = images_as_json(plan)
         picture["mirrors"] = mirrors_as_json(plan)
         picture["published"] = published_as_json(plan)
+        picture["profiles"] = [{"name": each.name, "from": each.place, "hides": each.hides} for each in loaded.profiles]
     return picture
 
 

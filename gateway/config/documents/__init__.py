@@ -1,5 +1,8 @@
-"""What is made of the schema.
+"""What is made of the schema, and of profiles.
 
 - reference    docs/configuration.md
 - json_schema    the schema for editors
+- points_csv     the points of a profile as CSV
+- profile_pages    docs/profiles
+- point_rows     points in words, for tables
 """

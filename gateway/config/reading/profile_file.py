@@ -52,13 +52,12 @@ def parse_profile_file(text: str, file: str, *, any_name: bool = False) -> Profi
     except RecursionError:
         return ProfileFile(stem, file, text, None, (error((), "is nested too deeply").located(file, 1, 1),))
     reader = TableReader(document, positions, file, FilePath(file).parent)
-    name, problems = stem, [*_other_tables(document, stem, any_name=any_name)]
-    table = None
-    if not problems:
-        ((name, table),) = reader.profiles()
-        problems = reader.problems
-    located = tuple(positions.locate(each, file) for each in problems)
-    return ProfileFile(name, file, text, None if located else table, located)
+    problems = [*_other_tables(document, stem, any_name=any_name)]
+    tables = {} if problems else reader.profiles()
+    located = tuple(positions.locate(each, file) for each in problems or reader.problems)
+    for name, table in tables.items():
+        return ProfileFile(name, file, text, None if located else table, located)
+    return ProfileFile(stem, file, text, None, located)
 
 
 @cache  # the files of this version, of which a config uses some

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path as FilePath
-from typing import Any, Final, get_origin
+from typing import Any, Final, TypeVar, get_origin
 
 from pydantic import ValidationError
 
@@ -36,6 +36,9 @@ _NOT_REFERRED_TO: Final = frozenset(
         *("clients", "idle", "in_flight", "on_failure"),
     }
 )
+
+
+_Table = TypeVar("_Table", bound=Table)
 
 
 class TableReader:
@@ -103,7 +106,7 @@ class TableReader:
         tables = {name: self._table((PROFILE, name), raw, ProfileTable) for name, raw in profiles.items()}
         return {name: table for name, table in tables.items() if table is not None}
 
-    def _table(self, path: Path, raw: object, model: type[Table]) -> Table | None:
+    def _table(self, path: Path, raw: object, model: type[_Table]) -> _Table | None:
         try:
             table = model.model_validate(raw, context=self._folder)
         except ValidationError as wrong:

@@ -1,0 +1,90 @@
+"""Points in words, for tables that people read. A range of points is one row, as in a config."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Final
+
+from gateway.config.documents.points_csv import number_text
+from gateway.config.plan.areas import places_of
+from gateway.config.plan.points import type_of
+from gateway.config.schema.profile import PointTable
+from gateway.modbus.codes import Area
+from gateway.profiles.identity import Identity
+from gateway.profiles.profile import Range
+from gateway.registers.items import reference
+
+#: The text for whether a point can be written.
+_WRITING: Final[Mapping[str, str]] = {"no": "no", "yes": "yes", "only": "only, never read"}
+_SWAPS: Final[Mapping[str, str]] = {
+    "none": "",
+    "words": ", words swapped",
+    "bytes": ", bytes swapped",
+    "both": ", words and bytes swapped",
+}
+
+
+def point_rows(points: Iterable[PointTable]) -> Iterator[dict[str, str]]:
+    """Give the cells of each row, by their headings. A cell that says nothing is empty."""
+    for table in points:
+        for area, addresses in places_of(table):
+            yield {
+                "name": table.name,
+                "area": area.value,
+                "address": "-".join(dict.fromkeys(map(str, addresses))),
+                "reference": _references(area, addresses),
+                "type": _type(table, area),
+                "scale": _scale(table),
+                "unit": table.unit,
+                "write": _writing(table),
+                "limits": _limits(table),
+                "no value": ", ".join(map(str, table.invalid)),
+                "labels": ", ".join(f"{number} {text}" for number, text in table.labels.items()),
+            }
+
+
+def identity_text(identity: Identity) -> str:
+    """Say how a kind of device is recognised."""
+    if identity.register is not None:
+        area, address, equals = identity.register
+        return f"{area} {address} is {equals}"
+    if identity.sunspec:
+        return f"SunSpec models {', '.join(map(str, identity.sunspec))}"
+    return f'function 43/14 tells "{identity.fc43}"'
+
+
+def _references(area: Area, addresses: Range) -> str:
+    return "-".join(dict.fromkeys(reference(area, each) for each in addresses))
+
+
+def _type(table: PointTable, area: Area) -> str:
+    name = type_of(table, area)
+    length = "" if table.length is None else f", {table.length} registers"
+    part = f", {table.byte} byte" if table.byte else ""
+    if table.bit is not None:
+        part = f", bit {table.bit}"
+    elif table.bits is not None:
+        part = f", bits {table.bits[0]}-{table.bits[1]}"
+    return f"{name}{length}{part}{_SWAPS[table.swap]}"
+
+
+def _scale(table: PointTable) -> str:
+    """Say how a value follows from the number in the registers: `x 0.1 - 40`."""
+    parts = [f"x 10^{table.scale_from}"] if table.scale_from else []
+    parts += [f"x {number_text(table.scale)}"] if table.scale != 1 else []
+    sign = "-" if table.offset < 0 else "+"
+    parts += [f"{sign} {number_text(abs(table.offset))}"] if table.offset else []
+    return " ".join(parts)
+
+
+def _limits(table: PointTable) -> str:
+    least, greatest = number_text(table.min), number_text(table.max)
+    if least and greatest:
+        return f"{least} to {greatest}"
+    return f"from {least}" if least else f"up to {greatest}" if greatest else ""
+
+
+def _writing(table: PointTable) -> str:
+    """Say whether a point can be written, where and how."""
+    parts = [_WRITING[table.write]]
+    parts += [f"at {table.write_at}"] if table.write_at is not None else []
+    parts += [f"{table.write_function} function"] if table.write_function not in (None, "auto") else []
+    return ", ".join(parts)
