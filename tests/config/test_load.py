@@ -489,7 +489,10 @@ def test_what_a_wrong_table_refers_to_is_looked_at_together_with_what_is_wrong_i
         """
     ) == [
         "gateway.toml:3:8: error: line[0].baud: must be a whole number",
-        'gateway.toml:4:11: error: line[0].profile: there is no profile "mnt"\n  help: did you mean "mint"? modbus-gateway profile list shows all',
+        (
+            'gateway.toml:4:11: error: line[0].profile: there is no profile "mnt"\n'
+            '  help: did you mean "mint"? modbus-gateway profile list shows all'
+        ),
         (
             "gateway.toml:5:34: error: line[0].devices[0].timeout: a duration needs a unit\n"
             '  help: put it in quotes with a unit: "5 ms" or "5 s"'

@@ -334,18 +334,15 @@ def with_profiles(tmp_path):
 
 
 def test_a_profile_in_use_that_the_service_cannot_read(with_profiles, tmp_path):
-    assert with_profiles(used="[profile.used]\n") == [
-        f"{tmp_path}/profiles/used.toml: warning: the service may not be able to read this file\n"
-        f"  help: sudo chmod 644 {tmp_path}/profiles/used.toml"
-    ]
+    file = f"{tmp_path}/profiles/used.toml"
+    (said,) = with_profiles(used="[profile.used]\n")
+    assert said == f"{file}: warning: the service may not be able to read this file\n  help: sudo chmod 644 {file}"
 
 
 def test_a_broken_profile_that_is_not_in_use_is_a_warning(with_profiles, tmp_path):
-    said = with_profiles(
+    bad, renamed, _used = with_profiles(
         used="[profile.used]\n", good="[profile.good]\n", bad="[profile.bad]\nmargin = 0\n", renamed="[profile.x]\n"
     )
-    assert said[:2] == [
-        f"{tmp_path}/profiles/bad.toml:2:10: warning: profile.bad.margin: must be at least 1 (no device has this profile)",
-        f'{tmp_path}/profiles/renamed.toml:1:1: warning: profile.x: the file is renamed.toml, and its profile is "x"'
-        " (no device has this profile)\n  help: rename it to x.toml, or write [profile.renamed]",
-    ]
+    what = "warning: profile.bad.margin: must be at least 1 (no device has this profile)"
+    assert bad == f"{tmp_path}/profiles/bad.toml:2:10: {what}"
+    assert renamed.startswith(f"{tmp_path}/profiles/renamed.toml:1:1: warning: profile.x: the file is renamed.toml")

@@ -111,6 +111,28 @@ def test_reload_says_what_it_changed_and_touches_nothing_else(tmp_path: Path, co
         assert [event["event"] for event in gateway.log].count("line_up") == 1
 
 
+def test_a_profile_beside_the_config_takes_effect_with_a_reload(tmp_path: Path, config: str) -> None:
+    file = tmp_path / "profiles" / "meter.toml"
+    file.parent.mkdir()
+    file.write_text("[profile.meter]\nfunctions = [4]\n")
+    text = config + '[[image]]\nunit = 200\nholding = 10\nprofile = "meter"\n'
+    read = bytes.fromhex("0001 0000 0006 C8 03 0000 0001")
+    with GatewayProcess(tmp_path, text) as gateway, connected(gateway) as client:
+        client.sendall(read)
+        assert client.recv(260) == bytes.fromhex("0001 0000 0003 C8 83 01")
+        file.write_text("[profile.meter]\nfunctions = [3]\n")
+        assert command("reload", "--control", str(tmp_path / "control.sock")).stdout == "changed: image image-200\n"
+        client.sendall(read)
+        assert client.recv(260) == bytes.fromhex("0001 0000 0005 C8 03 02 0000")
+        file.write_text("[profile.meter]\nfunctions = 3\n")
+        rejected = command("reload", "--control", str(tmp_path / "control.sock"))
+        assert rejected.returncode == 1
+        assert f"{file}:2:13: error: profile.meter.functions: must be a list" in rejected.stdout
+        assert gateway.wait_for("config_rejected")["reason"]
+        client.sendall(read)
+        assert client.recv(260) == bytes.fromhex("0001 0000 0005 C8 03 02 0000")
+
+
 def test_a_broken_file_under_load_fails_no_transaction(tmp_path: Path, config: str) -> None:
     with GatewayProcess(tmp_path, config) as gateway:
         stop, answers = threading.Event(), []

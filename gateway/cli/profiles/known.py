@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from gateway.cli.kit.columns import align
 from gateway.config.load import load
-from gateway.config.machine.profile_folders import OWN_PROFILES
+from gateway.config.machine.profile_folders import OWN_PROFILES, folders_of
 from gateway.config.problem import Problem
 from gateway.config.profile_files import Origin, ProfileFiles, origin_of
 from gateway.config.schema.profile import ProfileTable
@@ -36,7 +36,8 @@ class Profiles:
     """
 
     def __init__(self, config: str | None) -> None:
-        self.files = ProfileFiles((OWN_PROFILES,)) if config is None else ProfileFiles.of_config(Path(config), OWN_PROFILES)
+        folders = (OWN_PROFILES,) if config is None else folders_of(Path(config), OWN_PROFILES)
+        self.files = ProfileFiles(folders)
         self._tables: dict[str, ProfileTable] = {}
         if config is not None:
             loaded = load(config)

@@ -891,3 +891,19 @@ def test_the_read_after_that_which_woke_a_device_may_have_to_wait(config, capsys
         "  sensor sleeps: after 10 s without a request its first read is sent twice.\n"
         f"  The other answer may come for {owed}; until then, a read with that function {fate}.\n"
     ) in capsys.readouterr().out
+
+
+def test_profiles_that_are_not_shipped_are_named_with_their_files(config, tmp_path, capsys):
+    (tmp_path / "profiles").mkdir()
+    (tmp_path / "profiles" / "v80.toml").write_text("[profile.v80]\n")
+    line = '[[line]]\nport = "/dev/null"\ndevices = [{ unit = 1, profile = "v80" }, { unit = 2, profile = "own" }]\n'
+    file = config(line + "[profile.own]\n")
+    assert main(["check", file]) == 0
+    said = capsys.readouterr().out
+    place = f"{tmp_path}/profiles/v80.toml:1"
+    assert f"\n\nProfiles\n  NAME  FROM\n  own   gateway.toml:4\n  v80   {place}, hides the shipped one\n\n" in said
+    assert main(["check", "--json", file]) == 0
+    assert json.loads(capsys.readouterr().out)["profiles"] == [
+        {"name": "own", "from": "gateway.toml:4", "hides": []},
+        {"name": "v80", "from": place, "hides": ["shipped"]},
+    ]

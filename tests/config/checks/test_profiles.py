@@ -18,9 +18,8 @@ UPSTREAM = '[[upstream]]\nto = "tcp://10.1.0.5"\nunits = [{ as = 37, unit = 7 }]
     ],
 )
 def test_a_profile_that_does_not_exist(text, path):
-    assert problems(text) == [
-        f'error: {path}.profile: there is no profile "wiegher" | did you mean "weigher"? modbus-gateway profile list shows all'
-    ]
+    remedy = 'did you mean "weigher"? modbus-gateway profile list shows all'
+    assert problems(text) == [f'error: {path}.profile: there is no profile "wiegher" | {remedy}']
 
 
 def test_a_profile_without_any_function_is_none():

@@ -1,7 +1,7 @@
 import pytest
 
-from gateway.config.documents.profile_pages import FOLDER, pages
 from gateway.config.documents.points_csv import number_text
+from gateway.config.documents.profile_pages import FOLDER, pages
 from gateway.profiles import shipped_names
 
 PAGES = pages()
