@@ -55,7 +55,9 @@ class Request:
     what it failed with; `is_over` is true from then on.
     """
 
-    __slots__ = ("caller", "error", "is_over", "origin", "pdu", "place", "received_at", "transaction", "unit")
+    __slots__ = (
+        "caller", "error", "in_one_turn", "is_over", "origin", "pdu", "place", "received_at", "transaction", "unit",
+    )  # fmt: skip
 
     def __init__(self, unit: int, pdu: bytes, origin: Origin, received_at: float, transaction: int = 0) -> None:
         """`unit` is the client's number for it; `transaction` is for the origin."""
@@ -67,6 +69,9 @@ class Request:
         self.transaction = transaction
         self.error: RequestError | None = None
         self.is_over = False
+        #: With function 22, for a write of the gateway itself to some bits of a register: the function, 06 or 16, that
+        #: writes the register after it was read, in one turn, if the device's profile does not name 22. Else 0.
+        self.in_one_turn = 0
         #: Where it waits, while it does.
         self.place: Place | None = None
 
