@@ -39,10 +39,15 @@ class OneDevice:
 
 @dataclass(frozen=True, slots=True)
 class OneRequest:
-    """A request to `unit`: its `pdu` in hexadecimal."""
+    """A request to `unit`: its `pdu` in hexadecimal.
+
+    One of function 22 can be carried out as a read and a write `in_one_turn`, which no other write of the gateway comes
+    between: by a device whose profile does not name 22, with this function, 06 or 16.
+    """
 
     unit: UnitNamed
     pdu: Annotated[str, 'bytes in hexadecimal, such as "03 00 00 00 02"']
+    in_one_turn: Annotated[int, OneOf((6, 16)), "6 or 16, the function that writes the register"] = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,9 +35,9 @@ class Within:
 
 @dataclass(frozen=True, slots=True)
 class OneOf:
-    """One of these texts: an annotation of a parameter."""
+    """One of these texts or numbers: an annotation of a parameter."""
 
-    choices: Sequence[str]
+    choices: Sequence[str | int]
 
     def __get_pydantic_json_schema__(self, _schema: Any, _handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
         """Make a schema of the choices."""
@@ -91,13 +91,12 @@ class Parameter:
         if isinstance(value, int | float):
             within = self.note(Within)
             fits = isinstance(value, self.types) or float in self.types
-            return fits and (within is None or within.least <= value <= within.most)
+            return fits and (within is None or within.least <= value <= within.most) and self._is_choice(value)
+        return isinstance(value, self.types) and self._is_choice(value) and (self.note(Filled) is None or bool(value))
+
+    def _is_choice(self, value: object) -> bool:
         one_of = self.note(OneOf)
-        return (
-            isinstance(value, self.types)
-            and (one_of is None or value == self.default or value in one_of.choices)
-            and (self.note(Filled) is None or bool(value))
-        )
+        return one_of is None or value == self.default or value in one_of.choices
 
 
 def parameters_of(kind: Any) -> tuple[Parameter, ...]:

@@ -19,9 +19,9 @@ from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import fields_of
 from gateway.operator.requests import ask_for
-from gateway.operator.unit_values import point_named, prepared, read, refused, values_at
+from gateway.operator.unit_values import assigned, point_named, read, values_at, write
 from gateway.operator.units import picture
-from gateway.operator.values import Outcome, values_told
+from gateway.operator.values import values_told
 from gateway.profiles.point import Point
 
 
@@ -125,12 +125,9 @@ async def _write(
     area: Area | None = None,
 ) -> Values:
     """Write, and drop the last values of the unit, even if there was no response."""
-    ask = ask_for(operator, unit.key, asker)
-    readings, request = prepared(unit, points, values)
+    ask, new = ask_for(operator, unit.key, asker), assigned(unit, points, values)
     try:
-        answer = await ask(request)
+        outcome = await write(new, ask)
     finally:
         forget_values(operator, unit)
-    if answer.exception is not None:
-        raise refused(answer)
-    return values_told(unit.unit, unit.name, area, Outcome(readings, [], [answer]))
+    return values_told(unit.unit, unit.name, area, outcome)

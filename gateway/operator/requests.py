@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from gateway.config.values.reserved_names import CONTROL
 from gateway.errors import ChangedMeanwhile, LineDown, Malformed, RequestError
-from gateway.modbus.codes import HIGHEST_UNIT, MAX_PDU
+from gateway.modbus.codes import HIGHEST_UNIT, MAX_PDU, FunctionCode
 from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import exception_response
 from gateway.operator.answers.unit import RequestAnswer
@@ -16,7 +16,7 @@ from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.reached import target
 from gateway.operator.units import find_unit, shown_unit
-from gateway.operator.values import Answer
+from gateway.operator.values import Answer, Step
 from gateway.ports.port import SiteSettings
 from gateway.request import Caller, Request
 from gateway.routing.router import Router
@@ -56,12 +56,12 @@ class Done(NamedTuple):
     error: RequestError | None
 
 
-#: Sends a request PDU to a unit, and returns the answer.
-Ask = Callable[[bytes], Awaitable[Answer]]
+#: Sends a request to a unit, and returns the answer.
+Ask = Callable[[Step], Awaitable[Answer]]
 
 
 def ask_for(operator: Operator, unit: int, asker: Asker) -> Ask:
-    """Make a function that sends request PDUs to a unit with the asker's rights, while its target stays the same.
+    """Make a function that sends requests to a unit with the asker's rights, while its target stays the same.
 
     After a reload that changed the target it raises ChangedMeanwhile. Call this as soon as the unit is known, before
     any wait.
@@ -69,13 +69,13 @@ def ask_for(operator: Operator, unit: int, asker: Asker) -> Ask:
     expected = target(operator.gateway, unit)
     called = f"unit {unit}" if unit <= HIGHEST_UNIT else "the device"
 
-    async def ask(pdu: bytes) -> Answer:
+    async def ask(step: Step) -> Answer:
         if asker.door == "control":
             await operator.running.settled()
         if target(operator.gateway, unit) is not expected:
             raise ChangedMeanwhile(f"{called} has changed by a reload: ask again")
-        done = await send(operator.router(asker.door), unit, pdu, AwaitedOrigin(asker.is_there, asker.caller))
-        response = exception_response(pdu[0], 0) if done.pdu is None else done.pdu
+        done = await send(operator.router(asker.door), unit, step, AwaitedOrigin(asker.is_there, asker.caller))
+        response = exception_response(step.pdu[0], 0) if done.pdu is None else done.pdu
         if done.error is None:
             return Answer(response, done.elapsed_ms)
         return Answer(response, done.elapsed_ms, done.error.result, str(done.error))
@@ -88,13 +88,16 @@ async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAns
 
     Raises:
         WrongQuestion: there is no such unit.
-        Malformed: `pdu` is not a PDU.
+        Malformed: `pdu` is not a PDU, or none that can be carried out in one turn.
     """
     running = operator.running
     await running.settled()
     gateway = running.gateway
     unit, pdu = find_unit(gateway.plan, asked.unit), _pdu(asked.pdu)
-    done = await send(operator.router(asker.door), unit, pdu, AwaitedOrigin(asker.is_there, asker.caller))
+    if asked.in_one_turn and pdu[0] != FunctionCode.MASK_WRITE_REGISTER:
+        raise Malformed('"in_one_turn" is for function 22 only')
+    step = Step(pdu, asked.in_one_turn)
+    done = await send(operator.router(asker.door), unit, step, AwaitedOrigin(asker.is_there, asker.caller))
     result, reason = "", ""
     if done.error is not None:
         result = done.error.result
@@ -118,11 +121,13 @@ def _missing_site(gateway: Gateway, unit: int) -> str:
     return ""
 
 
-async def send(router: Router, unit: int, pdu: bytes, question: AwaitedOrigin) -> Done:
+async def send(router: Router, unit: int, step: Step, question: AwaitedOrigin) -> Done:
     """Send a request through `router`, and wait for its outcome."""
     now = asyncio.get_running_loop().time
     started = now()
-    router.submit(Request(unit, pdu, question, started), started)
+    request = Request(unit, step.pdu, question, started)
+    request.in_one_turn = step.in_one_turn
+    router.submit(request, started)
     error, response = await question.outcome
     return Done(response, started, round((now() - started) * 1000, 1), error)
 

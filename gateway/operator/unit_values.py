@@ -7,9 +7,8 @@ from gateway.errors import DoesNotFit, ExceptionReceived, Malformed, WrongQuesti
 from gateway.modbus.codes import Area
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.requests import Ask
-from gateway.operator.values import Answer, Outcome, Steps, reading, request_to_write
+from gateway.operator.values import Answer, NewValues, Outcome, Steps, reading, writing
 from gateway.profiles.point import Point
-from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
 from gateway.registers.items import has_bits
 
@@ -59,24 +58,34 @@ async def read(unit: UnitPicture, points: Sequence[Point], ask: Ask) -> Outcome:
         UnitFailed: nothing could be read, or values without names only in part.
         ChangedMeanwhile: a reload has given the unit's number to another target.
     """
-    outcome = await _carried_out(reading(points, unit.limits), ask)
+    outcome = await carried_out(reading(points, unit.limits), ask)
     if outcome.failures and not (outcome.readings and points[0].name):
         raise refused(outcome.failures[0].answer)
     return outcome
 
 
-def prepared(unit: UnitPicture, points: Sequence[Point], values: Sequence[object]) -> tuple[list[Reading], bytes]:
-    """Prepare the readings after a write, by address, and the request that writes them.
+async def write(new: NewValues, ask: Ask) -> Outcome:
+    """Write values, with one request.
 
     Raises:
-        DoesNotFit: a point cannot hold its value or be written, or they do not fit into one request.
+        DoesNotFit: see `writing`.
+        UnitFailed: the unit did not carry it out, or a scale could not be read.
+        ChangedMeanwhile: a reload has given the unit's number to another target.
     """
-    readings = sorted(
-        (Reading(point, _items(point, value)) for point, value in zip(points, values, strict=True)),
-        key=lambda each: each.point.address,
-    )
-    request, _ = request_to_write(readings, unit.limits, unit.functions)
-    return readings, request
+    outcome = await carried_out(writing(new), ask)
+    if outcome.failures:
+        raise refused(outcome.failures[0].answer)
+    return outcome
+
+
+def assigned(unit: UnitPicture, points: Sequence[Point], values: Sequence[object]) -> NewValues:
+    """Assign values out of JSON to points of a unit.
+
+    Raises:
+        DoesNotFit: a point is read-only, or one is no value.
+    """
+    texts = [_text(point, value) for point, value in zip(points, values, strict=True)]
+    return NewValues(points, texts, unit.limits, unit.functions)
 
 
 def refused(answer: Answer) -> ExceptionReceived:
@@ -85,24 +94,21 @@ def refused(answer: Answer) -> ExceptionReceived:
     return ExceptionReceived(str(said), said.code, said.result, said.reason)
 
 
-async def _carried_out(steps: Steps, ask: Ask) -> Outcome:
+async def carried_out(steps: Steps, ask: Ask) -> Outcome:
     """Send each request, and pass the answer to the next step."""
     try:
-        request = next(steps)
+        step = next(steps)
         while True:
-            request = steps.send(await ask(request))
+            step = steps.send(await ask(step))
     except StopIteration as end:
         outcome: Outcome = end.value
         return outcome
 
 
-def _items(point: Point, value: object) -> bytes:
-    """Encode a value out of JSON: a number, a truth value, a label, text."""
+def _text(point: Point, value: object) -> str:
+    """Write a value out of JSON as text: a number, a truth value, a label, text."""
     if point.write == "no":
         raise DoesNotFit(f"{point.name} is read-only", "set write = true for this point")
     if not isinstance(value, str | int | float):
         raise DoesNotFit(f"expected a number, boolean or string, got {'null' if value is None else repr(value)}")
-    try:
-        return point.items(str(int(value)) if isinstance(value, bool) else str(value))
-    except (ValueError, ArithmeticError) as wrong:
-        raise DoesNotFit(str(wrong)) from wrong
+    return str(int(value)) if isinstance(value, bool) else str(value)

@@ -5,18 +5,19 @@ its event loop, and the command line with blocking calls.
 """
 
 from collections.abc import Collection, Generator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Final, NamedTuple
 
 from gateway.errors import DoesNotFit, ExceptionCode, UnitFailed
-from gateway.modbus.codes import EXCEPTION_BIT, Area
+from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
 from gateway.modbus.pdu import Span
 from gateway.operator.answers import values as answers
 from gateway.operator.complaint import Complaint
 from gateway.profiles.batches import Batch, batches
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
-from gateway.registers.items import WRITERS, has_bits, most_written, write_request
+from gateway.profiles.writing import Write, request_to_write, written
+from gateway.registers.items import WriteFunction, items_read, read_request, write_request
 
 #: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.
 _MAY_BE_ANSWERED_IN_PARTS: Final = frozenset({ExceptionCode.ILLEGAL_DATA_ADDRESS, ExceptionCode.ILLEGAL_DATA_VALUE})
@@ -50,20 +51,21 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A request that got an exception: its addresses, the answer, and what else to try."""
+    """A request that got an exception: its addresses and the answer. A write has its `pdu` too."""
 
     span: Span
     answer: Answer
-    advice: str = ""
+    pdu: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Values that were read or written, requests that failed, and all answers."""
+    """Values that were read or written, requests that failed, and all answers; the `write`, if there was one."""
 
     readings: list[Reading] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     answers: list[Answer] = field(default_factory=list)
+    write: Write | None = None
 
     @property
     def elapsed_ms(self) -> float:
@@ -76,8 +78,15 @@ class Outcome:
         return next((each.answer.complaint for each in at if each.span.start <= point.address < each.span.end), None)
 
 
-#: Yields request PDUs, is sent the answer to each, and returns the outcome.
-Steps = Generator[bytes, Answer, Outcome]
+class Step(NamedTuple):
+    """A request PDU to send; `in_one_turn` as in `Request`."""
+
+    pdu: bytes
+    in_one_turn: int = 0
+
+
+#: Yields requests, is sent the answer to each, and returns the outcome.
+Steps = Generator[Step, Answer, Outcome]
 
 
 def reading(points: Sequence[Point], limits: Mapping[int, int]) -> Steps:
@@ -96,8 +105,8 @@ def reading(points: Sequence[Point], limits: Mapping[int, int]) -> Steps:
     return outcome
 
 
-def _read(batch: Batch, outcome: Outcome) -> Generator[bytes, Answer, None]:
-    answer = yield batch.request
+def _read(batch: Batch, outcome: Outcome) -> Generator[Step, Answer, None]:
+    answer = yield Step(batch.request)
     outcome.answers.append(answer)
     if answer.exception is None:
         try:
@@ -106,37 +115,99 @@ def _read(batch: Batch, outcome: Outcome) -> Generator[bytes, Answer, None]:
             raise UnitFailed(str(wrong)) from wrong
     elif answer.exception in _MAY_BE_ANSWERED_IN_PARTS and len(batch.points) > 1 and batch.points[0].name:
         for point in batch.points:
-            yield from _read(Batch(point.span, (point,)), outcome)
+            yield from _read(Batch(point.read_span, (point,)), outcome)
     else:
         outcome.failures.append(Failure(batch.span, answer))
 
 
-def request_to_write(
-    readings: Sequence[Reading],
-    limits: Mapping[int, int],
-    functions: Collection[int] | None = None,
-    *,
-    multiple: bool = False,
-) -> tuple[bytes, Span]:
-    """Make the one request that writes these values, which lie side by side, and return also where it writes.
+@dataclass(frozen=True, slots=True)
+class NewValues:
+    """The text that each point is to be, at a unit that knows `functions` (None: all) and has these `limits`.
+
+    `multiple`: one item is written with function 15 or 16 too.
+    """
+
+    points: Sequence[Point]
+    texts: Sequence[str]
+    limits: Mapping[int, int]
+    functions: Collection[int] | None = None
+    multiple: bool = False
+
+    @property
+    def needs_scales(self) -> bool:
+        """Whether the points must be read before it is known what to write."""
+        return any(point.scale_at is not None for point in self.points)
+
+    def prepared(self, before: Sequence[bytes | None] = ()) -> tuple[list[Reading], Write]:
+        """Prepare the readings after the write, and its request; `before` are the items of each point, as far as known.
+
+        Raises:
+            DoesNotFit: a point cannot hold its value or be written, or they do not fit into one request.
+        """
+        triples = zip(self.points, self.texts, before or [None] * len(self.points), strict=True)
+        try:
+            readings = [written(point, text, items) for point, text, items in triples]
+        except (ValueError, ArithmeticError) as wrong:
+            raise DoesNotFit(str(wrong)) from wrong
+        return readings, request_to_write(readings, self.limits, self.functions, multiple=self.multiple)
+
+
+def writing(new: NewValues, *, shows: bool = False, has_turns: bool = True) -> Steps:
+    """Write values with one request. Scales are read before; if it `shows` them, all is read before and afterwards.
+
+    Without a gateway nothing `has_turns`: what would be one is a read and a write then, one after the other.
 
     Raises:
-        DoesNotFit: they cannot be written, do not lie side by side, or are too many.
+        DoesNotFit: as `NewValues.prepared`; at once, unless scales must be read.
     """
-    first, count = readings[0].point, 0
-    if first.area not in WRITERS:
-        raise DoesNotFit(f"{first.area} cannot be written", "coils and holding can")
-    for each in readings:
-        if (each.point.area, each.point.address) != (first.area, first.address + count):
-            raise DoesNotFit("what one request writes must lie side by side", "write them one by one")
-        count += each.point.count
-    most = most_written(first.area, limits)
-    if count > most:
-        called = "coils" if has_bits(first.area) else "registers"
-        raise DoesNotFit(f"{count} {called} are too many for one request", f"write at most {most} at a time")
-    items = b"".join(each.items for each in readings)
-    request = write_request(first.area, first.address, items, functions, multiple=multiple)
-    return request, Span(first.area, first.address, count)
+    if not new.needs_scales:
+        new.prepared()
+    return _writing(new, shows=shows, has_turns=has_turns)
+
+
+def _writing(new: NewValues, *, shows: bool, has_turns: bool) -> Steps:
+    points, limits = new.points, new.limits
+    is_shown = shows and all(point.write != "only" for point in points)
+    before = (yield from reading(points, limits)) if is_shown or new.needs_scales else Outcome()
+    if before.failures and new.needs_scales:
+        return replace(before, readings=[])
+    known = {id(each.point): each.items for each in before.readings}
+    readings, write = new.prepared([known.get(id(point)) for point in points])
+    if write.in_one_turn and not has_turns:
+        answers, pdu = yield from _reading_and_writing(write)
+    else:
+        answers, pdu = [(yield Step(write.pdu, write.in_one_turn))], write.pdu
+    answers = [*before.answers, *answers]
+    if answers[-1].exception is not None:
+        return Outcome([], [*before.failures, Failure(write.span, answers[-1], pdu)], answers, write)
+    after = (yield from reading(points, limits)) if is_shown else Outcome(readings)
+    return Outcome(
+        [replace(each, before=known.get(id(each.point)) if is_shown else None) for each in after.readings],
+        [*before.failures, *after.failures],
+        [*answers, *after.answers],
+        write,
+    )
+
+
+def _reading_and_writing(write: Write) -> Generator[Step, Answer, tuple[list[Answer], bytes]]:
+    """Carry out a request of function 22 as a read and a write; return the answers, and the PDU of the write if sent.
+
+    Raises:
+        UnitFailed: the response to the read is too short.
+    """
+    span = write.span
+    read = yield Step(read_request(span))
+    if read.exception is not None:
+        return [read], b""
+    try:
+        register = int.from_bytes(items_read(span, read.pdu), "big")
+    except ValueError as wrong:
+        raise UnitFailed(str(wrong)) from wrong
+    kept, new = (int.from_bytes(write.pdu[at : at + 2], "big") for at in (3, 5))
+    items = (register & kept | new).to_bytes(2, "big")
+    how: WriteFunction = "single" if write.in_one_turn == FunctionCode.WRITE_SINGLE_REGISTER else "multiple"
+    pdu = write_request(span.area, span.start, items, how=how)
+    return [read, (yield Step(pdu))], pdu
 
 
 def values_told(unit: int | None, name: str, area: Area | None, outcome: Outcome) -> answers.Values:

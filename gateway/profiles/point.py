@@ -9,13 +9,11 @@ from typing import Final, Literal
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.registers.datatypes import BYTE_TYPES, Value, bounds, decode, encode, is_float, is_whole, swapped
-from gateway.registers.items import has_bits
+from gateway.registers.items import WriteFunction, has_bits
 from gateway.registers.numbers import parse_number
 
 #: Whether a point can be written: no, yes, or only written and never read.
 Writing = Literal["no", "yes", "only"]
-#: The functions that write a point: 05 or 06 for one item and 15 or 16 for several, or always the ones or the others.
-WriteFunction = Literal["auto", "single", "multiple"]
 
 #: No type and scale have room for numbers with more digits before or behind the point: those are not even converted.
 _LARGEST_EXPONENT: Final = 400
@@ -81,6 +79,14 @@ class Point:
         return Span(area, self.address if self.write_at is None else self.write_at, self.count)
 
     @property
+    def bits_shown(self) -> str:
+        """Its bits as they stand behind an address: `.3` or `.4-6`; empty if it is no part of a register."""
+        if self.bits is None:
+            return ""
+        first, last = self.bits
+        return f".{first}" if first == last else f".{first}-{last}"
+
+    @property
     def is_bit(self) -> bool:
         """Whether it is 0 or 1."""
         return has_bits(self.area) or (self.bits is not None and self.bits[0] == self.bits[1])
@@ -98,6 +104,11 @@ class Point:
             return items
         start = (self.address - self.read_span.start) * self.width
         return items[start : start + self.count * self.width]
+
+    def around(self, own: bytes, items: bytes) -> bytes:
+        """Put its own items in the place of those in the items of its `read_span`."""
+        start = (self.address - self.read_span.start) * self.width
+        return items[:start] + own + items[start + len(own) :]
 
     def value(self, items: bytes) -> Value | None:
         """Decode the items of its `read_span`: a number, or text; None if they say that there is no value."""
@@ -230,8 +241,7 @@ class Point:
     def _place(self) -> str:
         if self.bits is None or self.type in BYTE_TYPES:
             return self.type
-        first, last = self.bits
-        return f"bit {first}" if first == last else f"bits {first}-{last}"
+        return f"bit{'' if self.is_bit else 's'} {self.bits_shown[1:]}"
 
     def _scaled(self, carried: float, exponent: int = 0) -> float:
         value = carried

@@ -4,16 +4,21 @@ Items are bytes: two for a register, as in a response, and one for a coil or an 
 """
 
 from collections.abc import Container, Mapping
-from typing import Final
+from typing import Final, Literal
 
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import FUNCTIONS, READERS
 from gateway.modbus.pdu import Span
 
-#: The bytes of a register (A 4.3) and of a wide one, and the most wide ones in one read: 248 bytes of values.
+#: The functions that write: 05 or 06 for one item and 15 or 16 for several, or always the ones or the others.
+WriteFunction = Literal["auto", "single", "multiple"]
+
+#: The bytes of a register (A 4.3) and of a wide one, and the most wide ones in one read and in one write: 248 bytes of
+#: values, and 244.
 REGISTER: Final = 2
 WIDE_REGISTER: Final = 4
 MOST_WIDE: Final = 62
+MOST_WIDE_WRITTEN: Final = 61
 
 _ON: Final = b"\xff\0"
 _OFF: Final = b"\0\0"
@@ -66,34 +71,53 @@ def items_read(span: Span, response: bytes, width: int = REGISTER) -> bytes:
 
 
 def write_function(
-    area: Area, count: int, functions: Container[int] | None = None, *, multiple: bool = False
+    area: Area,
+    count: int,
+    functions: Container[int] | None = None,
+    *,
+    how: WriteFunction = "auto",
+    width: int = REGISTER,
 ) -> FunctionCode:
     """Choose the function that writes so many coils or holding registers of a unit that knows `functions` (None: all).
 
-    One item is written with 05 or 06, unless `multiple` or the unit knows only 15 or 16; several with 15 or 16.
+    One item is written with 05 or 06, unless the unit knows only 15 or 16; several with 15 or 16, as wide ones always.
     """
     single, several, _ = WRITERS[area]
+    if count > 1 or width > REGISTER or how == "multiple":
+        return several
     only_several = functions is not None and single not in functions and several in functions
-    return several if count > 1 or multiple or only_several else single
+    return several if only_several and how == "auto" else single
 
 
-def most_written(area: Area, limits: Mapping[int, int]) -> int:
+def most_written(area: Area, limits: Mapping[int, int], width: int = REGISTER) -> int:
     """Find the most coils or holding registers that one request writes; `limits` is the most of a function."""
     _, several, most = WRITERS[area]
-    return min(most, limits.get(several, most))
+    return min(MOST_WIDE_WRITTEN if width > REGISTER else most, limits.get(several, most))
 
 
 def write_request(
-    area: Area, start: int, items: bytes, functions: Container[int] | None = None, *, multiple: bool = False
+    area: Area,
+    start: int,
+    items: bytes,
+    functions: Container[int] | None = None,
+    *,
+    how: WriteFunction = "auto",
+    width: int = REGISTER,
 ) -> bytes:
     """Make the request PDU that writes items from `start` on, with the function that `write_function` names."""
-    count = len(items) if has_bits(area) else len(items) // 2
-    function = write_function(area, count, functions, multiple=multiple)
+    count = len(items) if has_bits(area) else len(items) // width
+    function = write_function(area, count, functions, how=how, width=width)
     if function == WRITERS[area][0]:
         value = items if not has_bits(area) else _ON if items[0] else _OFF
         return bytes((function, *start.to_bytes(2, "big"), *value))
     data = pack_bits(items) if has_bits(area) else items
     return bytes((function, *start.to_bytes(2, "big"), *count.to_bytes(2, "big"), len(data), *data))
+
+
+def mask_request(address: int, mask: bytes, value: bytes) -> bytes:
+    """Make the request PDU that writes those bits of a holding register that are 1 in `mask` (A 6.16)."""
+    others = bytes(0xFF ^ each for each in mask)
+    return bytes((FunctionCode.MASK_WRITE_REGISTER, *address.to_bytes(2, "big"), *others, *value))
 
 
 def pack_bits(bits: bytes) -> bytes:

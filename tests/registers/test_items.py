@@ -11,6 +11,7 @@ from gateway.registers.items import (
     WRITERS,
     has_bits,
     items_read,
+    mask_request,
     most_written,
     pack_bits,
     place_of,
@@ -52,19 +53,20 @@ def test_the_most_items_to_write_are_those_of_the_specification(area):
 
 
 @pytest.mark.parametrize(
-    ("area", "start", "items", "multiple", "request_pdu"),
+    ("area", "start", "items", "how", "request_pdu"),
     [
-        (Area.COILS, 0xAC, "01", False, "05 00 AC FF 00"),
-        (Area.COILS, 0xAC, "00", False, "05 00 AC 00 00"),
-        (Area.COILS, 0xAC, "01", True, "0F 00 AC 00 01 01 01"),
-        (Area.COILS, 0x13, "01 00 01 01 00 00 01 01 00 00", False, "0F 00 13 00 0A 02 CD 00"),
-        (Area.HOLDING, 0x87, "03 9E", False, "06 00 87 03 9E"),
-        (Area.HOLDING, 0x100, "00 05", True, "10 01 00 00 01 02 00 05"),
-        (Area.HOLDING, 0x87, "00 0A 01 02", False, "10 00 87 00 02 04 00 0A 01 02"),
+        (Area.COILS, 0xAC, "01", "auto", "05 00 AC FF 00"),
+        (Area.COILS, 0xAC, "00", "auto", "05 00 AC 00 00"),
+        (Area.COILS, 0xAC, "01", "multiple", "0F 00 AC 00 01 01 01"),
+        (Area.COILS, 0x13, "01 00 01 01 00 00 01 01 00 00", "auto", "0F 00 13 00 0A 02 CD 00"),
+        (Area.HOLDING, 0x87, "03 9E", "auto", "06 00 87 03 9E"),
+        (Area.HOLDING, 0x100, "00 05", "multiple", "10 01 00 00 01 02 00 05"),
+        (Area.HOLDING, 0x87, "03 9E", "single", "06 00 87 03 9E"),
+        (Area.HOLDING, 0x87, "00 0A 01 02", "auto", "10 00 87 00 02 04 00 0A 01 02"),
     ],
 )
-def test_items_are_written_as_the_documents_print_it(area, start, items, multiple, request_pdu):
-    assert write_request(area, start, bytes.fromhex(items), multiple=multiple) == bytes.fromhex(request_pdu)
+def test_items_are_written_as_the_documents_print_it(area, start, items, how, request_pdu):
+    assert write_request(area, start, bytes.fromhex(items), how=how) == bytes.fromhex(request_pdu)
 
 
 @pytest.mark.parametrize(
@@ -146,3 +148,18 @@ def test_a_short_address_may_have_six_digits():
 @pytest.mark.parametrize("text", ["", "40000", "4001", "20001", "465537", "4000x", "4000001", "²0001"])
 def test_other_numbers_are_none(text):
     assert place_of(text) is None
+
+
+def test_wide_registers_are_written_with_function_16_and_four_bytes_each():
+    """As Enron's registers from 5001 on; 61 of them fill a request."""
+    pdu = write_request(Area.HOLDING, 5000, bytes.fromhex("00 01 11 70"), width=4)
+    assert pdu == bytes.fromhex("10 13 88 00 01 04 00 01 11 70")
+    assert write_request(Area.HOLDING, 5000, bytes(4), width=4, how="single")[0] == 16
+    most = most_written(Area.HOLDING, {}, 4)
+    assert (most, len(write_request(Area.HOLDING, 5000, bytes(4 * most), width=4))) == (61, 250)
+    assert most_written(Area.HOLDING, {16: 20}, 4) == 20
+
+
+def test_a_request_to_write_some_bits_names_all_others_as_to_be_kept():
+    """Function 22 by its section 6.16: the register becomes (what it is AND the first word) OR the second word."""
+    assert mask_request(4, b"\x00\x0f", b"\x00\x05") == bytes.fromhex("16 00 04 FF F0 00 05")

@@ -14,6 +14,7 @@ from gateway.lines.breaker import FAILURES
 from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
 from gateway.modbus.functions import FUNCTIONS, READERS
 from gateway.modbus.pdu import Span
+from gateway.operator.values import Step
 from gateway.registers.items import items_read, read_request, write_request
 
 #: How many sizes of each table are asked, and how often without a time to go on for.
@@ -40,12 +41,12 @@ class _Questions:
 
     def ask(self, pdu: bytes) -> bytes | None:
         """Send a request, and return its response; None if it is an exception, of the device or the gateway."""
-        answer = self._unit.ask(pdu)
+        answer = self._unit.ask(Step(pdu))
         for _ in range(MOST_PAUSES):
             if answer.result != "overdue":
                 break
             time.sleep(PAUSE)
-            answer = self._unit.ask(pdu)
+            answer = self._unit.ask(Step(pdu))
         self.failures = self.failures + 1 if answer.reason else 0
         if self.failures >= MOST_FAILURES:
             raise _GivesUpError(f"{self._unit.name or self._unit.number}: {answer.complaint}")
@@ -148,7 +149,8 @@ def _most_written(function: int) -> int:
 
 
 def _written(function: int, span: Span, values: bytes) -> bytes:
-    request = write_request(span.area, span.start, values, multiple=function != FunctionCode.WRITE_SINGLE_REGISTER)
+    is_single = function == FunctionCode.WRITE_SINGLE_REGISTER
+    request = write_request(span.area, span.start, values, how="single" if is_single else "multiple")
     if function != _BOTH:
         return request
     place = request[1:5]

@@ -29,7 +29,7 @@ from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
 from gateway.modbus.explain import Mode, explain
 from gateway.modbus.pdu import parse_request
-from gateway.operator.values import Answer
+from gateway.operator.values import Answer, Step
 from gateway.ports.opener import open_blocking
 from gateway.ports.port import SerialSettings
 from gateway.profiles.point import Point
@@ -63,12 +63,13 @@ class DirectUnit:
         self._advice = place.advice
         self._decoder = DecodePDU(is_server=True)
 
-    def ask(self, pdu: bytes) -> Answer:
-        """Send a request.
+    def ask(self, step: Step) -> Answer:
+        """Send a request, which is none to be carried out in one turn.
 
         Raises:
             NoResponseError: no response came, or what came is not the response to this request.
         """
+        pdu = step.pdu
         request = self._decoder.decode(pdu)
         assert request is not None  # noqa: S101 - only functions that pymodbus knows are used
         request.dev_id = self.number

@@ -23,9 +23,9 @@ def carry_out(unit: Unit, steps: Steps) -> Outcome:
         DaemonError, NoResponseError: there is no response.
     """
     try:
-        request = next(steps)
+        step = next(steps)
         while True:
-            request = steps.send(unit.ask(request))
+            step = steps.send(unit.ask(step))
     except StopIteration as end:
         outcome: Outcome = end.value
         return outcome

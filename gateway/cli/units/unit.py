@@ -12,7 +12,7 @@ from gateway.errors import GatewayError
 from gateway.modbus.codes import Area
 from gateway.operator.asked import OneRequest, OneUnit
 from gateway.operator.operations import REQUEST, UNIT
-from gateway.operator.values import Answer
+from gateway.operator.values import Answer, Step
 from gateway.profiles.point import Point
 
 #: How much longer than the longest wait of a unit its response may take to arrive here, in seconds.
@@ -57,7 +57,7 @@ class Unit(Protocol):
     functions: frozenset[int] | None
     limits: Mapping[int, int]
 
-    def ask(self, pdu: bytes) -> Answer:
+    def ask(self, step: Step) -> Answer:
         """Send a request. Raises DaemonError or NoResponseError."""
 
 
@@ -97,9 +97,10 @@ class DaemonUnit:
         self.points = unit.points
         daemon.wait_for(unit.longest_wait_ms / 1000 + _SPARE_TIME)
 
-    def ask(self, pdu: bytes) -> Answer:
+    def ask(self, step: Step) -> Answer:
         """Send a request as the client `control`. Raises DaemonError."""
-        answer = self._daemon.ask(REQUEST, OneRequest(self.wanted, pdu.hex(" ")))
+        pdu = step.pdu
+        answer = self._daemon.ask(REQUEST, OneRequest(self.wanted, pdu.hex(" "), step.in_one_turn))
         response, result = bytes.fromhex(answer.pdu or ""), answer.result
         reason = (result == "line_down" and answer.reason) or _REASONS.get(result) or answer.reason or result
         head = bytes((self.number or 0,))

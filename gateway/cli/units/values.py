@@ -7,12 +7,12 @@ from typing import Any, Final
 from gateway.cli.kit.columns import align
 from gateway.cli.units.unit import Unit
 from gateway.errors import ExceptionCode
-from gateway.modbus.codes import Area
+from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import Span
 from gateway.operator.parameters import fields_of
 from gateway.operator.values import Answer, Failure, Outcome, values_told
 from gateway.profiles.reading import Reading
-from gateway.registers.items import MANUAL_BASES, has_bits, reference
+from gateway.registers.items import MANUAL_BASES, WRITERS, has_bits, reference
 
 #: The text of an empty cell.
 _NOTHING: Final = "-"
@@ -46,7 +46,7 @@ def failure_in_words(unit: Unit, failure: Failure) -> str:
     span, answer = failure.span, failure.answer
     last = "" if span.count == 1 else f"-{span.end - 1}"
     what = f"{_called(unit)}, {span.area} {span.start}{last}: {answer.complaint}"
-    advice = failure.advice or advice_after(answer, span)
+    advice = _advice_after_write(answer, failure.pdu) or advice_after(answer, span)
     return f"{what}\n  help: {advice}" if advice else what
 
 
@@ -56,6 +56,22 @@ def advice_after(answer: Answer, span: Span) -> str:
     if answer.exception != ExceptionCode.ILLEGAL_DATA_ADDRESS or base is None or not 0 <= span.start - base < 10_000:
         return ""
     return f"{span.start} of a manual is {span.area} {span.start - base} here"
+
+
+def _advice_after_write(answer: Answer, request: bytes) -> str:
+    """Say what else can be tried after a write. A gateway on the way refuses with 01 as a device does."""
+    if not request or (answer.exception != ExceptionCode.ILLEGAL_FUNCTION and answer.result != "denied"):
+        return ""
+    if answer.result == "denied":
+        return "modbus-gateway check shows the rights"
+    if answer.result == "refused":  # which says why
+        return ""
+    rights = "this client may not write there: modbus-gateway check, on each gateway on the way, shows the rights"
+    singles = {single: several for single, several, _ in WRITERS.values()}
+    several = singles.get(FunctionCode(request[0]))
+    if several is None:
+        return f"the unit does not know function {request[0]:02}, or {rights}"
+    return f"{rights}; if the unit does not know function {request[0]:02}: --multiple writes with {several:02}"
 
 
 def frames_as_text(answers: Sequence[Answer]) -> str:
@@ -74,15 +90,15 @@ def as_json(what: object, *, one_line: bool) -> str:
 
 
 def _cells(reading: Reading) -> dict[str, str]:
-    point = reading.point
+    point, place = reading.point, reading.place
     return {
         "POINT": point.name,
         "OLD": _NOTHING if reading.before is None else point.show(point.value(reading.before)),
-        "VALUE": point.show(reading.value),
+        "VALUE": reading.text,
         "UNIT": point.unit,
-        "AREA": point.area,
-        "ADDRESS": str(point.address),
-        "REFERENCE": reference(point.area, point.address),
+        "AREA": place.area,
+        "ADDRESS": f"{place.start}{point.bits_shown}",
+        "REFERENCE": f"{reference(place.area, place.start)}{point.bits_shown}",
         "HEX": " ".join(f"{register:04X}" for register in reading.registers) or _NOTHING,
     }
 

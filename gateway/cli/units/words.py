@@ -71,7 +71,7 @@ def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]
     if point.write == "no":
         what = f"{point.name} is read-only"
         remedy = "to allow writing, add write = true to the point in the config"
-        if point.area in WRITERS:
+        if point.area in WRITERS and point.bits is None:
             type_ = () if point.type == "bit" else (point.type,)
             swap = () if point.swap == "none" else ("--swap", point.swap)
             itself = command.like(point.area, point.address, "VALUE", *type_, *swap)

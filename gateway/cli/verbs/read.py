@@ -18,10 +18,13 @@ from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, 
 from gateway.cli.units.words import Command, find_points
 from gateway.config.values.duration import parse_duration
 from gateway.operator.values import Outcome
-from gateway.profiles.point import Point
+from gateway.profiles.point import NO_VALUE, Point
 
 #: How often to read when only the number of times is said, in seconds.
 _USUAL_PACE: Final = 1.0
+
+#: What is said below a table that has a dash for a value.
+_NO_VALUE: Final = f"{NO_VALUE} is no value: the device says that it has none, or the registers hold no number"
 
 _EXAMPLES: Final = """\
 examples:
@@ -77,6 +80,8 @@ def _show(unit: Unit, points: Sequence[Point], args: argparse.Namespace) -> int:
         print(as_json(_picture(unit, points, outcome, args), one_line=False))
     else:
         _print(unit, outcome, args, table(outcome.readings))
+        if any(each.value is None for each in outcome.readings):
+            print(_NO_VALUE, file=sys.stderr)
     return PROBLEM_FOUND if outcome.failures else FINE
 
 

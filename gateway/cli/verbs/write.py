@@ -2,8 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any, Final
 
 from gateway.cli.kit.daemon import NOT_UNDERSTOOD, tell_which
@@ -11,15 +10,12 @@ from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.units.mbpoll import add_habits
 from gateway.cli.units.on_unit import run_on_unit
-from gateway.cli.units.reading import read_points
 from gateway.cli.units.unit import Unit, add_unit_arguments
 from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, frames_as_text, picture, table
-from gateway.cli.units.words import Assignment, Command, find_assignments
-from gateway.errors import DoesNotFit, ExceptionCode, GatewayError
-from gateway.modbus.codes import FunctionCode
-from gateway.operator.values import Answer, Failure, Outcome, request_to_write
-from gateway.profiles.reading import Reading
-from gateway.registers.items import WRITERS
+from gateway.cli.units.words import Command, find_assignments
+from gateway.errors import DoesNotFit, GatewayError
+from gateway.modbus.functions import only_reads
+from gateway.operator.values import NewValues, Outcome, Steps, writing
 
 _EXAMPLES: Final = """\
 examples:
@@ -64,78 +60,44 @@ def run(args: argparse.Namespace) -> int:
     """
 
     def act(unit: Unit, command: Command, words: Sequence[str]) -> int:
-        wanted = _readings(find_assignments(command, words))
-        if unit.gateway is not None:
-            tell_which(unit.gateway)
-        outcome = _write(unit, wanted, args)
+        assigned = find_assignments(command, words)
+        points, texts = [each.point for each in assigned], [each.text for each in assigned]
+        new = NewValues(points, texts, unit.limits, unit.functions, multiple=args.multiple)
+        try:
+            steps = writing(new, shows=args.show, has_turns=unit.gateway is not None)
+            if unit.gateway is not None:
+                tell_which(unit.gateway)
+            outcome = _carry_out(unit, steps)
+        except DoesNotFit as wrong:
+            raise WrongUsageError(wrong.what, wrong.remedy) from wrong
         _print(unit, outcome, args)
         return PROBLEM_FOUND if outcome.failures else FINE
 
     return run_on_unit("write", args, act)
 
 
-def _readings(assigned: Sequence[Assignment]) -> list[Reading]:
-    """What is to be there afterwards.
+def _carry_out(unit: Unit, steps: Steps) -> Outcome:
+    """Send each request. An error says what became of the write.
 
     Raises:
-        WrongUsageError: a point cannot hold its value.
+        DoesNotFit: a value does not fit, as a register that was read before has shown.
     """
+    became = ""
     try:
-        return [Reading(point, point.items(text)) for point, text in assigned]
-    except ValueError as wrong:
-        raise WrongUsageError(str(wrong)) from wrong
-
-
-def _write(unit: Unit, wanted: Sequence[Reading], args: argparse.Namespace) -> Outcome:
-    """Write all values with one request; with --show they are read before and afterwards.
-
-    Raises:
-        WrongUsageError: they do not fit into one request.
-    """
-    points = [reading.point for reading in wanted]
-    try:
-        request, span = request_to_write(wanted, unit.limits, unit.functions, multiple=args.multiple)
-    except DoesNotFit as wrong:
-        raise WrongUsageError(wrong.what, wrong.remedy) from wrong
-    is_shown = args.show and points[0].write != "only"
-    before = read_points(unit, points) if is_shown else Outcome()
-    with _noting("the write may have been carried out"):
-        answer = unit.ask(request)
-    if answer.exception is not None:
-        failure = Failure(span, answer, _advice(answer, request))
-        return Outcome([], [*before.failures, failure], [*before.answers, answer])
-    with _noting("the write was carried out"):
-        after = read_points(unit, points) if is_shown else Outcome(list(wanted))
-    old = {id(reading.point): reading.items for reading in before.readings}
-    return Outcome(
-        [Reading(each.point, each.items, old.get(id(each.point))) for each in after.readings],
-        [*before.failures, *after.failures],
-        [*before.answers, answer, *after.answers],
-    )
-
-
-@contextmanager
-def _noting(what: str) -> Iterator[None]:
-    """An error in this context says also what became of the write."""
-    try:
-        yield
+        step = next(steps)
+        while True:
+            is_write = not only_reads(step.pdu)
+            became = "the write may have been carried out" if is_write else became
+            answer = unit.ask(step)
+            became = "the write was carried out" if is_write else became
+            step = steps.send(answer)
+    except StopIteration as end:
+        outcome: Outcome = end.value
+        return outcome
     except (GatewayError, *NOT_UNDERSTOOD) as error:
-        error.add_note(what)
+        if became:
+            error.add_note(became)
         raise
-
-
-def _advice(answer: Answer, request: bytes) -> str:
-    """What else can be tried. A gateway on the way, such as that of another site, refuses with 01 as a device does."""
-    if answer.result == "denied":
-        return "modbus-gateway check shows the rights"
-    if answer.exception != ExceptionCode.ILLEGAL_FUNCTION or answer.result == "refused":  # which says why
-        return ""
-    rights = "this client may not write there: modbus-gateway check, on each gateway on the way, shows the rights"
-    singles = {single: several for single, several, _ in WRITERS.values()}
-    several = singles.get(FunctionCode(request[0]))
-    if several is None:
-        return f"the unit does not know function {request[0]:02}, or {rights}"
-    return f"{rights}; if the unit does not know function {request[0]:02}: --multiple writes with {several:02}"
 
 
 def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace) -> None:

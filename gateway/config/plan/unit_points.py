@@ -65,4 +65,4 @@ def _device_points(
 
 
 def _points_in(areas: Mapping[Area, tuple[Range, ...]], points: Iterable[Point]) -> tuple[Point, ...]:
-    return tuple(point for point in points if covers(areas.get(point.area, ()), point.span))
+    return tuple(point for point in points if covers(areas.get(point.area, ()), point.read_span))

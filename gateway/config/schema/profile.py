@@ -22,8 +22,8 @@ from gateway.config.values.key_types import (
     Wide,
 )
 from gateway.devices.quirks import Quirk
-from gateway.profiles.point import WriteFunction
 from gateway.registers.datatypes import DataType, Swap
+from gateway.registers.items import WriteFunction
 
 #: A limit of values.
 Limit = Annotated[float, Field(allow_inf_nan=False)]

@@ -12,21 +12,24 @@ IF_KNOWN: Final[Mapping[str, Any]] = {"if_known": True}
 
 Address = Annotated[int, Within(0, 65535)]
 Register = Annotated[int, Within(0, 65535)]
-#: A number, or text. None stands for a number that JSON cannot have, such as an infinite one.
+#: A number, or text. None is no value: the device says that it has none, or the registers hold no number.
 Told = float | str | None
+Bit = Annotated[int, Within(0, 63)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Value:
     """A value. A `point` has a name and often a `unit`. `reference` is its number in many manuals: holding 0 is 40001.
 
-    `old` is the value before a write, if that was asked for.
+    With `bits`, the first and the last, it is only these of its registers; 0 is the lowest. `old` is the value before a
+    write, if that was asked for. After a write to bits of registers, the `registers` are not known.
     """
 
     point: str | None = field(default=None, metadata=IF_KNOWN)
     area: Area | None = field(default=None, metadata=IF_KNOWN)
     address: Address
     reference: str
+    bits: Sequence[Bit] | None = field(default=None, metadata=IF_KNOWN)
     value: Told
     old: Told = field(default=None, metadata=IF_KNOWN)
     unit: str | None = field(default=None, metadata=IF_KNOWN)

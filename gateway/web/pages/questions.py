@@ -9,7 +9,9 @@ from typing import Final
 
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint
+from gateway.operator.values import NewValues
 from gateway.profiles.reading import Reading
+from gateway.profiles.writing import Write
 
 #: How long a question can be confirmed, and its result be seen, in seconds; and how many there are at a time.
 PATIENCE: Final = 120.0
@@ -33,7 +35,7 @@ class Result:
 
 @dataclass(slots=True)
 class Question:
-    """A write to confirm: the `wanted` values, and the request `pdu`. `owner` is the CSRF token of the user.
+    """A write of `new` values to confirm: the `wanted` readings, and the request. `owner` is the user's CSRF token.
 
     `target` is what answered for the unit then: a reload may replace it. The readings have the values `before`, or
     `why_no_old` says why not. It is sent at most once: `is_sent` is set before. `waiting` has a function for each
@@ -43,8 +45,9 @@ class Question:
     unit: UnitPicture
     target: object
     owner: str
+    new: NewValues
     wanted: tuple[Reading, ...]
-    pdu: bytes
+    write: Write
     why_no_old: Complaint | str | None
     asked_at: float
     is_sent: bool = False

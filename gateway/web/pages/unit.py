@@ -25,7 +25,7 @@ from gateway.operator.requests import ask_for
 from gateway.operator.status import recent_status
 from gateway.operator.unit_values import read, values_at
 from gateway.operator.values import Outcome
-from gateway.profiles.point import Point
+from gateway.profiles.point import NO_VALUE, Point
 from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import reference
@@ -149,6 +149,7 @@ class UnitPage:
             values=values,
             elapsed_ms=outcome.elapsed_ms,
             why=why,
+            no_value=NO_VALUE,
             rests_ms=rests_ms(unit, await recent_status(self._operator)) if why else 0.0,
             **_form(asked),
             **self._rights.of(unit, visitor).as_content(),
@@ -165,13 +166,14 @@ class UnitPage:
             area: may(router, asker.host, unit.key, READERS[area][0]) for area in {point.area for point in unit.points}
         }
         now = asyncio.get_running_loop().time()
-        there = kept(self._operator.gateway, unit.key, [point.span for point in unit.points], now)
+        there = kept(self._operator.gateway, unit.key, [point.read_span for point in unit.points], now)
         points = [
             _best(point, known.get(point.name), each if may_read[point.area] else None, troubles[point.name])
             for point, each in zip(unit.points, there, strict=True)
         ]
         return {
             "points": points,
+            "no_value": NO_VALUE,
             "can_be_read": bool(readable(unit)),
             "was_read_ago": age if last else None,
             **self._rights.of(unit, request[VISITOR]).as_content(),
@@ -192,17 +194,21 @@ def _kinds(status: Any) -> list[tuple[str, int]]:
 
 def _shown(reading: Reading, age_ms: float | None) -> ShownPoint:
     point = reading.point
-    return ShownPoint(point, reference(point.area, point.address), point.show(reading.value), age_ms)
+    return ShownPoint(point, _reference(point), reading.text, age_ms)
 
 
 def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble: Complaint | None) -> ShownPoint:
     """Choose the newer one of what was read of a point and what a mirror has."""
     if kept is None or kept.age_ms is None:
-        return was_read or ShownPoint(point, reference(point.area, point.address), "", None, trouble=trouble)
+        return was_read or ShownPoint(point, _reference(point), "", None, trouble=trouble)
     if was_read is not None and was_read.age_ms is not None and was_read.age_ms < kept.age_ms:
         return was_read
     text = point.show(point.value(kept.items))
-    return ShownPoint(point, reference(point.area, point.address), text, kept.age_ms, kept.name, kept.is_stale)
+    return ShownPoint(point, _reference(point), text, kept.age_ms, kept.name, kept.is_stale)
+
+
+def _reference(point: Point) -> str:
+    return reference(point.area, point.address) + point.bits_shown
 
 
 def _blocked(status: Any) -> int:

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 from aiohttp import web
 
-from gateway.errors import ExceptionCode, WrongQuestion
-from gateway.modbus.codes import Area
+from gateway.errors import DoesNotFit, ExceptionCode, WrongQuestion
+from gateway.modbus.codes import Area, FunctionCode
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint, complaint_of
 from gateway.operator.last_values import forget_values
@@ -21,10 +21,11 @@ from gateway.operator.operator import Operator
 from gateway.operator.reached import may, target
 from gateway.operator.requests import Ask, ask_for
 from gateway.operator.status import recent_status
-from gateway.operator.unit_values import point_named, prepared, read, values_at
+from gateway.operator.unit_values import assigned, carried_out, point_named, read, values_at
 from gateway.operator.units import picture
-from gateway.operator.values import Answer
+from gateway.operator.values import Failure, writing
 from gateway.profiles.point import Point
+from gateway.profiles.writing import Write
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import WRITERS, reference
 from gateway.web.access.guard import VISITOR, Need, Visitor
@@ -52,14 +53,20 @@ _Why = Complaint | str | None
 
 @dataclass(frozen=True, slots=True)
 class Writable:
-    """What a visitor may write at a unit; `could`: an operator might write there."""
+    """What a visitor may write at a unit, and whether that includes `bits`; `could`: an operator might write there."""
 
     areas: tuple[Area, ...]
     could: bool
+    bits: bool
+
+    def takes(self, point: Point) -> bool:
+        """Return whether this point can be written."""
+        has_right = point.write_span.area in self.areas and (point.bits is None or self.bits)
+        return point.write != "no" and has_right
 
     def as_content(self) -> dict[str, Any]:
         """Return it for templates."""
-        return {"writable_areas": self.areas, "operators_may_write": self.could}
+        return {"writable_areas": self.areas, "operators_may_write": self.could, "can_write": self.takes}
 
 
 class WriteRights:
@@ -77,7 +84,8 @@ class WriteRights:
             if any(self._is_allowed(unit, function, visitor) for function in (single, several))
         )
         is_operator = visitor.role == "operator"
-        return Writable(areas if self.may_write and is_operator else (), self.may_write and bool(areas))
+        bits = may(self._operator.router("web"), visitor.host, unit.key, FunctionCode.MASK_WRITE_REGISTER)
+        return Writable(areas if self.may_write and is_operator else (), self.may_write and bool(areas), bits)
 
     def _is_allowed(self, unit: UnitPicture, function: int, visitor: Visitor) -> bool:
         is_known = unit.functions is None or function in unit.functions
@@ -112,17 +120,22 @@ class WritePages:
             raise ProblemError(403, "nothing is written over HTTP without write = true in [web]")
         form = {name: str(text) for name, text in (await request.post()).items()}
         unit, visitor = unit_in(request, self._operator), request[VISITOR]
-        points, values = _wanted(unit, form)
-        readings, pdu = prepared(unit, points, values)
-        if not may(self._operator.router("web"), visitor.host, unit.key, pdu[0]):
-            raise ProblemError(403, f"[[access]] does not let {visitor.client} write {points[0].area}", exception=1)
+        new = assigned(unit, *_wanted(unit, form))
+        if not new.needs_scales:
+            self._require_right(unit, visitor, new.prepared()[1])
         expected = target(self._operator.gateway, unit.key)
         ask = ask_for(self._operator, unit.key, asker_of(request))
-        before, why = await _read(unit, [each.point for each in readings], ask)
-        wanted = [replace(each, before=items) for each, items in zip(readings, before, strict=True)]
+        before, why = await _read(unit, new.points, ask, is_required=new.needs_scales)
+        readings, write = new.prepared(before)
+        self._require_right(unit, visitor, write)
+        wanted = tuple(replace(each, before=items) for each, items in zip(readings, before, strict=True))
         now = asyncio.get_running_loop().time()
-        identifier = self._questions.put(Question(unit, expected, visitor.csrf, tuple(wanted), pdu, why, now), now)
+        identifier = self._questions.put(Question(unit, expected, visitor.csrf, new, wanted, write, why, now), now)
         return see_other(f"{path_of('units', unit)}/writes/{identifier}")
+
+    def _require_right(self, unit: UnitPicture, visitor: Visitor, write: Write) -> None:
+        if not may(self._operator.router("web"), visitor.host, unit.key, write.pdu[0]):
+            raise ProblemError(403, f"[[access]] does not let {visitor.client} write {write.span.area}", exception=1)
 
     async def show(self, request: web.Request) -> web.Response:
         """Show old and new values with the question, or its result."""
@@ -141,7 +154,7 @@ class WritePages:
             unit=unit,
             back=page_of(unit),
             rows=[_row(question, at) for at in range(len(question.wanted))],
-            function=question.pdu[0],
+            function=question.write.pdu[0],
             function_name=function_name,
             patience=int(PATIENCE),
             rests_ms=rests_ms(unit, await recent_status(self._operator)),
@@ -173,12 +186,17 @@ class WritePages:
         if not self._is_as_asked(question):
             return Result(_CHANGED, 0.0)
         ask = ask_for(self._operator, unit.key, asker_for(visitor, is_awaited))
-        answer = await ask(question.pdu)
-        forget_values(self._operator, unit)
-        if answer.exception is not None:
-            return Result(answer.complaint, answer.elapsed_ms, may_have_acted=_may_have_acted(answer))
-        points = [each.point for each in question.wanted]
-        after, why = await _read(unit, points, ask)
+        try:
+            outcome = await carried_out(writing(question.new), ask)
+        except DoesNotFit as wrong:  # the scale has changed
+            return Result(str(wrong), 0.0)
+        finally:
+            forget_values(self._operator, unit)
+        question.write = outcome.write or question.write
+        answer = outcome.answers[-1]
+        for failure in outcome.failures:
+            return Result(answer.complaint, answer.elapsed_ms, may_have_acted=_may_have_acted(failure))
+        after, why = await _read(unit, question.new.points, ask)
         return Result(None, answer.elapsed_ms, tuple(after), why)
 
     def _is_as_asked(self, question: Question) -> bool:
@@ -196,13 +214,21 @@ class WritePages:
         return found if found is not None and owner and found.owner == owner else None
 
 
-async def _read(unit: UnitPicture, points: Sequence[Point], ask: Ask) -> tuple[list[bytes | None], _Why]:
-    """Read the items of points, or return why there are none."""
-    if any(point.write == "only" for point in points):
+async def _read(
+    unit: UnitPicture, points: Sequence[Point], ask: Ask, *, is_required: bool = False
+) -> tuple[list[bytes | None], _Why]:
+    """Read the items of points, or return why there are none.
+
+    Raises:
+        UnitFailed: it `is_required`, and there are none.
+    """
+    if any(point.write == "only" for point in points) and not is_required:
         return [None] * len(points), None
     try:
         outcome = await read(unit, points, ask)
     except WrongQuestion as wrong:
+        if is_required:
+            raise
         return [None] * len(points), complaint_of(wrong)
     return [each.items for each in outcome.readings], None
 
@@ -224,15 +250,15 @@ def _row(question: Question, at: int) -> ShownWrite:
     after = result.after[at] if result is not None and result.after else None
     return ShownWrite(
         point,
-        reference(point.area, point.address),
-        _text(point, wanted.items) or "",
+        reference(point.area, point.address) + point.bits_shown,
+        wanted.text,
         _text(point, wanted.before),
         _text(point, after),
     )
 
 
-def _may_have_acted(answer: Answer) -> bool:
-    return answer.pdu[1] in _UNCERTAIN and answer.result not in _NOT_SENT
+def _may_have_acted(failure: Failure) -> bool:
+    return bool(failure.pdu) and failure.answer.exception in _UNCERTAIN and failure.answer.result not in _NOT_SENT
 
 
 def _text(point: Point, items: bytes | None) -> str | None:

@@ -1,0 +1,120 @@
+"""How values are written at points: with one request, for all who write by name."""
+
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.errors import DoesNotFit
+from gateway.modbus.codes import Area, FunctionCode
+from gateway.modbus.pdu import Span
+from gateway.profiles.point import Point
+from gateway.profiles.reading import Reading
+from gateway.registers.datatypes import swapped
+from gateway.registers.items import (
+    REGISTER,
+    WRITERS,
+    WriteFunction,
+    has_bits,
+    mask_request,
+    most_written,
+    write_function,
+    write_request,
+)
+
+_NO_BITS: Final = bytes(REGISTER)
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """A request PDU that writes, and where. `in_one_turn` as in `Request`."""
+
+    pdu: bytes
+    span: Span
+    in_one_turn: int = 0
+
+
+def written(point: Point, text: str, before: bytes | None = None) -> Reading:
+    """Make the reading of a point after `text` was written there. `before` as for `Point.items`.
+
+    Raises:
+        ValueError: the point cannot hold it.
+    """
+    own = point.items(text, before)
+    return Reading(point, own if before is None else point.around(own, before), is_written=True)
+
+
+def request_to_write(
+    readings: Iterable[Reading],
+    limits: Mapping[int, int],
+    functions: Container[int] | None = None,
+    *,
+    multiple: bool = False,
+) -> Write:
+    """Make the request that writes these values, to a device that knows `functions` (None: all).
+
+    Bits of a register are written alone, other values if they lie side by side. With `multiple`, one item is written
+    with function 15 or 16 too.
+
+    Raises:
+        DoesNotFit: they cannot be written, do not lie side by side, or are too many.
+    """
+    readings = sorted(readings, key=lambda each: each.point.write_span.start)
+    first = readings[0].point
+    for each in readings:
+        if each.point.area not in WRITERS and each.point.write_at is None:
+            raise DoesNotFit(f"{each.point.area} cannot be written", "coils and holding can")
+    if any(each.point.bits is not None for each in readings):
+        return _request_for_bits(readings, functions, multiple=multiple)
+    span = _joined([each.point for each in readings])
+    most = most_written(span.area, limits, first.width)
+    if span.count > most:
+        raise DoesNotFit(f"{span.count} {_items(span)} are too many for one request", f"write at most {most} at a time")
+    how = "multiple" if multiple else _function([each.point for each in readings], span)
+    items = b"".join(each.point.own(each.items) for each in readings)
+    return Write(write_request(span.area, span.start, items, functions, how=how, width=first.width), span)
+
+
+def _request_for_bits(readings: Sequence[Reading], functions: Container[int] | None, *, multiple: bool) -> Write:
+    """Make the request that writes bits of a register and keeps the others."""
+    point, name = readings[0].point, readings[0].point.name
+    if len(readings) > 1:
+        raise DoesNotFit("bits of a register are written alone", "write the points one by one")
+    masks = swapped(point.mask.to_bytes(point.count * point.width, "big"), point.swap)
+    touched = [at for at in range(0, len(masks), REGISTER) if masks[at : at + REGISTER] != _NO_BITS]
+    if len(touched) > 1 or point.width != REGISTER:
+        raise DoesNotFit(f"{name} cannot be written: one request writes bits of one register of 16 bits")
+    start, end = touched[0], touched[0] + REGISTER
+    address = point.write_span.start + start // REGISTER
+    pdu = mask_request(address, masks[start:end], point.own(readings[0].items)[start:end])
+    span = Span(Area.HOLDING, address, 1)
+    if functions is not None and FunctionCode.MASK_WRITE_REGISTER in functions:
+        return Write(pdu, span)
+    how: WriteFunction = "multiple" if multiple else point.write_function
+    return Write(pdu, span, write_function(Area.HOLDING, 1, functions, how=how))
+
+
+def _joined(points: Sequence[Point]) -> Span:
+    """Join the places where points are written."""
+    first, count = points[0], 0
+    place = first.write_span
+    for each in points:
+        if each.width != first.width or (each.write_span.area, each.write_span.start) != (
+            place.area,
+            place.start + count,
+        ):
+            raise DoesNotFit("what one request writes must lie side by side", "write them one by one")
+        count += each.count
+    return Span(place.area, place.start, count)
+
+
+def _function(points: Sequence[Point], span: Span) -> WriteFunction:
+    """Choose the functions that all of the points allow."""
+    wanted = {each.write_function for each in points}
+    if "single" in wanted and span.count > 1 and points[0].width == REGISTER:
+        what = f"{span.count} {_items(span)} are too many for one request"
+        raise DoesNotFit(what, f"the profile wants function {int(WRITERS[span.area][0]):02}, which writes one")
+    return "multiple" if "multiple" in wanted else "single" if "single" in wanted else "auto"
+
+
+def _items(span: Span) -> str:
+    return "coils" if has_bits(span.area) else "registers"
