@@ -75,7 +75,9 @@ class Reader:
     def do(self, step: Step) -> None:
         """Do one step; what runs on is left running."""
         if not step.shell:
-            (self._folder / step.file).write_text(step.text)
+            file = self._folder / step.file
+            file.parent.mkdir(exist_ok=True)
+            file.write_text(step.text)
         elif step.shell.startswith(_ENDLESS):
             self._leave_running(step)
         else:
