@@ -46,7 +46,7 @@ VERBS: Final[Mapping[str, str]] = {
     "scan": "find the units that answer on a line",
     "calibrate": "measure how long a device needs to respond",
     "bench": "measure what a line can carry",
-    "profile": "show what a kind of device accepts, and its time limits",
+    "profile": "list, show and add kinds of devices",
     "ports": "list the serial ports of this machine",
     "simulate": "run simulated devices on a virtual serial port",
     "import": "turn the config of another program into one for the gateway",

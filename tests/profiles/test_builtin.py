@@ -1,9 +1,14 @@
 """The shipped profiles say what the manufacturers' documents say."""
 
+import subprocess
+import sys
 import tomllib
+from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
+import gateway.profiles
 from gateway.profiles import is_file_name, shipped_names, shipped_text
 
 
@@ -31,6 +36,21 @@ def test_there_are_no_others(name):
 )
 def test_names_that_files_can_have(name, is_one):
     assert is_file_name(name) == is_one
+
+
+def test_they_are_read_out_of_an_archive_too(tmp_path):
+    """As in a zipapp."""
+    package = Path(gateway.profiles.__file__).parents[1]
+    with ZipFile(tmp_path / "gateway.zip", "w") as archive:
+        for file in (package / "__init__.py", *package.joinpath("profiles").glob("*.*")):
+            archive.write(file, file.relative_to(package.parent))
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from gateway import profiles as p;"
+        "print(p.__file__, p.shipped_names(), p.shipped_text('mint'))"
+    )
+    words = [sys.executable, "-I", "-c", program, str(tmp_path / "gateway.zip")]
+    shown = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert shown == f"{tmp_path}/gateway.zip/gateway/profiles/__init__.py {shipped_names()} {shipped_text('mint')}\n"
 
 
 def test_generic_knows_no_rule():

@@ -198,7 +198,7 @@ def test_too_few_responses_in_a_short_time_ask_for_a_longer_one(
 def test_a_profile_file_can_be_put_into_a_config(daemon: Daemon, capsys: pytest.CaptureFixture[str], tmp_path) -> None:
     file = tmp_path / "measured.toml"
     assert main(["calibrate", "axis-1", "--active", "--write-profile", str(file)]) == 0
-    assert f"{file} is written: add it to the config" in capsys.readouterr().err
+    assert f"{file} is written: modbus-gateway profile add {file}, and name it" in capsys.readouterr().err
     config = CONFIG.replace('name = "axis-1"', 'name = "axis-1", profile = "generic-measured"') + file.read_text()
     loaded = parse(config, port_trouble=lambda port: None, real_path=lambda port: port)
     assert [problem for problem in loaded.problems if problem.severity == "error"] == []

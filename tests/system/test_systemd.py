@@ -192,6 +192,18 @@ class TestOneStart:
             assert asked(client) == RIGHT
         assert (system.show("ActiveState"), system.show("MainPID")) == ("active", process)
 
+    def test_a_profile_that_root_has_added_is_one_that_the_service_can_read(self, system: BootedSystem) -> None:
+        start(system)
+        system.write("/root/meter.toml", "[profile.meter]\nfunctions = [4]\n")
+        added = system.done("sh", "-c", "umask 077; modbus-gateway profile add /root/meter.toml")
+        assert "meter is in /etc/modbus-gateway/profiles/meter.toml" in added
+        system.write(FILE, CONFIG + '[[image]]\nunit = 201\nholding = 1\nprofile = "meter"\n')
+        system.done("systemctl", "reload", SERVICE)
+        with system.connect() as client:
+            assert asked(client, bytes.fromhex("0001 0000 0006 C9 03 0000 0001"))[-2:] == b"\x83\x01"
+        system.write(FILE, CONFIG)
+        system.done("systemctl", "reload", SERVICE)
+
     @pytest.mark.parametrize("end", [("kill", "--signal=KILL"), ("restart", "--no-block")])
     def test_a_client_that_comes_while_it_restarts_waits_for_its_answer(
         self, system: BootedSystem, end: tuple[str, ...]

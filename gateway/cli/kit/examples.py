@@ -43,8 +43,10 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("bench hall-a --unit silo-1 --items 20 --for 10s", "20 registers of one unit, for ten seconds"),
     ),
     "profile": (
-        ("profile", "the kinds of devices that are known"),
+        ("profile list weigh", "the kinds of devices that are known, with this word"),
         ("profile mint --baud 9600", "what one accepts, and its time limits at this rate"),
+        ("profile add meter.toml", "check the file of a profile, and let every config use it"),
+        ("profile mint --csv > mint.csv", "its points, for a spreadsheet"),
     ),
     "ports": (("ports", "serial ports, and the path of each for the config"),),
     "simulate": (

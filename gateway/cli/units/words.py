@@ -75,7 +75,7 @@ def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]
             type_ = () if point.type == "bit" else (point.type,)
             swap = () if point.swap == "none" else ("--swap", point.swap)
             itself = command.like(point.area, point.address, "VALUE", *type_, *swap)
-            remedy += f"; for a point of a built-in profile, write its address, without scale: {itself}"
+            remedy += f"; for a point of a shipped profile, write its address, without scale: {itself}"
         raise WrongUsageError(what, remedy)
     if len(words) != 2:
         raise WrongUsageError(

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shlex
 import sys
 import time
 from dataclasses import dataclass, field
@@ -115,7 +116,8 @@ def _show(source: "Source", args: argparse.Namespace) -> int:
     table = Calibration(source.about, rows, more)
     if args.write_profile:
         _write_new(args.write_profile, measured_profile(table))
-        print(f"{args.write_profile} is written: add it to the config, and name it in the device", file=sys.stderr)
+        add = f"modbus-gateway profile add {shlex.quote(str(args.write_profile))}"
+        print(f"{args.write_profile} is written: {add}, and name it in the device", file=sys.stderr)
     print(json.dumps(table.picture(), indent=2) if args.json else table.text())
     return FINE
 

@@ -11,7 +11,7 @@ class Found:
     """A unit that responded. `code` is that of an exception, `answers_from` its address if it was asked at address 0.
 
     `baud` is the rate at which it responded. `answer_ms` is from the end of the request to the end of the response,
-    None if that was garbled. `profile` is the built-in profile that fits, empty if that is unclear.
+    None if that was garbled. `profile` is the shipped profile that fits, empty if that is unclear.
     """
 
     unit: int
