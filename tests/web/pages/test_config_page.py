@@ -57,6 +57,15 @@ async def test_what_is_wrong_with_the_file_now_is_shown_with_its_place(bench, fi
     assert "cannot be used" in page.texts
 
 
+async def test_what_is_wrong_with_the_file_of_a_profile_is_shown_with_that_file(bench, file, tmp_path):
+    profile = tmp_path / "profiles" / "meter.toml"
+    profile.parent.mkdir()
+    profile.write_text("[profile.meter]\nmargin = 0\n")
+    file.write_text(CONFIG.replace('"/dev/hall"', '"/dev/hall"\nprofile = "meter"'))
+    (row,) = [row for row in Markup(await shown(bench)).rows() if row[0] == "error"]
+    assert row[1:] == [f"{profile}:2:10", "profile.meter.margin: must be at least 1"]
+
+
 async def test_certificates_that_cannot_be_used_are_warnings(bench, file):
     file.write_text(CONFIG + listener().replace("server.crt", "gone.crt"))
     (row,) = [row for row in Markup(await shown(bench)).rows() if "gone.crt" in " ".join(row)]
