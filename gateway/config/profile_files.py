@@ -124,17 +124,15 @@ def with_profiles(config: Config, files: ProfileFiles, *, is_whole: bool = True)
     """Add the profiles that a config uses and does not have. Unknown ones are errors if its own profiles are whole."""
     tables = dict(config.profile)
     problems: list[Problem] = []
-    broken: set[str] = set()
     for user in _users(config):
         name = user.profile
-        if name is None or name in tables or name in broken:
+        if name is None or name in tables:
             continue
         file = files.find(name)
         if file is not None and file.table is not None:
             tables[name] = file.table
         elif file is not None:
             problems += file.problems
-            broken.add(name)
         elif is_whole:
             advice = files.advise_on(name, config.profile)
             problems.append(error((*user.path, "profile"), f'there is no profile "{name}"', advice))

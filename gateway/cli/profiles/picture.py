@@ -122,6 +122,6 @@ def _timing_table(profile: Profile) -> str:
 
 def _points_table(table: ProfileTable) -> str:
     """Show one row for each table of the config: a range of points is one row."""
-    rows = list(point_rows(table.points))
+    rows = list(point_rows(table))
     columns = [each for each in _COLUMNS if each in _ALWAYS or any(row[each] for row in rows)]
     return align([[each.upper() for each in columns], *([row[each] for each in columns] for row in rows)], "  ")

@@ -1,12 +1,12 @@
 """Points in words, for tables that people read. A range of points is one row, as in a config."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from gateway.config.documents.points_csv import number_text
 from gateway.config.plan.areas import places_of
-from gateway.config.plan.points import type_of
-from gateway.config.schema.profile import PointTable
+from gateway.config.plan.points import names_of, type_of, width_of
+from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
 from gateway.profiles.identity import Identity
 from gateway.profiles.profile import Range
@@ -14,6 +14,8 @@ from gateway.registers.items import reference
 
 #: The text for whether a point can be written.
 _WRITING: Final[Mapping[str, str]] = {"no": "no", "yes": "yes", "only": "only, never read"}
+#: From here on numbers are written as patterns of bits: the highest one of an int16.
+_FIRST_PATTERN: Final = 0x7FFF
 _SWAPS: Final[Mapping[str, str]] = {
     "none": "",
     "words": ", words swapped",
@@ -22,12 +24,13 @@ _SWAPS: Final[Mapping[str, str]] = {
 }
 
 
-def point_rows(points: Iterable[PointTable]) -> Iterator[dict[str, str]]:
+def point_rows(profile: ProfileTable) -> Iterator[dict[str, str]]:
     """Give the cells of each row, by their headings. A cell that says nothing is empty."""
-    for table in points:
+    for table in profile.points:
         for area, addresses in places_of(table):
             yield {
                 "name": table.name,
+                "names": _names(profile, table, area, addresses),
                 "area": area.value,
                 "address": "-".join(dict.fromkeys(map(str, addresses))),
                 "reference": _references(area, addresses),
@@ -36,7 +39,7 @@ def point_rows(points: Iterable[PointTable]) -> Iterator[dict[str, str]]:
                 "unit": table.unit,
                 "write": _writing(table),
                 "limits": _limits(table),
-                "no value": ", ".join(map(str, table.invalid)),
+                "no value": ", ".join(map(_pattern, table.invalid)),
                 "labels": ", ".join(f"{number} {text}" for number, text in table.labels.items()),
             }
 
@@ -49,6 +52,17 @@ def identity_text(identity: Identity) -> str:
     if identity.sunspec:
         return f"SunSpec models {', '.join(map(str, identity.sunspec))}"
     return f'function 43/14 tells "{identity.fc43}"'
+
+
+def _names(profile: ProfileTable, table: PointTable, area: Area, addresses: Range) -> str:
+    """Name the first and the last point of a row."""
+    first, *_, last = [*names_of(table, area, addresses, width_of(area, addresses[0], profile))] * 2
+    return first if first == last else f"{first} to {last}"
+
+
+def _pattern(number: float) -> str:
+    """Write a number that means "no value", as documents do: large ones are patterns of bits."""
+    return f"0x{number:04X}" if isinstance(number, int) and number >= _FIRST_PATTERN else number_text(number)
 
 
 def _references(area: Area, addresses: Range) -> str:

@@ -40,7 +40,19 @@ your own.
 {names}
 ```
 """
-_COLUMNS: Final = ("name", "area", "address", "reference", "type", "scale", "unit", "write", "limits", "labels")
+_COLUMNS: Final = (
+    "name",
+    "area",
+    "address",
+    "reference",
+    "type",
+    "scale",
+    "unit",
+    "write",
+    "limits",
+    "no value",
+    "labels",
+)
 _ALWAYS: Final = ("name", "area", "address", "reference", "type")
 
 
@@ -48,7 +60,7 @@ def pages() -> dict[str, str]:
     """Make all pages, by the names of their files."""
     files = [file for name in shipped_names() if (file := shipped_profile(name)) is not None]
     tables = {file.name: file.table for file in files if file.table is not None}
-    return {INDEX: _index(tables), **{f"{name}.md": _page(name, table) for name, table in tables.items()}}
+    return {INDEX: _index(tables), **{f"{name}.md": page(name, table) for name, table in tables.items()}}
 
 
 def write_pages(folder: Path = FOLDER) -> None:
@@ -70,7 +82,8 @@ def _index(tables: dict[str, ProfileTable]) -> str:
     return _INDEX.format(made=_MADE.format(file="*.toml"), rows="\n".join(rows), names="\n".join(tables))
 
 
-def _page(name: str, table: ProfileTable) -> str:
+def page(name: str, table: ProfileTable) -> str:
+    """Make the page of a profile."""
     facts = [f"| {fact} | {_cell(text)} |" for fact, text in _facts(table)]
     parts = [f"# {name}", "", _MADE.format(file=f"{name}.toml"), "", _sentence(table.title), ""]
     parts += ["| | |", "|---|---|", *facts, ""]
@@ -110,12 +123,12 @@ def _facts(table: ProfileTable) -> Iterator[tuple[str, str]]:
 
 def _points(table: ProfileTable) -> Iterator[str]:
     """Write the table of points, without columns in which nothing stands."""
-    rows = list(point_rows(table.points))
+    rows = [{**row, "name": f"`{row['names'].replace(' to ', '` to `')}`"} for row in point_rows(table)]
     columns = [each for each in _COLUMNS if each in _ALWAYS or any(row[each] for row in rows)]
     yield f"| {' | '.join(columns)} |"
     yield "|---" * len(columns) + "|"
     for row in rows:
-        cells = (f"`{row[each]}`" if each == "name" else _cell(row[each]) for each in columns)
+        cells = (row[each] if each == "name" else _cell(row[each]) for each in columns)
         yield f"| {' | '.join(cells)} |"
 
 

@@ -1,6 +1,7 @@
 """`profile`: what a kind of device accepts, its answer times, and the limits that follow."""
 
 import json
+import os
 import re
 from textwrap import dedent
 
@@ -274,7 +275,7 @@ def test_all_that_a_profile_may_say_is_shown(meter, own, capsys):
     points = said.partition("Points\n")[2].partition("\n\n")[0].splitlines()
     assert [re.split("  +", line.strip()) for line in points] == [
         ["NAME", "AREA", "ADDRESS", "TYPE", "SCALE", "UNIT", "WRITE", "LIMITS", "NO VALUE", "LABELS"],
-        ["flow", "input", "12", "int16", "x 0.1 - 40", "m³/h", "no", "32768"],
+        ["flow", "input", "12", "int16", "x 0.1 - 40", "m³/h", "no", "0x8000"],
         ["alarm", "holding", "8", "uint16, bit 3", "no"],
         ["mode", "holding", "8", "uint16, bits 4-6", "yes", "0 off, 1 on"],
         ["half", "holding", "21", "uint8, low byte", "no"],
@@ -288,7 +289,10 @@ def test_all_that_a_profile_may_say_is_shown(meter, own, capsys):
 
 
 def test_a_file_is_added(meter, own, capsys):
+    """The service can read it, even if root's files are for root."""
+    before = os.umask(0o077)
     assert main(["profile", "add", str(meter)]) == 0
+    os.umask(before)
     file = own / "meter.toml"
     assert capsys.readouterr().out == (
         f'meter is in {file}.\nIn the config: profile = "meter". Then: modbus-gateway reload\n'
