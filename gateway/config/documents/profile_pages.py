@@ -25,8 +25,8 @@ _INDEX: Final = """\
 {made}
 
 A profile says what a kind of device accepts, and what its registers mean. Name it in the config, `profile = "NAME"`,
-for a device or a whole line. [Where profiles come from](../configuration.md#where-profiles-come-from) says how to add
-your own.
+for a device or a whole line. For other devices, [describe them](../tutorials/describe-a-device.md); your own profiles
+are [files](../configuration.md#where-profiles-come-from) too.
 
 *Seen* is what a profile was tried with: frames that its document prints, a simulated device, or hardware.
 
