@@ -10,6 +10,7 @@ from gateway.lines.transaction import BroadcastTransaction, Destination, Transac
 from gateway.modbus.codes import BROADCAST_UNIT, HIGHEST_UNIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
 from gateway.request import Request
 from gateway.timing.budget import AnswerTime
@@ -77,6 +78,8 @@ class Device(Destination):
             wake=settings.wake,
         )
         self.settings = settings
+        #: What must not be read together. A reload hands it on to the device that takes this one's place.
+        self.holes = Holes()
         self._line = line
         self._emit = emit
         self._ring = ring or Ring()

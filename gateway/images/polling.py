@@ -17,6 +17,9 @@ from gateway.images.polls import MirrorSettings, Poll, joined
 from gateway.images.tables import make_tables
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span
+from gateway.profiles.holes import Holes, Split
+from gateway.profiles.read_rules import ReadRules
+from gateway.registers.items import has_bits, items_read, pack_bits
 from gateway.request import Origin, Request
 
 #: Exceptions that refuse a range as a whole: address, quantity, and 04, which some devices send instead.
@@ -45,7 +48,11 @@ class MirrorOrigin(Origin, Protocol):
 
 
 class MirroredDevice(Protocol):
-    """The device behind a mirror."""
+    """The device behind a mirror. `holes` are those that it has refused."""
+
+    @property
+    def holes(self) -> Holes:
+        """See above."""
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Take a request; if it `yields`, requests of clients are sent first."""
@@ -55,11 +62,13 @@ class MirroredDevice(Protocol):
 
 
 class PolledRange:
-    """A polled range of addresses. Its values are unknown at first."""
+    """A polled range of addresses, perhaps one of the parts of a `split`. Its values are unknown at first."""
 
-    def __init__(self, poll: Poll, due_at: float) -> None:
+    def __init__(self, poll: Poll, due_at: float, split: Split | None = None) -> None:
         self.poll = poll
         self.due_at = due_at
+        self.split = split
+        self.runs = poll.runs
         #: Whether its poll is in progress; whether reads wait for it while the values are unknown; whether the device
         #: has refused it.
         self.is_asked = False
@@ -76,7 +85,7 @@ class PolledRange:
     @property
     def span(self) -> Span:
         """Its addresses."""
-        return Span(self.poll.area, self.poll.first, self.poll.last + 1 - self.poll.first)
+        return self.poll.span
 
     def asked(self, now: float, writes: int) -> None:
         """Note that its poll is in progress."""
@@ -86,6 +95,9 @@ class PolledRange:
         """Note that its poll was answered: the age of the values counts from its submission."""
         self.is_asked = self.is_refused = False
         self._sampled_at, self._sampled_after = self._asked_at, self._asked_after
+        if self.split is not None:
+            self.split.part_was_read()
+            self.split = None
 
     def failed(self) -> None:
         """Note that its poll was not answered, or not sent: reads do not wait for the next one."""
@@ -99,8 +111,9 @@ class PolledRange:
 
     def touches(self, span: Span | None) -> bool:
         """Tell whether it contains an address of `span`; None means every address."""
-        poll = self.poll
-        return span is None or (poll.area is span.area and poll.first < span.end and span.start <= poll.last)
+        if span is None:
+            return True
+        return any(run.area is span.area and run.start < span.end and span.start < run.end for run in self.runs)
 
     def is_known(self, writes: int) -> bool:
         """Tell whether its values include the first `writes` writes."""
@@ -132,7 +145,8 @@ class Polling:
         self._poller = poller
         self._emit = emit
         self._tables = make_tables(settings.areas, {})
-        self._ranges = [PolledRange(poll, due_at=0.0) for poll in joined(settings.polls, settings.profile.limits)]
+        polls = joined(settings.polls, ReadRules.of(settings.profile), device.holes)
+        self._ranges = [PolledRange(poll, due_at=0.0) for poll in polls]
         self._polls: dict[Request, PolledRange] = {}
 
     def has(self, span: Span) -> bool:
@@ -161,7 +175,7 @@ class Polling:
         if response is None or response[0] & EXCEPTION_BIT:
             self._failed(polled, response, now)
         else:
-            self._tables[polled.span.area].write(polled.span, response[2:])
+            self._keep(polled, response)
             polled.answered()
 
     def deadline(self) -> float | None:
@@ -187,6 +201,18 @@ class Polling:
         """Yield the polls with the age of their values in seconds; None while they are unknown."""
         return ((polled.poll, polled.age(now)) for polled in self._ranges)
 
+    def _keep(self, polled: PolledRange, response: bytes) -> None:
+        """Keep the values of a response, without those between its ranges: another poll may have newer ones of them."""
+        span, table = polled.span, self._tables[polled.span.area]
+        if len(polled.runs) == 1:
+            table.write(span, response[2:])
+            return
+        items = items_read(span, response)
+        size = len(items) // span.count
+        for run in polled.runs:
+            own = items[(run.start - span.start) * size : (run.end - span.start) * size]
+            table.write(run, pack_bits(own) if has_bits(run.area) else own)
+
     def _ask(self, polled: PolledRange, now: float) -> None:
         poll = Request(self._settings.unit, polled.poll.request, self._poller, now)
         polled.asked(now, self.writes)
@@ -203,10 +229,13 @@ class Polling:
             polled.due_at = max(polled.due_at, now + UNSENT_PAUSE)
         if response is None or response[1] not in _REFUSALS:
             return
-        if polled.poll.parts:
+        parts, hole = polled.poll.parts, polled.poll.hole
+        if parts:
             at = self._ranges.index(polled)
-            self._ranges[at : at + 1] = [PolledRange(part, due_at=now) for part in polled.poll.parts]
+            split = None if hole is None else Split(hole, self._device.holes, polled.split)
+            self._ranges[at : at + 1] = [PolledRange(part, now, split) for part in parts]
         else:
+            polled.split = None  # what becomes readable later tells nothing of a hole
             self._refused(polled, response[1])
 
     def _refused(self, polled: PolledRange, code: int) -> None:

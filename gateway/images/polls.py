@@ -7,7 +7,9 @@ from typing import Final
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
+from gateway.profiles.holes import Holes, holes_between, middle_hole
 from gateway.profiles.profile import Profile, Range
+from gateway.profiles.read_rules import ReadRules
 from gateway.registers.items import read_request
 
 #: The functions that a mirror answers from its polls.
@@ -18,19 +20,52 @@ POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values(
 class Poll:
     """A range of addresses that is read with one request every `every` seconds.
 
-    `parts` are the ranges that it was joined from: they are read one by one if the device refuses the whole.
+    `joined` are the ranges that it was joined from, in their order; none if it is one of the config.
     """
 
     area: Area
     first: int
     last: int
     every: float
-    parts: "tuple[Poll, ...]" = ()
+    joined: "tuple[Poll, ...]" = ()
+
+    @property
+    def span(self) -> Span:
+        """Its addresses."""
+        return Span(self.area, self.first, self.last - self.first + 1)
 
     @property
     def request(self) -> bytes:
         """The request PDU."""
-        return read_request(Span(self.area, self.first, self.last - self.first + 1))
+        return read_request(self.span)
+
+    @property
+    def runs(self) -> tuple[Span, ...]:
+        """Its addresses without those that are read though no range has them."""
+        runs, start = [], self.first
+        for hole in holes_between(each.span for each in self.joined):
+            runs.append(Span(self.area, start, hole.start - start))
+            start = hole.end
+        return (*runs, Span(self.area, start, self.last + 1 - start))
+
+    @property
+    def bridged(self) -> int:
+        """The number of addresses that are read though no range has them."""
+        return self.span.count - sum(run.count for run in self.runs)
+
+    @property
+    def hole(self) -> Span | None:
+        """The hole at which it is split when the device refuses it; None if it has none."""
+        return middle_hole(each.span for each in self.joined)
+
+    @property
+    def parts(self) -> "tuple[Poll, ...]":
+        """What to read instead when the device refuses it: its two sides of the hole, or its ranges."""
+        hole = self.hole
+        if hole is None:
+            return self.joined
+        before = tuple(each for each in self.joined if each.first < hole.start)
+        return _together(before), _together(self.joined[len(before) :])
 
     def __str__(self) -> str:
         return f"{self.area} {self.first}-{self.last}"
@@ -58,36 +93,35 @@ def polling_function(area: Area) -> int:
     return READERS[area][0]
 
 
-def joined(polls: Iterable[Poll], limits: Mapping[int, int]) -> list[Poll]:
-    """Join polls into as few requests as possible: neighbours with the same interval are read together.
+def joined(polls: Iterable[Poll], rules: ReadRules, holes: Holes) -> list[Poll]:
+    """Join polls with the same interval into as few requests as the rules allow; longer ranges are split.
 
-    `limits` is the most items that the device allows, by function; longer ranges are split.
+    `holes` are those that the device has refused.
     """
     result: list[Poll] = []
-    for poll in sorted(_cut(polls, limits), key=lambda poll: (poll.area, poll.every, poll.first)):
+    for poll in sorted(_cut(polls, rules), key=lambda poll: (poll.area, poll.every, poll.first)):
         before = result[-1] if result else None
-        if before is not None and _fit_together(before, poll, limits):
-            result[-1] = Poll(poll.area, before.first, poll.last, poll.every, (*(before.parts or (before,)), poll))
+        if before is not None and _fit_together(before, poll, rules, holes):
+            result[-1] = _together((*(before.joined or (before,)), poll))
         else:
             result.append(poll)
     return result
 
 
-def _cut(polls: Iterable[Poll], limits: Mapping[int, int]) -> Iterator[Poll]:
+def _cut(polls: Iterable[Poll], rules: ReadRules) -> Iterator[Poll]:
     for poll in polls:
-        most = _most(poll.area, limits)
+        most = rules.most(poll.area)
         for first in range(poll.first, poll.last + 1, most):
             yield Poll(poll.area, first, min(first + most - 1, poll.last), poll.every)
 
 
-def _fit_together(one: Poll, other: Poll, limits: Mapping[int, int]) -> bool:
-    return (one.area, one.every, one.last + 1) == (
-        other.area,
-        other.every,
-        other.first,
-    ) and other.last - one.first < _most(one.area, limits)
+def _together(polls: tuple[Poll, ...]) -> Poll:
+    first, last = polls[0], polls[-1]
+    return first if len(polls) == 1 else Poll(first.area, first.first, last.last, first.every, polls)
 
 
-def _most(area: Area, limits: Mapping[int, int]) -> int:
-    function, most = READERS[area]
-    return min(most, limits.get(function, most))
+def _fit_together(one: Poll, other: Poll, rules: ReadRules, holes: Holes) -> bool:
+    if (one.area, one.every) != (other.area, other.every) or other.last - one.first >= rules.most(one.area):
+        return False
+    hole = Span(one.area, one.last + 1, other.first - one.last - 1)
+    return hole.count == 0 or (hole.count > 0 and rules.allows(hole) and not holes.refuse(hole))

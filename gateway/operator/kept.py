@@ -129,8 +129,9 @@ def _items(image: Image | Mirror, span: Span) -> bytes:
 
 def _ages(mirror: Mirror, now: float) -> list[PolledAge]:
     return [
-        PolledAge(Span(poll.area, poll.first, poll.last - poll.first + 1), milliseconds(poll.every), optional_ms(age))
+        PolledAge(run, milliseconds(poll.every), optional_ms(age))
         for poll, age in mirror.ages(now)
+        for run in poll.runs
     ]
 
 

@@ -10,7 +10,7 @@ from gateway.modbus.functions import READERS
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Door, Operator
-from gateway.operator.reached import may, target
+from gateway.operator.reached import holes_of, may, target
 from gateway.operator.requests import ask_for
 from gateway.operator.unit_values import read
 from gateway.operator.values import Outcome
@@ -52,8 +52,8 @@ async def read_all(operator: Operator, unit: UnitPicture, asker: Asker, max_age:
     async with last.turn:
         now = clock()
         if last.outcome is None or last.at < asked_at - max_age:
-            points = readable(unit)
-            last.outcome, last.at = await read(unit, points, ask) if points else Outcome(), now
+            points, holes = readable(unit), holes_of(operator.gateway, unit.key)
+            last.outcome, last.at = await read(unit, points, ask, holes) if points else Outcome(), now
         return last.outcome, clock() - last.at
 
 

@@ -3,6 +3,7 @@
 from gateway.devices.device import Device
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
+from gateway.profiles.holes import Holes
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 
@@ -24,6 +25,12 @@ def device_of(gateway: Gateway, unit: int) -> Device | None:
         if unit in line.devices and unit not in line.plan.own_units:
             return line.devices[unit]
     return next((each.devices[unit] for each in gateway.upstreams if unit in each.devices), None)
+
+
+def holes_of(gateway: Gateway, unit: int) -> Holes:
+    """Return what a unit has refused to be read together; nothing is known of one that is no device."""
+    device = device_of(gateway, unit)
+    return Holes() if device is None else device.holes
 
 
 def image_of(gateway: Gateway, unit: int) -> Image | Mirror | None:

@@ -18,6 +18,7 @@ from gateway.operator.last_values import forget_values, read_all
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import fields_of
+from gateway.operator.reached import holes_of
 from gateway.operator.requests import ask_for
 from gateway.operator.unit_values import assigned, point_named, read, values_at, write
 from gateway.operator.units import picture
@@ -32,7 +33,8 @@ async def read_values(operator: Operator, asked: Addresses, asker: Asker) -> Val
         WrongQuestion: there is no such unit, the addresses are invalid, or the unit did not answer with all values.
     """
     unit, points = _any_unit(operator, asked.unit), points_at(asked)
-    outcome = await read(unit, points, ask_for(operator, unit.key, asker))
+    ask = ask_for(operator, unit.key, asker)
+    outcome = await read(unit, points, ask, holes_of(operator.gateway, unit.key))
     return values_told(unit.unit, unit.name, asked.area, outcome)
 
 
@@ -57,7 +59,8 @@ async def read_point(operator: Operator, asked: PointToRead, asker: Asker) -> Va
     point = point_named(unit, asked.name)
     if point.write == "only":
         raise DoesNotFit(f"{point.name} can be written, but not read")
-    outcome = await read(unit, [point], ask_for(operator, unit.key, asker))
+    ask = ask_for(operator, unit.key, asker)
+    outcome = await read(unit, [point], ask, holes_of(operator.gateway, unit.key))
     return values_told(unit.unit, unit.name, None, outcome)
 
 
@@ -113,7 +116,7 @@ def _any_unit(operator: Operator, wanted: int | str) -> UnitPicture:
     except WrongQuestion:
         if not isinstance(wanted, int):
             raise
-        return UnitPicture(wanted, "", "", "", None, {}, {}, 0.0, ())
+        return UnitPicture(wanted, "", "", "", None, {}, {}, 0.0, 0, ())
 
 
 async def _write(

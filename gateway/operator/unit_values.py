@@ -8,6 +8,7 @@ from gateway.modbus.codes import Area
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.requests import Ask
 from gateway.operator.values import Answer, NewValues, Outcome, Steps, reading, writing
+from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
 from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
 from gateway.registers.items import has_bits
@@ -51,14 +52,16 @@ def point_named(unit: UnitPicture, name: str) -> Point:
     raise WrongQuestion(f"unit {unit.unit} has no point {name}")
 
 
-async def read(unit: UnitPicture, points: Sequence[Point], ask: Ask) -> Outcome:
-    """Read points in as few requests as the unit allows; named ones that it refuses together are read one by one.
+async def read(unit: UnitPicture, points: Sequence[Point], ask: Ask, holes: Holes | None = None) -> Outcome:
+    """Read points in as few requests as the unit allows; named ones that it refuses together are read apart.
+
+    `holes` are those that it has refused.
 
     Raises:
         UnitFailed: nothing could be read, or values without names only in part.
         ChangedMeanwhile: a reload has given the unit's number to another target.
     """
-    outcome = await carried_out(reading(points, unit.limits), ask)
+    outcome = await carried_out(reading(points, unit.read_rules, Holes() if holes is None else holes), ask)
     if outcome.failures and not (outcome.readings and points[0].name):
         raise refused(outcome.failures[0].answer)
     return outcome

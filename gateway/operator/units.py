@@ -18,6 +18,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.parameters import fields_of
 from gateway.operator.status import part_of_unit
 from gateway.profiles.profile import Profile
+from gateway.profiles.read_rules import ReadRules
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.running import Running
@@ -179,5 +180,6 @@ def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> Un
         limits=found.profile.limits,
         areas={str(area): ranges for area, ranges in found.profile.areas.items()},
         longest_wait_ms=round(longest.get(found.name, 0.0) * 1000, 1),
+        max_gap=ReadRules.of(found.profile).max_gap if found.kind in ("device", "upstream") else 0,
         points=gateway.plan.points.get(found.key, ()),
     )

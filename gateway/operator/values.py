@@ -14,13 +14,17 @@ from gateway.modbus.pdu import Span
 from gateway.operator.answers import values as answers
 from gateway.operator.complaint import Complaint
 from gateway.profiles.batches import Batch, batches
+from gateway.profiles.holes import Holes, Split
 from gateway.profiles.point import Point
+from gateway.profiles.read_rules import ReadRules
 from gateway.profiles.reading import Reading
 from gateway.profiles.writing import Write, request_to_write, written
 from gateway.registers.items import WriteFunction, items_read, read_request, write_request
 
 #: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.
 _MAY_BE_ANSWERED_IN_PARTS: Final = frozenset({ExceptionCode.ILLEGAL_DATA_ADDRESS, ExceptionCode.ILLEGAL_DATA_VALUE})
+#: Over a hole also after this one: some devices send it for an address that they do not have.
+_MAY_REFUSE_HOLE: Final = _MAY_BE_ANSWERED_IN_PARTS | {ExceptionCode.SERVER_DEVICE_FAILURE}
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,23 +93,24 @@ class Step(NamedTuple):
 Steps = Generator[Step, Answer, Outcome]
 
 
-def reading(points: Sequence[Point], limits: Mapping[int, int]) -> Steps:
+def reading(points: Sequence[Point], rules: ReadRules, holes: Holes) -> Steps:
     """Read points in as few requests as the unit allows; the readings keep their order.
 
-    Named points that the unit refuses together are read one by one.
+    Named points that the unit refuses together are read in smaller requests. `holes` are those that it has refused.
 
     Raises:
         UnitFailed: a response is too short.
     """
     outcome = Outcome()
-    for batch in batches(points, limits):
-        yield from _read(batch, outcome)
+    for batch in batches(points, rules, holes):
+        yield from _read(batch, holes, outcome)
     order = {id(point): index for index, point in enumerate(points)}
     outcome.readings.sort(key=lambda each: order[id(each.point)])
     return outcome
 
 
-def _read(batch: Batch, outcome: Outcome) -> Generator[Step, Answer, None]:
+def _read(batch: Batch, holes: Holes, outcome: Outcome, split: Split | None = None) -> Generator[Step, Answer, None]:
+    """Read a batch, a part of a `split` if there is one."""
     answer = yield Step(batch.request)
     outcome.answers.append(answer)
     if answer.exception is None:
@@ -113,11 +118,16 @@ def _read(batch: Batch, outcome: Outcome) -> Generator[Step, Answer, None]:
             outcome.readings.extend([Reading(point, items) for point, items in batch.items_read(answer.pdu)])
         except ValueError as wrong:
             raise UnitFailed(str(wrong)) from wrong
-    elif answer.exception in _MAY_BE_ANSWERED_IN_PARTS and len(batch.points) > 1 and batch.points[0].name:
-        for point in batch.points:
-            yield from _read(Batch(point.read_span, (point,)), outcome)
-    else:
+        if split is not None:
+            split.part_was_read()
+        return
+    hole, parts = batch.hole, batch.parts if batch.points[0].name else ()
+    if not parts or answer.exception not in (_MAY_BE_ANSWERED_IN_PARTS if hole is None else _MAY_REFUSE_HOLE):
         outcome.failures.append(Failure(batch.span, answer))
+        return
+    within = None if hole is None else Split(hole, holes, split)
+    for part in parts:
+        yield from _read(part, holes, outcome, within)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,9 +176,9 @@ def writing(new: NewValues, *, shows: bool = False, has_turns: bool = True) -> S
 
 
 def _writing(new: NewValues, *, shows: bool, has_turns: bool) -> Steps:
-    points, limits = new.points, new.limits
+    points, rules = new.points, ReadRules(new.limits)
     is_shown = shows and all(point.write != "only" for point in points)
-    before = (yield from reading(points, limits)) if is_shown or new.needs_scales else Outcome()
+    before = (yield from reading(points, rules, Holes())) if is_shown or new.needs_scales else Outcome()
     if before.failures and new.needs_scales:
         return replace(before, readings=[])
     known = {id(each.point): each.items for each in before.readings}
@@ -180,7 +190,7 @@ def _writing(new: NewValues, *, shows: bool, has_turns: bool) -> Steps:
     answers = [*before.answers, *answers]
     if answers[-1].exception is not None:
         return Outcome([], [*before.failures, Failure(write.span, answers[-1], pdu)], answers, write)
-    after = (yield from reading(points, limits)) if is_shown else Outcome(readings)
+    after = (yield from reading(points, rules, Holes())) if is_shown else Outcome(readings)
     return Outcome(
         [replace(each, before=known.get(id(each.point)) if is_shown else None) for each in after.readings],
         [*before.failures, *after.failures],

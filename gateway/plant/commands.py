@@ -188,7 +188,7 @@ def _write_request(command: Command) -> bytes:
     if point.area not in WRITERS:
         raise ValueError(f"{point.area} cannot be written")
     items = point.items(command.text)
-    if point.count > most_written(point.area, command.device.limits):
+    if point.count > most_written(point.area, command.device.rules.limits):
         raise ValueError("it does not fit into one request")
     return write_request(point.area, point.address, items, command.device.functions)
 

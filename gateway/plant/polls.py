@@ -16,6 +16,7 @@ from gateway.events import Emit, PollRefused
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span
 from gateway.profiles.batches import Batch
+from gateway.profiles.holes import Holes, Split
 from gateway.profiles.published import PublishedDevice, timed_batches
 from gateway.registers.datatypes import Value
 from gateway.request import Origin, Request
@@ -30,14 +31,18 @@ _REFUSALS: Final = frozenset({IllegalDataAddress.code, IllegalDataValue.code})
 #: refusal after this many in a row.
 _FAILURE: Final = 4
 _FAILURES_OF_REFUSAL: Final = 3
-#: After this many seconds points that are read one by one are tried together again.
+#: After this many seconds points that are read apart are tried together again, unless that is known to be refused.
 TOGETHER_AGAIN: Final = 60.0
 #: Exceptions of a gateway that does not reach the unit, or gets no answer from it.
 _NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})
 
 
 class PolledTarget(Protocol):
-    """The target that answers for a published device."""
+    """The target that answers for a published device. `holes` are those that it has refused."""
+
+    @property
+    def holes(self) -> Holes:
+        """See above."""
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Take a request; with `yields`, requests of clients are sent first."""
@@ -70,18 +75,22 @@ class PollCounts:
 class _Read:
     """A request that repeats, and when it is due. `is_asked`: it waits here or at the line, or is in progress.
 
-    While it is refused, `parts` read its points one by one. `is_over`: it is a part that is not needed any more.
+    While it is refused, `parts` read its points. If they are the two sides of a hole they are parts of its `split`, and
+    it is needed no more once that is settled. `is_over`: it is not needed any more. `part_of` is the split of which it
+    is a part that was not read yet.
     """
 
     device: PublishedDevice
     every: float
     batch: Batch
     due_at: float
+    part_of: Split | None = None
     is_asked: bool = False
     is_refused: bool = False
     is_over: bool = False
     failures: int = 0
     parts: list["_Read"] = field(default_factory=list)
+    split: Split | None = None
     pdu: bytes = field(init=False)
 
     def __post_init__(self) -> None:
@@ -128,7 +137,9 @@ class Polls:
         self._number = count()
         self._asked: dict[Request, _Read] = {}
         for device in devices:
-            self._add(_Read(device, every, batch, now) for every, batch in timed_batches(device))
+            self._add(
+                _Read(device, every, batch, now) for every, batch in timed_batches(device, targets[device.name].holes)
+            )
 
     def deadline(self) -> float | None:
         """Return when `tick` must be called; None if there is nothing to read."""
@@ -141,6 +152,9 @@ class Polls:
         failed = []
         while (due := self.deadline()) is not None and due <= now:
             read = heappop(self._due)[2]
+            if read.split is not None and not read.split.unread:
+                self._end(read)
+                continue
             missed = max(1, ceil((now - due) / read.interval))
             self._plan(read, due + read.interval * missed)
             if read.is_asked:
@@ -227,26 +241,44 @@ class Polls:
         return Answer(read.device, {}, answers=True)
 
     def _accepted(self, read: _Read, now: float) -> None:
-        """Note a response: if its points were read one by one, they are read together again."""
-        read.is_refused, read.failures = False, 0
-        if not read.parts:
+        """Note a response: if its points were read apart, they are read together again."""
+        if read.is_over:
             return
-        self._plan(read, now + read.every)
+        read.is_refused, read.failures = False, 0
+        if read.part_of is not None:
+            read.part_of.part_was_read()
+            read.part_of = None
+        if read.parts:
+            self._plan(read, now + read.every)
+            self._end_parts(read)
+
+    def _end_parts(self, read: _Read) -> None:
+        """End all parts of a read, and their parts."""
         for part in read.parts:
-            self._reads[read.device.name].remove(part)
-            part.is_over, part.due_at = True, -1.0  # its entry in the heap counts no more
+            self._end_parts(part)
+            self._end(part)
         read.parts.clear()
+        read.split = None
+
+    def _end(self, read: _Read) -> None:
+        """Send this read no more. Its parts go on."""
+        if not read.is_over:
+            self._reads[read.device.name].remove(read)
+            read.is_over, read.due_at = True, -1.0  # its entry in the heap counts no more
 
     def _refused(self, read: _Read, code: int, now: float) -> None:
-        """Log the first refusal; read the points one by one until the read is answered."""
-        if read.is_refused:
+        """Split a read until it is answered. Log the first refusal, unless it may be due to the addresses between."""
+        if read.is_refused or read.is_over:
             return
         read.is_refused = True
-        span = read.batch.span
-        what = f"{span.area} {span.addresses}"
-        self._emit(PollRefused(self._origin.caller.client, read.device.name, what, code, self._source))
-        if len(read.batch.points) > 1:
-            batches = [Batch(point.span, (point,)) for point in read.batch.points]
-            read.parts = [_Read(read.device, read.every, batch, now) for batch in batches]
+        batch, within = read.batch, read.part_of
+        read.part_of = None  # what becomes readable later tells nothing of a hole
+        if batch.hole is None:
+            what = f"{batch.span.area} {batch.span.addresses}"
+            self._emit(PollRefused(self._origin.caller.client, read.device.name, what, code, self._source))
+        else:
+            read.split = Split(batch.hole, self._targets[read.device.name].holes, within)
+        read.parts = [_Read(read.device, read.every, part, now, read.split) for part in batch.parts]
+        if read.parts:
             self._add(read.parts)
             self._plan(read, now + read.interval)

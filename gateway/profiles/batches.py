@@ -1,16 +1,17 @@
-"""Groups points into as few requests as the device allows, without reading other addresses."""
+"""Groups points into as few requests as the device allows."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
+from gateway.profiles.holes import Holes, holes_between, middle_hole
 from gateway.profiles.point import Point
-from gateway.registers.items import MOST_WIDE, REGISTER, items_read, read_request
+from gateway.profiles.read_rules import ReadRules
+from gateway.registers.items import items_read, read_request
 
 
 class Batch(NamedTuple):
-    """Points that one request reads, all of them in `span`."""
+    """Points that one request reads, all of them in `span`, in the order of their addresses."""
 
     span: Span
     points: tuple[Point, ...]
@@ -33,27 +34,51 @@ class Batch(NamedTuple):
             start = (span.start - self.span.start) * size
             yield point, items[start : start + span.count * size]
 
+    @property
+    def bridged(self) -> int:
+        """The number of addresses that are read though no point has them."""
+        return sum(hole.count for hole in holes_between(point.read_span for point in self.points))
 
-def batches(points: Iterable[Point], limits: Mapping[int, int]) -> list[Batch]:
-    """Group points by area and address. `limits` is the most items that the device allows for a function."""
+    @property
+    def hole(self) -> Span | None:
+        """The hole at which it is split when it is refused; None if it has none."""
+        return middle_hole(point.read_span for point in self.points)
+
+    @property
+    def parts(self) -> "tuple[Batch, ...]":
+        """What to read instead when it is refused: its two sides of the hole, or its points; nothing for one point."""
+        hole = self.hole
+        if hole is None:
+            return tuple(_batch((point,)) for point in self.points) if len(self.points) > 1 else ()
+        before = tuple(point for point in self.points if point.read_span.start < hole.start)
+        return _batch(before), _batch(self.points[len(before) :])
+
+
+def batches(points: Iterable[Point], rules: ReadRules, holes: Holes) -> list[Batch]:
+    """Group points by area and address, as the device allows it; `holes` are those that it has refused."""
     found: list[Batch] = []
     for point in sorted(points, key=lambda point: (point.area, point.width, point.read_span.start)):
-        joined = _joined(found[-1], point, limits) if found else None
+        joined = _joined(found[-1], point, rules, holes) if found else None
         if joined is None:
-            found.append(Batch(point.read_span, (point,)))
+            found.append(_batch((point,)))
         else:
             found[-1] = joined
     return found
 
 
-def _joined(batch: Batch, point: Point, limits: Mapping[int, int]) -> Batch | None:
-    """Add a point to the batch; None if there is a gap before it or the request would be too long."""
+def _batch(points: tuple[Point, ...]) -> Batch:
+    spans = [point.read_span for point in points]
+    first = spans[0].start
+    return Batch(Span(spans[0].area, first, max(span.end for span in spans) - first), points)
+
+
+def _joined(batch: Batch, point: Point, rules: ReadRules, holes: Holes) -> Batch | None:
+    """Add a point to the batch, behind whose start it is; None if they cannot be read together."""
     span, added, width = batch.span, point.read_span, batch.points[0].width
-    function, most = READERS[span.area]
-    if width > REGISTER:
-        most = MOST_WIDE
     count = max(span.end, added.end) - span.start
-    is_apart = point.area != span.area or point.width != width or added.start > span.end
-    if is_apart or count > min(most, limits.get(function, most)):
+    if point.area != span.area or point.width != width or count > rules.most(span.area, width):
+        return None
+    hole = Span(span.area, span.end, added.start - span.end)
+    if hole.count > 0 and (not rules.allows(hole) or holes.refuse(hole)):
         return None
     return Batch(Span(span.area, span.start, count), (*batch.points, point))

@@ -1,12 +1,13 @@
 """What is published of a device, and the reads that this takes."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
 
 from gateway.profiles.batches import Batch, batches
+from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
+from gateway.profiles.read_rules import NO_RULES, ReadRules
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class PublishedDevice:
 
     `unit` is the number that clients use for it, or what stands in its place; then it is `on_the_wire` there. `line` is
     the name of its line or upstream, `profile` the title of its profile, or its name. It has these `functions` (all if
-    None); `limits` is the most items that it allows for one.
+    None); `rules` say what one read may take.
     """
 
     name: str
@@ -48,7 +49,7 @@ class PublishedDevice:
     line: str
     profile: str
     points: tuple[PublishedPoint, ...]
-    limits: Mapping[int, int] = field(default_factory=dict)
+    rules: ReadRules = NO_RULES
     functions: frozenset[int] | None = None
     on_the_wire: int | None = None
 
@@ -69,11 +70,11 @@ class TimedBatch(NamedTuple):
     batch: Batch
 
 
-def timed_batches(device: PublishedDevice) -> list[TimedBatch]:
-    """Make the reads of a device's points: as few as it allows, without reading other addresses."""
+def timed_batches(device: PublishedDevice, holes: Holes) -> list[TimedBatch]:
+    """Make the reads of a device's points: as few as it allows; `holes` are those that it has refused."""
     readable = sorted((point for point in device.points if point.is_readable), key=lambda each: each.every)
     return [
         TimedBatch(every, batch)
         for every, points in groupby(readable, key=lambda each: each.every)
-        for batch in batches((each.point for each in points), device.limits)
+        for batch in batches((each.point for each in points), device.rules, holes)
     ]

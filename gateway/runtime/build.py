@@ -1,7 +1,7 @@
 """Builds the parts of a gateway from a plan; nothing else does."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -73,6 +73,7 @@ class Builder:
         on_lines = tuple(line.devices_of(one) for line, one in zip(lines, plan.lines, strict=True))
         behind = (*on_lines, *(upstream.devices for upstream in upstreams))
         devices = {device.name: device for units in behind for device in units.values()}
+        parts.hand_on_holes(devices.values())
         gateway = Gateway(
             plan=plan,
             listeners=tuple(map(parts.listener, plan.listeners)),
@@ -103,6 +104,8 @@ class _Parts:
         self._listeners = {one.settings.name: one for one in before.listeners}
         self._images = {one.settings.name: one for one in before.images}
         self._mirrors = {one.mirror.settings.name: one for one in before.mirrors}
+        behind = (*before.devices, *(one.devices for one in before.upstreams))
+        self._devices = {device.name: device for units in behind for device in units.values()}
 
     def line(self, plan: LinePlan) -> GatewayLine:
         old = self._lines.get(plan.line.name)
@@ -128,6 +131,13 @@ class _Parts:
         else:
             addresses = Addresses({one.port: by.opener(one) for one in (port, *plan.others)}, port.after_connect)
         return GatewayUpstream(plan, by.loop, addresses, by.emit, by.ring)
+
+    def hand_on_holes(self, devices: Iterable[Device]) -> None:
+        """Let devices that are the same know what they have refused, also if their line was rebuilt."""
+        for device in devices:
+            old = self._devices.get(device.name)
+            if old is not None and old.settings == device.settings:
+                device.holes = old.holes
 
     def listener(self, settings: ListenSettings) -> Listener:
         old = self._listeners.get(settings.name)

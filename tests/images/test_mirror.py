@@ -7,6 +7,8 @@ from gateway.images.mirror import Mirror
 from gateway.images.polling import MOST_POLLS
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
+from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
 from gateway.request import Caller, Request
 
@@ -29,6 +31,7 @@ class Bench:
         self.now = 0.0
         self.asked: list[Request] = []
         self.rests = False
+        self.holes = Holes()
         settings = MirrorSettings(241, "silo", "silo-1", profile, polls, areas, stale, "gateway.toml:9")
         self.mirror = Mirror(settings, self, self, self.events.append)
 
@@ -262,6 +265,74 @@ def test_ranges_that_the_device_refuses_to_read_together_are_read_apart():
     assert client.came() == [FIVE]
     assert client.ask("03 0001 0001") == ["83 0B"]
     assert bench.events == [PollRefused("silo", "silo-1", "holding 1-1", 2, "gateway.toml:9")]
+
+
+def bridging(*more: Poll) -> Bench:
+    """A mirror of two registers with two between them, which are read with them, and `more`."""
+    polls = (Poll(Area.HOLDING, 0, 0, 0.5), Poll(Area.HOLDING, 3, 3, 0.5))
+    return Bench(*polls, *more, profile=Profile("generic", max_gap=2), stale=9.0)
+
+
+def test_a_poll_over_a_hole_gives_only_what_is_declared():
+    bench = bridging()
+    assert bench.at(0.0) == ["03 00 00 00 04"]
+    bench.answers("03 08 0001 0002 0003 0004")
+    client = Client(bench)
+    assert client.ask("03 0000 0001") == ["03 02 00 01"]
+    assert client.ask("03 0003 0001") == ["03 02 00 04"]
+    assert client.ask("03 0001 0001") == client.ask("03 0000 0004") == ["83 02"]
+
+
+def test_a_poll_over_a_hole_leaves_the_values_there_to_the_poll_that_is_for_them():
+    """It may have been under way when a client wrote there: then its value is older than that of the later poll."""
+    bench = bridging(Poll(Area.HOLDING, 1, 1, 5.0))
+    assert bench.at(0.0) == ["03 00 00 00 04", "03 00 01 00 01"]
+    bench.answers("03 02 0007", 1)
+    bench.answers("03 08 0001 0002 0003 0004")
+    assert Client(bench).ask("03 0001 0001") == ["03 02 00 07"]
+
+
+def test_a_poll_over_a_hole_that_fails_takes_nothing_from_the_values_there():
+    bench = bridging(Poll(Area.HOLDING, 1, 1, 5.0))
+    bench.at(0.0)
+    bench.answers("03 02 0007", 1)
+    bench.answers(None)
+    assert Client(bench).ask("03 0001 0001") == ["03 02 00 07"]
+    assert Client(bench).ask("03 0000 0001") == ["83 0B"]
+
+
+def test_inputs_are_polled_over_holes_too():
+    polls = (Poll(Area.DISCRETE, 8, 8, 0.5), Poll(Area.DISCRETE, 11, 12, 0.5))
+    bench = Bench(*polls, profile=Profile("generic", max_gap=2))
+    assert bench.at(0.0) == ["02 00 08 00 05"]
+    bench.answers("02 01 17")
+    assert Client(bench).ask("02 0008 0001") == ["02 01 01"]
+    assert Client(bench).ask("02 000B 0002") == ["02 01 02"]
+
+
+def test_a_refused_hole_is_remembered_for_the_device_and_not_told():
+    bench = bridging()
+    bench.at(0.0)
+    bench.answers("83 02")
+    assert bench.at(0.0) == ["03 00 00 00 01", "03 00 03 00 01"]
+    bench.answers("03 02 0001")
+    assert bench.holes.refused == ()
+    bench.answers("03 02 0004")
+    assert bench.holes.refuse(Span(Area.HOLDING, 1, 2))
+    assert bench.events == []
+
+
+def test_a_range_that_appears_later_says_nothing_of_the_hole():
+    bench = bridging()
+    bench.at(0.0)
+    bench.answers("83 02")
+    bench.at(0.0)
+    bench.answers("03 02 0001")
+    bench.answers("83 02")
+    bench.at(0.5)
+    bench.answers("03 02 0001")
+    bench.answers("03 02 0004")
+    assert bench.holes.refused == ()
 
 
 def test_a_refusal_is_told_once_until_the_device_answers(bench):

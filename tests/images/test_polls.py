@@ -2,14 +2,16 @@ import pytest
 
 from gateway.images.polls import Poll, joined, polling_function
 from gateway.modbus.codes import Area
+from gateway.profiles.holes import Holes
+from gateway.profiles.read_rules import NO_RULES, ReadRules
 
 
 def holding(first: int, last: int, every: float = 1.0) -> Poll:
     return Poll(Area.HOLDING, first, last, every)
 
 
-def runs(polls, limits=None):
-    return [str(poll) for poll in joined(polls, limits or {})]
+def runs(polls, limits=None, **rules):
+    return [str(poll) for poll in joined(polls, ReadRules(limits or {}, **rules), Holes())]
 
 
 def test_neighbours_with_one_pace_are_read_together():
@@ -34,9 +36,9 @@ def test_no_read_is_longer_than_the_protocol_takes():
 
 
 def test_a_joined_read_knows_what_it_was_joined_from():
-    (poll,) = joined([holding(0, 1), holding(2, 3), holding(4, 5)], {})
+    (poll,) = joined([holding(0, 1), holding(2, 3), holding(4, 5)], NO_RULES, Holes())
     assert poll.parts == (holding(0, 1), holding(2, 3), holding(4, 5))
-    (alone,) = joined([holding(0, 1)], {})
+    (alone,) = joined([holding(0, 1)], NO_RULES, Holes())
     assert alone.parts == ()
 
 

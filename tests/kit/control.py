@@ -75,7 +75,7 @@ class FakeDaemon(FakeConversation):
         self.asked: list[str] = []
         self.silent: dict[str, str] = {}
         self._picture = UnitPicture(
-            41, "silo-1", "device", "weigher", functions, PROFILE.limits, {}, 3400.0, (*points,)
+            41, "silo-1", "device", "weigher", functions, PROFILE.limits, {}, 3400.0, 0, (*points,)
         )
         self._answer = b""
 

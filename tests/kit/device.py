@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
+from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, exception_response, parse_request
 
@@ -30,7 +31,8 @@ class SimulatedDevice:
     """Holds 200 items of each area (all 0) and answers functions 01-06, 15, 16, 22 and 23 after `delay` seconds.
 
     What it does wrong is set by the test, at any time: `silent`; `refuses` (function: exception code); `script`, one
-    list of answers for each of the next requests: any bytes at any time, [] for none. `heard` is all it was asked.
+    list of answers for each of the next requests: any bytes at any time, [] for none; `absent`, the items that it does
+    not have, refused with `code_of_absent`. `heard` is all it was asked.
     """
 
     def __init__(self, unit: int = 1, *, delay: float = 0.01, items: int = 200) -> None:
@@ -38,6 +40,8 @@ class SimulatedDevice:
         self.delay = delay
         self.silent = False
         self.refuses: dict[int, int] = {}
+        self.absent: set[tuple[Area, int]] = set()
+        self.code_of_absent = IllegalDataAddress.code
         self.script: deque[list[Answer]] = deque()
         self.heard: list[Frame] = []
         self.answers_unit_0 = False
@@ -61,15 +65,20 @@ class SimulatedDevice:
             asked = parse_request(pdu)
             if asked.function not in _FUNCTIONS:
                 raise IllegalFunction(f"no function {asked.function}")
-            self._check_addresses(asked)
+            if self._lacks(asked):
+                return exception_response(pdu[0], self.code_of_absent)
         except RequestError as error:
             return exception_response(pdu[0], error.code)
         return _FUNCTIONS[asked.function](self, asked)
 
-    def _check_addresses(self, asked: RequestPdu) -> None:
+    def _lacks(self, asked: RequestPdu) -> bool:
         for span in (asked.read, asked.write):
-            if span is not None and span.end > len(getattr(self, span.area)):
-                raise IllegalDataAddress(f"{span} does not exist")
+            if span is None:
+                continue
+            wanted = {(span.area, address) for address in range(span.start, span.end)}
+            if span.end > len(getattr(self, span.area)) or wanted & self.absent:
+                return True
+        return False
 
     def _read_bits(self, asked: RequestPdu) -> bytes:
         bits = self._read(asked)

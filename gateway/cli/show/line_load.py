@@ -7,6 +7,7 @@ from gateway.cli.kit.columns import align, without_middles
 from gateway.config.plan.line_load import PollLoad, ReadRate, load_of, total_share
 from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan
 from gateway.config.values.duration import show_duration
+from gateway.config.values.reserved_names import MQTT
 
 
 def polls_as_text(owner: OwnerPlan, plan: Plan) -> Iterator[str]:
@@ -18,7 +19,7 @@ def polls_as_text(owner: OwnerPlan, plan: Plan) -> Iterator[str]:
                 for one in load]  # fmt: skip
         of, time = ("line", "LINE TIME") if isinstance(owner, LinePlan) else ("connection", "TIME")
         table = align([("BY", "OF", "READS", "EVERY", time, "SHARE"), *without_middles(rows, (1,))], "    ")
-        yield f"  Declared polls take {_total(load)} of the {of}{_assumed(load)}\n{table}"
+        yield f"  Declared polls take {_total(load)} of the {of}{_assumed(load)}{_bridged(load)}\n{table}"
 
 
 def _total(load: tuple[PollLoad, ...]) -> str:
@@ -32,6 +33,17 @@ def _assumed(load: tuple[PollLoad, ...]) -> str:
     """Say whose answer times are not in the sum."""
     profiles = dict.fromkeys(one.poll.of.profile.name for one in load if not one.has_time)
     return f" (answer times not known: {', '.join(profiles)})" if profiles else ""
+
+
+def _bridged(load: tuple[PollLoad, ...]) -> str:
+    """Say how few requests are sent because they read over gaps; nothing if none does."""
+    over = sum(one.poll.bridged for one in load)
+    if not over:
+        return ""
+    points = sum(one.poll.wanted for one in load if one.poll.by == MQTT)
+    ranges = sum(one.poll.wanted for one in load if one.poll.by != MQTT)
+    wanted = " and ".join(f"{count} {what}" for count, what in ((points, "points"), (ranges, "ranges")) if count)
+    return f": {len(load)} requests for {wanted}, over {over} addresses between them (max_gap)"
 
 
 def rates_as_text(rates: Sequence[ReadRate], of: str) -> Iterator[str]:
@@ -51,6 +63,8 @@ def polls_as_json(load: Iterable[PollLoad]) -> list[dict[str, Any]]:
             "by": one.poll.by,
             "of": one.poll.of.name,
             "addresses": one.poll.what,
+            "wanted": one.poll.wanted,
+            "bridged": one.poll.bridged,
             "every_ms": round(1000 * one.poll.every, 3),
             "line_time_ms": round(1000 * one.time, 3),
             "share": round(one.share, 4),

@@ -19,6 +19,7 @@ from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.device_server import refuse_port_of_gateway, settle
 from gateway.cli.units.unit import NoResponseError
 from gateway.config.plan.points import points_of
+from gateway.config.plan.profiles import profile_of
 from gateway.config.problem import WrongValue
 from gateway.config.profile_files import ProfileFiles
 from gateway.config.schema.profile import ProfileTable
@@ -32,7 +33,9 @@ from gateway.modbus.pdu import parse_request
 from gateway.operator.values import Answer, Step
 from gateway.ports.opener import open_blocking
 from gateway.ports.port import SerialSettings
+from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
+from gateway.profiles.read_rules import NO_RULES, ReadRules
 
 #: The usual time limit in seconds, and that of a server: a gateway lets requests wait, and waits for slow devices.
 _TIMEOUT: Final = 1.0
@@ -57,6 +60,8 @@ class DirectUnit:
         self.points = points
         self.functions = place.functions
         self.limits = place.limits
+        self.read_rules = place.read_rules
+        self.holes = Holes()
         self._client = client
         self._frames = place.frames
         self._framing: Mode = "tcp" if place.is_tcp else place.mode
@@ -103,6 +108,7 @@ class _Place:
         self.frames: dict[bool, bytes] = {}
         self.functions: frozenset[int] | None = None
         self.limits: Mapping[int, int] = {}
+        self.read_rules = NO_RULES
         self.mode: Literal["rtu", "ascii"] = args.mode or "rtu"
         self.is_tcp = bool(args.tcp)
         self._is_mode_given = args.mode is not None
@@ -114,9 +120,10 @@ class _Place:
             self.advice = f"the limit is {seconds} (--timeout); {unit_or_tls}"
 
     def take(self, kind: ProfileTable) -> tuple[Point, ...]:
-        """Keep the profile's functions and limits; returns its points."""
+        """Keep the profile's functions and what it allows; returns its points."""
         self.functions = None if kind.functions is None else frozenset(kind.functions)
         self.limits = kind.limits
+        self.read_rules = ReadRules.of(profile_of("", kind))
         if kind.mode is not None and not self._is_mode_given:
             self.mode = kind.mode
         return points_of(kind.points, kind)

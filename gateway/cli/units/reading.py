@@ -13,7 +13,7 @@ def read_points(unit: Unit, points: Sequence[Point]) -> Outcome:
     Raises:
         DaemonError, NoResponseError: there is no response.
     """
-    return carry_out(unit, reading(points, unit.limits))
+    return carry_out(unit, reading(points, unit.read_rules, unit.holes))
 
 
 def carry_out(unit: Unit, steps: Steps) -> Outcome:

@@ -13,7 +13,9 @@ from gateway.modbus.codes import Area
 from gateway.operator.asked import OneRequest, OneUnit
 from gateway.operator.operations import REQUEST, UNIT
 from gateway.operator.values import Answer, Step
+from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
+from gateway.profiles.read_rules import ReadRules
 
 #: How much longer than the longest wait of a unit its response may take to arrive here, in seconds.
 _SPARE_TIME: Final = 5.0
@@ -44,7 +46,8 @@ class Unit(Protocol):
     """A unit that can be read and written. `name` is empty if it is not known.
 
     `number` is its unit ID for clients, None if it has only a name. `gateway` is the control socket through which it is
-    asked, None without a gateway. `functions` is None for all or unknown; `limits` is the most items for a function.
+    asked, None without a gateway. `functions` is None for all or unknown; `limits` is the most items for a function,
+    `read_rules` say what one read may take, `holes` are those that it has refused in this command.
     """
 
     @property
@@ -56,6 +59,8 @@ class Unit(Protocol):
     points: tuple[Point, ...]
     functions: frozenset[int] | None
     limits: Mapping[int, int]
+    read_rules: ReadRules
+    holes: Holes
 
     def ask(self, step: Step) -> Answer:
         """Send a request. Raises DaemonError or NoResponseError."""
@@ -94,6 +99,8 @@ class DaemonUnit:
         self.functions = None if unit.functions is None else frozenset(unit.functions)
         self.areas = {Area(area): ranges for area, ranges in unit.areas.items()}
         self.limits = unit.limits
+        self.read_rules = unit.read_rules
+        self.holes = Holes()
         self.points = unit.points
         daemon.wait_for(unit.longest_wait_ms / 1000 + _SPARE_TIME)
 

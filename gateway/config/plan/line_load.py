@@ -13,8 +13,10 @@ from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span, parse_request
 from gateway.ports.port import SerialSettings
+from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
 from gateway.profiles.published import timed_batches
+from gateway.profiles.read_rules import ReadRules
 from gateway.registers.items import read_request
 from gateway.timing.budget import NETWORK_LATENCY, Pace
 
@@ -28,13 +30,19 @@ _AREAS: Final = (Area.HOLDING, Area.INPUT, Area.COILS, Area.DISCRETE)
 
 @dataclass(frozen=True, slots=True)
 class DeclaredPoll:
-    """A read that the config declares: `by` which client, of which device, how often. `what` names its addresses."""
+    """A read that the config declares: `by` which client, of which device, how often. `what` names its addresses.
+
+    It reads so many points, or ranges for a mirror: `wanted`. `bridged` is the number of addresses between them that it
+    reads too, so that one request is enough.
+    """
 
     by: str
     of: DeviceSettings
     what: str
     request: bytes
     every: float
+    wanted: int = 1
+    bridged: int = 0
 
 
 class PollLoad(NamedTuple):
@@ -71,13 +79,14 @@ def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
     devices = {device.name: device for owner in plan.owners for device in owner.devices}
     for mirror in plan.mirrors:
         if mirror.of in devices:
-            for poll in joined(mirror.polls, mirror.profile.limits):
-                yield DeclaredPoll(mirror.name, devices[mirror.of], str(poll), poll.request, poll.every)
+            for poll in joined(mirror.polls, ReadRules.of(mirror.profile), Holes()):
+                of, what = devices[mirror.of], str(poll)
+                yield DeclaredPoll(mirror.name, of, what, poll.request, poll.every, len(poll.joined) or 1, poll.bridged)
     for published in plan.mqtt.devices if plan.mqtt else ():
         if published.name in devices:
-            for every, batch in timed_batches(published):
-                what, request = f"{batch.span.area} {batch.span.addresses}", read_request(batch.span)
-                yield DeclaredPoll(MQTT, devices[published.name], what, request, every)
+            for every, batch in timed_batches(published, Holes()):
+                of, what = devices[published.name], f"{batch.span.area} {batch.span.addresses}"
+                yield DeclaredPoll(MQTT, of, what, batch.request, every, len(batch.points), batch.bridged)
 
 
 def load_of(owner: OwnerPlan, plan: Plan) -> tuple[PollLoad, ...]:

@@ -13,6 +13,7 @@ from gateway.images.polls import MirrorSettings
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.profiles.published import PublishedDevice, PublishedPoint
+from gateway.profiles.read_rules import ReadRules
 from gateway.tls.settings import ClientTls
 
 
@@ -71,8 +72,9 @@ def _published(unit: Publishable, mqtt: Mqtt) -> PublishedDevice:
     points = tuple(_points(unit.points, rows, may_write=mqtt.write))
     profile = unit.profile
     title = profile.title or profile.name
-    limits, functions = profile.limits, profile.functions
-    return PublishedDevice(unit.name, unit.unit, unit.line, title, points, limits, functions, unit.on_the_wire)
+    # What the gateway answers itself costs nothing to ask, and has its own addresses only.
+    rules = ReadRules.of(profile) if unit.line else ReadRules(profile.limits)
+    return PublishedDevice(unit.name, unit.unit, unit.line, title, points, rules, profile.functions, unit.on_the_wire)
 
 
 def _points(points: Iterable[Point], rows: Iterable[Publish], *, may_write: bool) -> Iterator[PublishedPoint]:

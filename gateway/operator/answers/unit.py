@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gateway.devices.device import key_of
+from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range
+from gateway.profiles.read_rules import ReadRules
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,8 +17,8 @@ class UnitHead:
     `unit` is None for a device that they ask by its name, or by a listener for its line or upstream. `kind` is device
     (on a line), upstream (a device behind another server), image, mirror or gateway. `functions` is None if it accepts
     all. `limits` are the most items by function. `areas` are the first and last address of each range that exists, by
-    area; an area that is missing exists in full. A response takes at most `longest_wait_ms`; 0 for a unit that the
-    gateway answers itself.
+    area; an area that is missing exists in full. Points are read together over gaps of at most `max_gap` addresses. A
+    response takes at most `longest_wait_ms`; 0 for a unit that the gateway answers itself.
     """
 
     unit: int | None
@@ -27,6 +29,12 @@ class UnitHead:
     limits: Mapping[int, int]
     areas: Mapping[str, tuple[Range, ...]]
     longest_wait_ms: float
+    max_gap: int
+
+    @property
+    def read_rules(self) -> ReadRules:
+        """What one read of it may take."""
+        return ReadRules(self.limits, self.max_gap, {Area(area): ranges for area, ranges in self.areas.items()})
 
     @property
     def key(self) -> int:

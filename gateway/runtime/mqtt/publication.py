@@ -22,6 +22,7 @@ from gateway.plant.polls import PolledTarget
 from gateway.plant.publisher import PublisherSettings
 from gateway.plant.sparkplug import Sparkplug
 from gateway.plant.status import BrokerStatus
+from gateway.profiles.holes import Holes
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password
 from gateway.request import Request, Target
@@ -187,6 +188,7 @@ class _AtOnce:
     """An image or a mirror as a target of reads: it answers at once, and never backs off."""
 
     def __init__(self, destination: Target) -> None:
+        self.holes = Holes()
         self._destination = destination
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - nobody waits

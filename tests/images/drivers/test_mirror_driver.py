@@ -8,6 +8,7 @@ from gateway.events import PartFailed
 from gateway.images.drivers.mirror_driver import MirrorDriver
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.modbus.codes import Area
+from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
 from kit.asker import Asker
 
@@ -19,6 +20,7 @@ class BrokenDevice:
 
     def __init__(self):
         self.asked = []
+        self.holes = Holes()
 
     def submit(self, request, now, *, yields=False):
         if self.is_broken:
@@ -34,6 +36,7 @@ class RaisingDevice:
 
     def __init__(self, *, answers_first):
         self.polls = []
+        self.holes = Holes()
         self._answers_first = answers_first
 
     def submit(self, request, now, *, yields=False):
