@@ -156,12 +156,64 @@ def test_polls_and_their_shares_as_json(config, capsys):
         "by": "image-241",
         "of": "silo-1",
         "addresses": "holding 0-9",
+        "wanted": 1,
+        "bridged": 0,
         "every_ms": 500.0,
         "line_time_ms": 27.917,
         "share": 0.0558,
         "answer_time_known": False,
     }
     assert line["polls_share"] == pytest.approx(sum(poll["share"] for poll in line["polls"]), abs=1e-4)
+
+
+BRIDGING = """
+site = "plant"
+[[line]]
+name = "hall"
+port = "/dev/null"
+latency = "5 ms"
+devices = [
+  { unit = 1, as = 41, name = "meter", profile = "meter" },
+  { unit = 2, as = 42, name = "other", profile = "meter" },
+]
+
+[profile.meter]
+timeout = "1 s"
+max_gap = GAP
+points = [
+  { name = "a", holding = 0 },
+  { name = "b", holding = 4 },
+  { name = "c", holding = 9 },
+  { name = "d", coils = 1 },
+]
+
+[[image]]
+unit = 241
+of = "other"
+stale = "10 s"
+read = [{ holding = ["0-1", "4-5"], every = "1 s" }]
+
+[mqtt]
+broker = "mqtt://broker"
+publish = [{ device = "meter", every = "1 s" }]
+"""
+
+
+def test_how_few_requests_read_the_points_over_gaps_is_told(config, capsys):
+    for gap, said in (
+        ("0", ""),
+        ("4", ": 3 requests for 4 points and 2 ranges, over 9 addresses between them (max_gap)"),
+    ):
+        main(["check", config(BRIDGING.replace("GAP", gap))])
+        (line,) = (line for line in capsys.readouterr().out.splitlines() if "Declared polls" in line)
+        assert line.endswith(f"(answer times not known: meter){said}")
+    main(["check", "--json", config(BRIDGING.replace("GAP", "4"))])
+    polls = json.loads(capsys.readouterr().out)["lines"][0]["polls"]
+    assert [(each["addresses"], each["wanted"], each["bridged"]) for each in polls] == [
+        ("holding 0-5", 2, 2),
+        ("coils 1", 1, 0),
+        ("holding 0-9", 3, 7),
+    ]
 
 
 OWN = """\
