@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Final, Protocol
 
+from gateway.errors import DoesNotFit
 from gateway.events import CommandRefused, Emit, WriteAudit
 from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.functions import only_reads
 from gateway.plant.messages import Command, Delivery, Misdirected
-from gateway.registers.items import WRITERS, most_written, write_function, write_request
+from gateway.profiles.writing import Write, request_to_write, written
+from gateway.registers.items import WRITERS, items_read, read_request, write_function
 from gateway.request import Caller, Origin, Request, Target
 from gateway.trace.pdus import exception_in_words
 
@@ -19,13 +22,14 @@ CALLER: Final = Caller.without_address(CLIENT)
 #: At most this many commands are carried out at once, and this many are remembered to recognize repeated ones.
 MOST_COMMANDS: Final = 32
 MOST_REMEMBERED: Final = 1000
+_CLOSED: Final = "the gateway stops, or takes up another config: send it again"
 
 
 class PlantOrigin(Origin, Protocol):
-    """An Origin of reads that also takes the responses to writes."""
+    """An Origin of reads that also takes the responses to requests of commands."""
 
     def written(self, command: Command, request: Request, response: bytes | None) -> None:
-        """Take the response to the write that carries out a command."""
+        """Take the response to a request of a command: the write, or the read of the scale before it."""
 
 
 @dataclass(slots=True)
@@ -88,7 +92,7 @@ class Commands:
     def refusal(self, delivery: Delivery) -> str:
         """Say why no command in this message may be carried out; empty if one may."""
         if self._is_closed:
-            return "the gateway stops, or takes up another config: send it again"
+            return _CLOSED
         if delivery.is_retained:
             return "it is retained, so it may be old: send it without retain"
         if delivery.is_duplicate:
@@ -105,19 +109,19 @@ class Commands:
         refusal = command.refusal or refusal
         if not refusal and self._in_progress >= MOST_COMMANDS:
             refusal = f"{MOST_COMMANDS} others are not finished yet"
+        first = Write(b"", command.point.point.span)
         try:
-            pdu = b"" if refusal else _write_request(command)
-        except ValueError as wrong:
+            first = first if refusal else _first_request(command)
+        except (ValueError, ArithmeticError, DoesNotFit) as wrong:
             refusal = str(wrong)
         if refusal:
-            self._emit(_audit(command))
-            self._failed(command, refusal, now)
+            self._refused(command, refusal, now)
             return
         self._carried_out.add(command.delivery)
         self._in_progress += 1
         expiry = command.delivery.expiry
         origin = _Writer(self._origin, command, self._clock, None if expiry is None else now + expiry)
-        self._target.submit(Request(command.device.unit, pdu, origin, now), now)
+        self._send(command, first, origin, now)
 
     def refuse(self, misdirected: Misdirected, now: float) -> None:
         """Log and tell why this is not a valid command."""
@@ -126,7 +130,11 @@ class Commands:
         self._failed(misdirected, misdirected.refusal, now)
 
     def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
-        """Tell the result of a command: its request is over."""
+        """Take the response to a request of a command. Tell the result, or write now if the scale was read."""
+        has_failed = request.error is not None or response is None or response[0] & EXCEPTION_BIT
+        if only_reads(request.pdu) and response is not None and not has_failed:
+            self._go_on(command, request.origin, response, now)
+            return
         self._in_progress -= 1
         if request.error is not None:
             self._failed(command, str(request.error) or request.error.result, now)
@@ -135,13 +143,36 @@ class Commands:
         else:
             self._tell(command, None, now)
 
+    def _go_on(self, command: Command, origin: Origin, response: bytes, now: float) -> None:
+        """Write, with the scale that was read."""
+        point, refusal = command.point.point, _CLOSED if self._is_closed else ""
+        write = Write(b"", point.span)
+        try:
+            write = write if refusal else _write(command, items_read(point.read_span, response, point.width))
+        except (ValueError, ArithmeticError, DoesNotFit) as wrong:
+            refusal = str(wrong)
+        if refusal:
+            self._in_progress -= 1
+            self._refused(command, refusal, now)
+        else:
+            self._send(command, write, origin, now)
+
+    def _send(self, command: Command, write: Write, origin: Origin, now: float) -> None:
+        request = Request(command.device.unit, write.pdu, origin, now)
+        request.in_one_turn = write.in_one_turn
+        self._target.submit(request, now)
+
+    def _refused(self, command: Command, why: str, now: float) -> None:
+        self._emit(_audit(command))
+        self._failed(command, why, now)
+
     def _failed(self, command: Command | Misdirected, why: str, now: float) -> None:
         self.counts.refused += 1
         self._tell(command, why, now)
 
 
 class _Writer:
-    """The Origin of a command's request, which is not sent after `until`."""
+    """The Origin of a command's requests, which are not sent after `until`."""
 
     caller = CALLER
 
@@ -163,14 +194,16 @@ class _Writer:
 def _audit(command: Command) -> WriteAudit:
     """Make the audit event of a command that becomes no request."""
     point, functions = command.point.point, command.device.functions
-    function = write_function(point.area, point.count, functions) if point.area in WRITERS else 0
+    span = point.write_span
+    is_writable = point.area in WRITERS or point.write_at is not None
+    function = write_function(span.area, span.count, functions, how=point.write_function) if is_writable else 0
     return WriteAudit(
         client=CLIENT,
         listener=CLIENT,
         unit=command.device.told_unit,
         function=int(function),
-        address=point.address,
-        count=point.count,
+        address=span.start,
+        count=span.count,
         result="refused",
         code="",
         elapsed_ms=0.0,
@@ -178,19 +211,26 @@ def _audit(command: Command) -> WriteAudit:
     )
 
 
-def _write_request(command: Command) -> bytes:
-    """Make the PDU that writes the value.
+def _first_request(command: Command) -> Write:
+    """Make the request that writes the value, or the one that reads the scale first.
 
     Raises:
-        ValueError: the point cannot be written, or not with this value.
+        ValueError, ArithmeticError, DoesNotFit: the point cannot be written, or not with this value.
     """
     point = command.point.point
-    if point.area not in WRITERS:
-        raise ValueError(f"{point.area} cannot be written")
-    items = point.items(command.text)
-    if point.count > most_written(point.area, command.device.rules.limits):
-        raise ValueError("it does not fit into one request")
-    return write_request(point.area, point.address, items, command.device.functions)
+    if point.scale_at is not None:
+        return Write(read_request(point.read_span), point.read_span)
+    return _write(command)
+
+
+def _write(command: Command, before: bytes | None = None) -> Write:
+    """Make the request that writes the value; `before` are the items of the `read_span`, if they were read.
+
+    Raises:
+        ValueError, ArithmeticError, DoesNotFit: the point cannot be written, or not with this value.
+    """
+    device = command.device
+    return request_to_write([written(command.point.point, command.text, before)], device.rules.limits, device.functions)
 
 
 def _key(topic: str, correlation: bytes) -> bytes:

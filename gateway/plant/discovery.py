@@ -17,8 +17,7 @@ from gateway.plant.messages import Message
 from gateway.plant.topics import Topics
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice, PublishedPoint
-from gateway.registers.datatypes import bounds, is_float
-from gateway.registers.items import has_bits
+from gateway.registers.datatypes import is_float
 
 #: The platform of each component of each device that was announced, by the topic of the device and the component's key.
 Announced = Mapping[str, Mapping[str, str]]
@@ -168,9 +167,9 @@ class Discovery:
 
 def _sensor(point: Point) -> _Config:
     """Make a component that shows the point."""
-    if has_bits(point.area) and not point.labels:
+    if point.is_bit and not point.labels:
         return {"p": "binary_sensor", "pl_on": _ON, "pl_off": _OFF}
-    if has_bits(point.area):
+    if point.is_bit:
         return {"p": "sensor", "dev_cla": "enum", "ops": [point.labels.get(bit, str(bit)) for bit in (0, 1)]}
     if point.labels or point.type == "string":
         # No `options`: a number without a label would leave the label before it on the display.
@@ -181,16 +180,16 @@ def _sensor(point: Point) -> _Config:
 def _control(point: Point) -> _Config:
     """Make a component that shows and sets the point."""
     if point.type == "string":
-        return {"p": "text", "max": 2 * point.count, "val_tpl": f"{{{{ value_json['{point.name}'] | default('') }}}}"}
+        shown = f"{{{{ value_json['{point.name}'] | default('', true) }}}}"
+        return {"p": "text", "max": 2 * point.count, "val_tpl": shown}
     if point.labels:
-        options = (
-            [point.labels.get(bit, str(bit)) for bit in (0, 1)] if has_bits(point.area) else list(point.labels.values())
-        )
+        options = [point.labels.get(bit, str(bit)) for bit in (0, 1)] if point.is_bit else list(point.labels.values())
         return {"p": "select", "ops": options, "val_tpl": _chosen(point.name, options)}
-    if has_bits(point.area):
+    if point.is_bit:
         return {"p": "switch", "pl_on": _ON, "pl_off": _OFF}
-    least, greatest = _range(point)
-    return {"p": "number", "min": least, "max": greatest, "step": _step(point), "mode": "box"} | _unit(point)
+    step, (least, greatest) = _step(point), _range(point)
+    # A component whose ends are equal is refused, and all of its device with it.
+    return {"p": "number", "min": least, "max": max(greatest, least + step), "step": step, "mode": "box"} | _unit(point)
 
 
 def _chosen(name: str, options: Sequence[str]) -> str:
@@ -229,17 +228,18 @@ def _precision(point: Point) -> _Config:
 
 
 def _range(point: Point) -> tuple[float, float]:
-    """Return the least and the greatest value that the point can have."""
-    if is_float(point.type):
-        return -_GREATEST_FLOAT32, _GREATEST_FLOAT32
-    exact = Decimal(repr(point.scale))
-    least, greatest = sorted(float(bound * exact) for bound in bounds(point.type))
-    return least, greatest
+    """Return the least and the greatest value that can be written to the point."""
+    least, greatest = -_GREATEST_FLOAT32, _GREATEST_FLOAT32
+    if not is_float(point.type) and point.scale_at is None:
+        scale, offset = Decimal(repr(point.scale)), Decimal(repr(point.offset))
+        least, greatest = sorted(float(bound * scale + offset) for bound in point.least_and_greatest)
+    least = least if point.minimum is None else max(least, point.minimum)
+    return least, greatest if point.maximum is None else min(greatest, point.maximum)
 
 
 def _step(point: Point) -> float:
     """Return the least change of the value that can be set."""
-    if is_float(point.type):
+    if is_float(point.type) or point.scale_at is not None:
         return max(_SMALLEST_STEP, 10.0**-point.decimals) if point.decimals is not None else _SMALLEST_STEP
     return max(_SMALLEST_STEP, abs(point.scale))
 

@@ -182,11 +182,11 @@ class Polls:
         """Tell whether `request` is one of these reads."""
         return request in self._asked
 
-    def read_soon(self, device: str, span: Span, now: float) -> None:
-        """Make the reads of `span` due at once: something was written there."""
+    def read_soon(self, device: str, spans: Sequence[Span], now: float) -> None:
+        """Make the reads of `spans` due at once: something was written."""
         for read in self._reads[device]:
             own = read.batch.span
-            if not read.parts and own.area is span.area and own.start < span.end and span.start < own.end:
+            if not read.parts and any(own.area is s.area and own.start < s.end and s.start < own.end for s in spans):
                 self._plan(read, now)
 
     def _add(self, reads: Iterable[_Read]) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from gateway.events import Emit
+from gateway.modbus.functions import only_reads
 from gateway.plant.births import Births
 from gateway.plant.changes import Watch
 from gateway.plant.commands import CarriedOut, Commands, PlantOrigin
@@ -259,8 +260,10 @@ class Publisher:
         return {name: Reading(reading.value, self._unix(reading.at)) for name, reading in readings.items()}
 
     def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
-        """Take the response to a command's write, None if there was none; read the point again soon."""
-        self.polls.read_soon(command.device.name, command.point.point.span, now)
+        """Take the response to a command's request, None if there was none; after a write read the point again soon."""
+        if not only_reads(request.pdu):
+            point = command.point.point
+            self.polls.read_soon(command.device.name, (point.read_span, point.write_span), now)
         self.commands.written(command, request, response, now)
 
     def _tell(self, command: Command | Misdirected, error: str | None, now: float) -> None:

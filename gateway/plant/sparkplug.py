@@ -23,7 +23,6 @@ from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, e
 from gateway.plant.topics import SparkplugTopics
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice, PublishedPoint
-from gateway.registers.items import has_bits
 
 _REBIRTH: Final = "Node Control/Rebirth"
 #: The number of the session, in its birth and its death. It counts from 0 to 255, as the numbers of messages do.
@@ -42,6 +41,10 @@ _TYPES: Final = {
     "int64": DataType.INT64,
     "float32": DataType.FLOAT,
     "float64": DataType.DOUBLE,
+    "bcd16": DataType.UINT16,
+    "bcd32": DataType.UINT32,
+    "int8": DataType.INT8,
+    "uint8": DataType.UINT8,
     "string": DataType.STRING,
 }
 
@@ -237,20 +240,21 @@ def _metrics(points: Iterable[PublishedPoint], readings: Readings, at: float) ->
 def _metric(published: PublishedPoint, readings: Readings, at: float) -> Metric:
     """Make the metric of a point, with its last value if that is known."""
     point, reading = published.point, readings.get(published.name)
-    if reading is None:
-        return Metric(point.name, None, _type(point), at, point.unit)
+    if reading is None or reading.value is None:
+        return Metric(point.name, None, _type(point), at if reading is None else reading.at, point.unit)
     # A number without a label is text too, as the others of its point are.
     value = str(reading.value) if point.labels else reading.value
     return Metric(point.name, value, _type(point), reading.at, point.unit)
 
 
 def _type(point: Point) -> DataType:
-    """Return the type of the metric for a point. Labels are text, scaled numbers may have decimals."""
+    """Return the type of the metric for a point. Labels are text, scaled numbers may have decimals or any size."""
     if point.labels:
         return DataType.STRING
-    if has_bits(point.area):
+    if point.is_bit:
         return DataType.BOOLEAN
-    return DataType.DOUBLE if point.scale != 1 else _TYPES[point.type]
+    is_scaled = point.scale != 1 or point.offset or point.scale_at is not None
+    return DataType.DOUBLE if is_scaled else _TYPES[point.type]
 
 
 def _state(payload: bytes) -> tuple[bool, int] | None:

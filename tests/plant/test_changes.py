@@ -36,6 +36,12 @@ def watch(**options):
         (inf, inf, 0.5, False),
         (inf, -inf, 0.5, True),
         (1.0, inf, 0.5, True),
+        (None, None, None, False),
+        (None, None, 0.5, False),
+        (None, 1.0, 0.5, True),
+        (1.0, None, 0.5, True),
+        (None, 0, None, True),
+        ("off", None, None, True),
     ],
 )
 def test_what_is_a_change(old, new, deadband, is_change):

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from jinja2 import Environment
 
 from gateway.modbus.codes import Area
 from gateway.plant.discovery import Discovery
@@ -30,7 +31,19 @@ ENERGY = Point("energy", Area.INPUT, 30, "uint32", count=2, unit="kWh")
 BALANCE = Point("balance", Area.INPUT, 32, "int32", count=2, unit="kWh")
 ACID = Point("acid", Area.INPUT, 34, scale=0.01, decimals=2, unit="pH")
 ZERO = Point("zero", Area.HOLDING, 40, labels={187: "take"}, write="only")
+PUMP = Point("pump", Area.HOLDING, 50, bits=(3, 3), write="yes")
+ALARM = Point("alarm", Area.INPUT, 50, bits=(15, 15))
+TRIP = Point("trip", Area.INPUT, 50, bits=(14, 14), labels={0: "fine", 1: "tripped"})
+STAGE = Point("stage", Area.HOLDING, 50, bits=(4, 6), labels={0: "idle", 3: "full"}, write="yes")
+FAN = Point("fan", Area.HOLDING, 51, bits=(0, 2), write="yes")
+LOW = Point("low", Area.INPUT, 52, "int8", bits=(0, 7), unit="°C")
+COUNT = Point("count", Area.INPUT, 53, "bcd32", count=2, unit="kWh")
+OUTSIDE = Point("outside", Area.HOLDING, 55, offset=-40.0, unit="°C", write="yes")
+SETPOINT = Point("setpoint", Area.HOLDING, 56, scale=0.1, minimum=5, maximum=30, write="yes", write_at=156)
+LIMITED = Point("limited", Area.HOLDING, 57, "int16", scale=0.1, scale_at=58, decimals=2, maximum=100, write="yes")
+ONE = Point("one", Area.HOLDING, 59, minimum=7, maximum=7, write="yes")
 ALL = (
+    PUMP, ALARM, TRIP, STAGE, FAN, LOW, COUNT, OUTSIDE, SETPOINT, LIMITED, ONE,
     WEIGHT, STATE, MODE, SPEED, FLAP, TARGET, VALVE, GATE, LIMIT, DOOR, NAME, SERIAL, ENERGY, BALANCE, ACID, ZERO,
 )  # fmt: skip
 
@@ -124,6 +137,17 @@ def test_home_assistant_knows_each_unit_that_gets_another_spelling():
         (ZERO, "button", {"payload_press": "take"}),
         (SPEED, "number", {"min": -214748364.8, "max": 214748364.7, "step": 0.1, "unit_of_measurement": "rpm"}),
         (FLAP, "number", {"min": -32767.5, "max": 0, "step": 0.5}),
+        (PUMP, "switch", {"payload_on": "1", "payload_off": "0"}),
+        (ALARM, "binary_sensor", {"payload_on": "1", "payload_off": "0"}),
+        (TRIP, "sensor", {"device_class": "enum", "options": ["fine", "tripped"]}),
+        (STAGE, "select", {"options": ["idle", "full"]}),
+        (FAN, "number", {"min": 0, "max": 7, "step": 1}),
+        (LOW, "sensor", {"device_class": "temperature", "state_class": "measurement"}),
+        (COUNT, "sensor", {"device_class": "energy", "state_class": "total_increasing"}),
+        (OUTSIDE, "number", {"min": -40, "max": 65495, "step": 1, "device_class": "temperature"}),
+        (SETPOINT, "number", {"min": 5, "max": 30, "step": 0.1}),
+        (LIMITED, "number", {"min": -3.4e38, "max": 100, "step": 0.01}),
+        (ONE, "number", {"min": 7, "max": 8}),
         (TARGET, "number", {"step": 0.001, "unit_of_measurement": "°C", "device_class": "temperature"}),
     ],
 )
@@ -225,3 +249,31 @@ def test_templates_find_the_value_by_its_name(point):
     shown = component(point)
     assert f"value_json['{point.name}']" in shown["value_template"]
     assert "default(" in shown["value_template"]
+
+
+@pytest.mark.parametrize("point", [each for each in ALL if each.write != "only"], ids=lambda point: point.name)
+@pytest.mark.parametrize("writable", [True, False])
+@pytest.mark.parametrize("values", [{}, None])
+def test_a_value_that_is_missing_or_null_is_unknown(point, writable, values):
+    """Home Assistant renders templates with jinja2, and takes "None" for unknown; text is empty then."""
+    shown = component(point, writable=writable)
+    value_json = {point.name: None} if values is None else values
+    rendered = Environment(autoescape=True).from_string(shown["value_template"]).render(value_json=value_json)
+    assert rendered == ("" if shown["platform"] == "text" else "None")
+
+
+@pytest.mark.parametrize(
+    ("unit", "device_class"),
+    [
+        ("V", "voltage"), ("A", "current"), ("W", "power"), ("kW", "power"), ("var", "reactive_power"),
+        ("VA", "apparent_power"), ("Hz", "frequency"), ("kWh", "energy"), ("Wh", "energy"), ("kPa", "pressure"),
+        ("kvarh", "reactive_energy"),
+        ("°C", "temperature"), ("bar", "pressure"), ("m³/h", "volume_flow_rate"), ("l/h", "volume_flow_rate"),
+        ("W/m²", "irradiance"), ("kg", "weight"), ("m/s", "speed"), ("lx", "illuminance"), ("GJ", "energy"),
+        ("%", None), ("rpm", None), ("m³", None), ("°", None), ("kvar", "reactive_power"), ("kVA", "apparent_power"),
+        ("h", "duration"), ("s", "duration"), ("mA", "current"), ("MWh", "energy"), ("ppm", None), ("K", None),
+    ],
+)  # fmt: skip
+def test_the_units_of_the_library_have_their_classes(unit, device_class):
+    shown = component(Point("a", Area.INPUT, 0, unit=unit))
+    assert shown.get("device_class") == device_class

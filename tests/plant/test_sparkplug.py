@@ -9,15 +9,17 @@ import tomllib
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from gateway.modbus.codes import Area
 from gateway.plant.messages import Command, Delivery, DeviceState, Leave, Reading, Rebirth
 from gateway.plant.sparkplug import Sparkplug
-from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode
+from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode, signed
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice, PublishedPoint
+from gateway.registers import datatypes
 
 LEFT_OUT = tomllib.loads(
     (Path(__file__).parents[1] / "vectors" / "sparkplug-requirements.toml").read_text(encoding="utf-8")
@@ -112,6 +114,50 @@ def test_each_requirement_is_tested_or_left_out_for_a_reason():
     assert not set(left_out) & set(TESTED)
     assert set(left_out.values()) == {1}
     assert len(left_out) + len(TESTED) == LEFT_OUT["total"]
+
+
+@pytest.mark.parametrize(
+    ("point", "value", "data_type"),
+    [
+        (Point("a", Area.HOLDING, 0, "uint16"), 65535, DataType.UINT16),
+        (Point("a", Area.HOLDING, 0, "uint8", bits=(8, 15)), 255, DataType.UINT8),
+        (Point("a", Area.HOLDING, 0, "int8", bits=(0, 7)), -128, DataType.INT8),
+        (Point("a", Area.HOLDING, 0, "bcd16"), 9999, DataType.UINT16),
+        (Point("a", Area.HOLDING, 0, "bcd32", count=2), 99999999, DataType.UINT32),
+        (Point("a", Area.HOLDING, 0, bits=(3, 3)), 1, DataType.BOOLEAN),
+        (Point("a", Area.HOLDING, 0, bits=(3, 3), labels={0: "off", 1: "on"}), "on", DataType.STRING),
+        (Point("a", Area.HOLDING, 0, bits=(4, 6)), 7, DataType.UINT16),
+        (Point("a", Area.HOLDING, 0, "uint64", count=4, bits=(0, 39)), 2**40 - 1, DataType.UINT64),
+        (Point("a", Area.HOLDING, 0, offset=-40.0), -40, DataType.DOUBLE),
+        (Point("a", Area.HOLDING, 0, scale=0.1), 0.5, DataType.DOUBLE),
+        (Point("a", Area.HOLDING, 0, scale_at=7), 1200, DataType.DOUBLE),
+    ],
+    ids=lambda value: getattr(value, "type", str(value)),
+)
+@pytest.mark.parametrize("is_known", [True, False])
+def test_each_point_has_a_type_that_holds_its_values_and_says_when_it_has_none(point, value, data_type, is_known):
+    device = PublishedDevice("d", 1, "line", "Any", (PublishedPoint(point, 1.0),))
+    node = Sparkplug("plant", "gw", (device,))
+    node.will(AT)
+    readings = {"a": Reading(value if is_known else None, AT - 1)}
+    birth = list(node.born([DeviceState(device, is_available=True, readings=readings)], AT))[1]
+    (data,) = node.values(device, readings, {"a"}, AT)
+    for message in (birth, data):
+        metric = metrics(message)["a"]
+        shown = metric.value if not isinstance(metric.value, int) else signed(metric.value, data_type)
+        assert (shown, metric.data_type) == (value if is_known else None, data_type)
+        assert (bytes((0x38, 1)) in message.payload) is not is_known, "the field is_null"
+
+
+def test_every_type_of_a_point_has_one_in_sparkplug():
+    for data_type in (each for each in get_args(datatypes.DataType) if each != "bit"):
+        count, bits = datatypes.registers_of(data_type), (0, 7) if data_type in datatypes.BYTE_TYPES else None
+        point = Point("a", Area.INPUT, 0, data_type, count=count, bits=bits)
+        device = PublishedDevice("d", 1, "line", "Any", (PublishedPoint(point, 1.0),))
+        node = Sparkplug("plant", "gw", (device,))
+        node.will(AT)
+        birth = list(node.born([DeviceState(device, is_available=True)], AT))[1]
+        assert metrics(birth)["a"].data_type is not None
 
 
 # Deaths of the node
