@@ -18,8 +18,8 @@ class RegisterIdentity(NamedTuple):
 class Identity:
     """How a kind of device is recognised, by one of three: the others are empty.
 
-    `fc43` is the text of an object that it tells with function 43/14 (A 6.21); `sunspec` are models that all have to be
-    in its chain of SunSpec models.
+    `fc43` is the beginning of an object that it tells with function 43/14 (A 6.21); `sunspec` are models that all have
+    to be in its chain of SunSpec models, at the addresses that follow from its points.
     """
 
     fc43: str = ""

@@ -1,24 +1,22 @@
 """A scan: reads from each unit of a line in the line's idle time, and finds the units that answer.
 
-The reads change nothing: one holding register at address 0, and for units that answer a few more that tell kinds of
-devices apart. An exception is an answer too. The reads belong to no device: silence is neither counted nor logged, and
-no client waits for more than one of them (`lines.idle`).
+The reads change nothing: one holding register at address 0, and for units that answer some more that tell kinds of
+devices apart (`profiles.recognition`, `signs`). An exception is an answer too. The reads belong to no device: silence
+is neither counted nor logged, and no client waits for more than one of them (`lines.idle`).
 
 Late answers are noticed while late windows last. A second answer means that two devices have the address. After bytes
 that are no answer the read is repeated before the unit is believed to exist.
 """
 
 import asyncio
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from contextlib import aclosing, asynccontextmanager
-from dataclasses import dataclass, replace
-from struct import unpack
+from dataclasses import replace
 from typing import Final
 
 from gateway.devices.device import ScannedUnit
 from gateway.errors import (
     BrokenResponse,
-    ExceptionCode,
     LineDown,
     LineLost,
     PortError,
@@ -28,15 +26,16 @@ from gateway.errors import (
     WrongQuestion,
 )
 from gateway.lines.transaction import ScanTransaction
-from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.pdu import parse_request
-from gateway.operator.answers.scan import Found, Progress
+from gateway.operator.answers.scan import Found, Progress, SunSpecModel
 from gateway.operator.requests import AwaitedOrigin
+from gateway.profiles.recognition import KnownKind, Recognised, recognise
 from gateway.request import Request
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.timing.budget import AnswerTime
-from gateway.timing.characters import Mode
 from gateway.timing.table import TimingTable
+from gateway.tools.signs import FIRST_QUESTION, OTHERS, QUESTION_AT_ZERO, SIGNS
 
 #: The default limit of an answer, in seconds; later ones are late.
 USUAL_LIMIT: Final = 0.3
@@ -49,69 +48,8 @@ PACE: Final = 0.25
 #: How often a unit is read whose answers are garbled.
 TRIES: Final = 3
 
-
-def _question(function: int, address: int, count: int = 1) -> bytes:
-    return bytes((function, *address.to_bytes(2, "big"), *count.to_bytes(2, "big")))
-
-
-#: The first read of each unit. At address 0 a weigher answers a read of its own address.
-FIRST_QUESTION: Final = _question(FunctionCode.READ_HOLDING_REGISTERS, 0)
-QUESTION_AT_ZERO: Final = _question(FunctionCode.READ_HOLDING_REGISTERS, 0x10)
-
-
 #: The progress of a scan, and at the end all units found.
 Steps = AsyncGenerator[Progress | tuple[Found, ...], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Sign:
-    """A read, and a test of whether an answer is typical of a kind of device."""
-
-    question: bytes
-    fits: Callable[[bytes, int], bool]
-
-
-def _refuses(code: int) -> Callable[[bytes, int], bool]:
-    return lambda pdu, _unit: pdu[0] & EXCEPTION_BIT > 0 and pdu[1] == code
-
-
-def _answers(pdu: bytes, _unit: int) -> bool:
-    return not pdu[0] & EXCEPTION_BIT
-
-
-def _is_own_address(pdu: bytes, unit: int) -> bool:
-    return _answers(pdu, unit) and pdu[-1] == unit
-
-
-def _is_rate(pdu: bytes, unit: int) -> bool:
-    return _answers(pdu, unit) and unpack(">f", pdu[2:6])[0] in (9600, 14400, 19200)
-
-
-_COILS: Final = FunctionCode.READ_COILS
-_HOLDING: Final = FunctionCode.READ_HOLDING_REGISTERS
-_INPUT: Final = FunctionCode.READ_INPUT_REGISTERS
-
-_V80: Final = (
-    Sign(_question(_COILS, 0, 1024), _answers),
-    Sign(_question(_COILS, 0, 1025), _refuses(ExceptionCode.ILLEGAL_DATA_VALUE)),
-)
-#: The signs of each kind, from the documents named in profiles/*.toml, as far as reads can tell.
-SIGNS: Final[Mapping[Mode, Mapping[str, Sequence[Sign]]]] = {
-    "rtu": {
-        "weigher": [Sign(QUESTION_AT_ZERO, _is_own_address), Sign(_question(_HOLDING, 0x20, 2), _is_rate)],
-        "v80": _V80,
-    },
-    "ascii": {
-        "mint": [
-            Sign(FIRST_QUESTION, _refuses(ExceptionCode.ILLEGAL_DATA_ADDRESS)),
-            Sign(_question(_HOLDING, 1), _answers),
-            Sign(_question(_INPUT, 1), _refuses(ExceptionCode.ILLEGAL_FUNCTION)),
-        ],
-        "v80": _V80,
-    },
-}
-#: The profile of all other devices.
-OTHERS: Final = "generic"
 
 
 def _first_question(unit: ScannedUnit) -> bytes:
@@ -119,13 +57,17 @@ def _first_question(unit: ScannedUnit) -> bytes:
 
 
 class Scan:
-    """Reads `units` of a line. An answer later than `limit` seconds is late.
+    """Reads `units` of a line, and recognises `kinds`. An answer later than `limit` seconds is late.
 
     Also while it runs it raises WrongQuestion: the line is down, or has no idle time.
     """
 
-    def __init__(self, line: GatewayLine, units: Sequence[int], limit: float = USUAL_LIMIT) -> None:
+    def __init__(
+        self, line: GatewayLine, units: Sequence[int], limit: float = USUAL_LIMIT, kinds: Sequence[KnownKind] = ()
+    ) -> None:
         loop = asyncio.get_running_loop()
+        mode = line.plan.line.timing.mode
+        self._kinds = [kind for kind in kinds if kind.mode in (None, mode)]
         self._line = line
         self._baud = line.driver.line.settings.timing.baud
         self._now = loop.time
@@ -187,29 +129,47 @@ class Scan:
         frame, elapsed = unit.heard[0]
         code = frame.pdu[1] if frame.pdu[0] & EXCEPTION_BIT else None
         there = ScannedUnit(frame.unit, unit.answer_time, self._now)
-        answers: dict[bytes, bytes | None] = {_first_question(unit): frame.pdu}
+        names, models = Recognised()
+        if there.unit != BROADCAST_UNIT:
+            names, models = await self._recognise(there, {_first_question(unit): frame.pdu})
         return Found(
             unit.unit,
             "answers" if code is None else "exception",
             code,
             round(elapsed * 1000, 1),
-            await self._profile_of(there, answers) if there.unit != BROADCAST_UNIT else "",
+            ", ".join(names),
             frame.unit if frame.unit != unit.unit else None,
             self._baud,
+            tuple(SunSpecModel(model.model, model.address) for model in models),
         )
 
+    async def _recognise(self, unit: ScannedUnit, answers: dict[bytes, bytes | None]) -> Recognised:
+        """Recognise a unit by what tells its kind, or by its signs. `answers` holds known answers by read."""
+        steps = recognise(self._kinds)
+        try:
+            question = next(steps)
+            while True:
+                question = steps.send(await self._answer_once(unit, question, answers))
+        except StopIteration as end:
+            found: Recognised = end.value
+        return found if found.names else found._replace(names=(await self._profile_of(unit, answers),))
+
     async def _profile_of(self, unit: ScannedUnit, answers: dict[bytes, bytes | None]) -> str:
-        """Return the first profile whose signs all fit. `answers` holds known answers by read."""
+        """Return the first profile whose signs all fit."""
         for profile, signs in SIGNS[self._line.plan.line.timing.mode].items():
             for sign in signs:
-                if sign.question not in answers:
-                    answers[sign.question] = await self._answer(unit, sign.question)
-                pdu = answers[sign.question]
+                pdu = await self._answer_once(unit, sign.question, answers)
                 if pdu is None or not sign.fits(pdu, unit.unit):
                     break
             else:
                 return profile
         return OTHERS
+
+    async def _answer_once(self, unit: ScannedUnit, pdu: bytes, answers: dict[bytes, bytes | None]) -> bytes | None:
+        """Return what the unit answers, and answered before; None for silence."""
+        if pdu not in answers:
+            answers[pdu] = await self._answer(unit, pdu)
+        return answers[pdu]
 
     async def _answer(self, unit: ScannedUnit, pdu: bytes) -> bytes | None:
         """Return what the unit answers in time, if anything."""
@@ -263,7 +223,9 @@ async def opened(line: GatewayLine) -> AsyncIterator[None]:
         line.driver.close()
 
 
-async def scan_speeds(at_rate: Callable[[int], GatewayLine], units: Sequence[int], limit: float) -> Steps:
+async def scan_speeds(
+    at_rate: Callable[[int], GatewayLine], units: Sequence[int], limit: float, kinds: Sequence[KnownKind]
+) -> Steps:
     """Scan at each of RATES that the port can do. `at_rate` makes a line that belongs to no gateway.
 
     Raises:
@@ -276,7 +238,7 @@ async def scan_speeds(at_rate: Callable[[int], GatewayLine], units: Sequence[int
     for number, baud in enumerate(RATES):
         line = at_rate(baud)
         try:
-            async with opened(line), aclosing(Scan(line, units, limit).run()) as steps:
+            async with opened(line), aclosing(Scan(line, units, limit, kinds).run()) as steps:
                 async for step in steps:
                     if isinstance(step, tuple):
                         found += step

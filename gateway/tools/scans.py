@@ -1,8 +1,11 @@
 """Scans of the running gateway's lines: conditions, and the units that are left out."""
 
-from collections.abc import AsyncGenerator
+import asyncio
+from collections.abc import AsyncGenerator, Sequence
 from contextlib import aclosing
 
+from gateway.clock.threads import ThreadPerCall
+from gateway.config.machine.known_kinds import known_kinds
 from gateway.config.problem import WrongValue
 from gateway.config.values.unitset import parse_units, show_units
 from gateway.errors import PortError, WrongQuestion
@@ -13,6 +16,7 @@ from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.units import find_line, may_read_all
 from gateway.ports.port import SerialSettings
+from gateway.profiles.recognition import KnownKind
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.running import Running
 from gateway.tools.scan import Scan, Steps, scan_speeds
@@ -44,7 +48,8 @@ async def scan(operator: Operator, asked: ToScan, _asker: Asker) -> AsyncGenerat
     is_answered = _is_answered(line)
     line.is_scanned = True
     try:
-        async with aclosing(_steps(running, line, units, asked.limit_s, all_speeds=all_speeds)) as steps:
+        kinds = await _kinds(operator)
+        async with aclosing(_steps(running, line, units, asked.limit_s, kinds, all_speeds=all_speeds)) as steps:
             async for step in steps:
                 if line not in running.gateway.lines:
                     raise WrongQuestion(f"a reload has changed {line.name}: scan it again")
@@ -58,9 +63,23 @@ async def scan(operator: Operator, asked: ToScan, _asker: Asker) -> AsyncGenerat
         line.is_scanned = False
 
 
-async def _steps(running: Running, line: GatewayLine, units: list[int], limit: float, *, all_speeds: bool) -> Steps:
+async def _kinds(operator: Operator) -> list[KnownKind]:
+    """Read, in a thread, how the kinds of devices are recognised that the gateway's config knows."""
+    loop, file = asyncio.get_running_loop(), operator.reloader.file
+    return await loop.run_in_executor(ThreadPerCall("read profiles"), known_kinds, file)
+
+
+async def _steps(
+    running: Running,
+    line: GatewayLine,
+    units: list[int],
+    limit: float,
+    kinds: Sequence[KnownKind],
+    *,
+    all_speeds: bool,
+) -> Steps:
     if not all_speeds:
-        async with aclosing(Scan(line, units, limit).run()) as steps:
+        async with aclosing(Scan(line, units, limit, kinds).run()) as steps:
             async for step in steps:
                 yield step
         return
@@ -71,7 +90,7 @@ async def _steps(running: Running, line: GatewayLine, units: list[int], limit: f
             borrowers.append(borrower.driver.line)
             return borrower
 
-        async with aclosing(scan_speeds(at_rate, units, limit)) as steps:
+        async with aclosing(scan_speeds(at_rate, units, limit, kinds)) as steps:
             async for step in steps:
                 yield step
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.device_server import refuse_port_of_gateway
+from gateway.config.machine.known_kinds import known_kinds
 from gateway.config.plan.settings import LinePlan
 from gateway.config.problem import WrongValue
 from gateway.config.values.address import Address
@@ -63,12 +64,13 @@ def _with_remedy(error: PortError, port: str) -> PortError:
 
 
 async def _steps(line: GatewayLine, units: list[int], args: argparse.Namespace) -> Steps:
+    kinds = known_kinds(Path(args.config) if args.config else None)
     if args.all_speeds:
-        async with aclosing(scan_speeds(line.at_speed, units, args.timeout)) as steps:
+        async with aclosing(scan_speeds(line.at_speed, units, args.timeout, kinds)) as steps:
             async for step in steps:
                 yield step
         return
-    async with opened(line), aclosing(Scan(line, units, args.timeout).run()) as steps:
+    async with opened(line), aclosing(Scan(line, units, args.timeout, kinds).run()) as steps:
         async for step in steps:
             yield step
 

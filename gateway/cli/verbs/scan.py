@@ -28,6 +28,8 @@ from gateway.operator.operations import SCAN
 
 #: The time limit of a question, in seconds, when nobody says otherwise.
 _USUAL_LIMIT: Final = 0.3
+#: The most SunSpec models in a row of the table.
+_MOST_MODELS: Final = 12
 #: A gateway without idle time on the line says so within a minute.
 _LONGEST_SILENCE: Final = 70.0
 
@@ -163,4 +165,12 @@ def _cells(each: Found, *, several_rates: bool) -> tuple[str, ...]:
         result += f" as {each.answers_from}"
     answer = "-" if each.answer_ms is None else f"{each.answer_ms:.1f} ms"
     rate = (str(each.baud),) if several_rates else ()
-    return (str(each.unit), result, answer, each.profile or "-", *rate)
+    return (str(each.unit), result, answer, _kind(each), *rate)
+
+
+def _kind(each: Found) -> str:
+    """Name the profile that fits, and the SunSpec models and where they are."""
+    models = [f"{model.model} at {model.address}" for model in each.models]
+    left_out = [f"{len(models) - _MOST_MODELS} more"] if len(models) > _MOST_MODELS else []
+    shown = f"SunSpec: {', '.join([*models[:_MOST_MODELS], *left_out])}" if models else ""
+    return "; ".join(part for part in (each.profile, shown) if part) or "-"

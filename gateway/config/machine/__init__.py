@@ -1,6 +1,7 @@
 """What is seen of this machine.
 
 - file_text    the text of a config file
+- known_kinds    the kinds of devices that a scan can recognise
 - paths        files that are only where earlier versions looked for them
 - file_trouble, port_trouble, address_trouble    why the service cannot read the file, open a port, or listen
 """

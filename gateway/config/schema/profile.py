@@ -121,8 +121,9 @@ class ProfileTable(Table):
     )
     identity: KindIdentity | None = Field(
         None,
-        description="How `scan` recognises it: `fc43` is a text that it tells with function 43/14; `holding` or "
-        "`input` is a register that `equals` a number; `sunspec` are models in its chain of SunSpec models.",
+        description="How `scan` recognises it: `fc43` is the beginning of a text that it tells with function 43/14; "
+        "`holding` or `input` is a register that `equals` a number; `sunspec` are models in its chain of SunSpec "
+        "models, where the points are.",
     )
     mode: Literal["rtu", "ascii"] | None = Field(
         None, description="The mode of these devices, if they have only one: `check` warns of a line with the other."

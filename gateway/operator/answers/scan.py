@@ -7,11 +7,20 @@ Result = Literal["answers", "exception", "garbled"]
 
 
 @dataclass(frozen=True, slots=True)
+class SunSpecModel:
+    """A SunSpec model of a unit, and the address of its header among the holding registers."""
+
+    model: int
+    address: int
+
+
+@dataclass(frozen=True, slots=True)
 class Found:
     """A unit that responded. `code` is that of an exception, `answers_from` its address if it was asked at address 0.
 
     `baud` is the rate at which it responded. `answer_ms` is from the end of the request to the end of the response,
-    None if that was garbled. `profile` is the shipped profile that fits, empty if that is unclear.
+    None if that was garbled. `profile` is the one that fits, several with commas between them if they cannot be told
+    apart, or empty. `models` are its SunSpec models.
     """
 
     unit: int
@@ -21,6 +30,7 @@ class Found:
     profile: str = ""
     answers_from: int | None = None
     baud: int = 0
+    models: tuple[SunSpecModel, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
