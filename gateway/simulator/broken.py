@@ -21,6 +21,9 @@ FAULTS: Final = {
     "wrong-rate": "the devices are set to another rate",
 }
 
+#: Those that a device has without a line.
+OF_DEVICES: Final = frozenset({"silent", "slow", "swapped-address"})
+
 #: How much later a second device with the same address answers, in seconds.
 _BEHIND: Final = 0.002
 

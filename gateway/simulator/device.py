@@ -30,9 +30,9 @@ class Device:
     """
 
     #: The modes that this kind of device has.
-    modes: ClassVar[frozenset[Mode]] = frozenset({"rtu", "ascii"})
+    modes: frozenset[Mode] = frozenset({"rtu", "ascii"})
     #: The functions that it executes as broadcasts.
-    broadcasts: ClassVar[frozenset[int]] = BROADCAST_FUNCTIONS
+    broadcasts: frozenset[int] = BROADCAST_FUNCTIONS
     #: Seconds from a request to the answer, for functions that are not in the profile's table.
     answer_time: ClassVar[float] = 0.005
 

@@ -12,7 +12,7 @@ from typing import ClassVar, Final
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Range
 from gateway.simulator.builtin import builtin_profile
-from gateway.simulator.device import Device, Mode
+from gateway.simulator.device import Device
 from gateway.simulator.faults import NO_FAULTS, Faults
 
 #: "Comms locations are addressed 1-99"; the table of times ends with 16 outputs and 16 inputs.
@@ -26,8 +26,8 @@ AREAS: Final[Mapping[Area, tuple[Range, ...]]] = {
 class Mint(Device):
     """A controller. All values are 0 at first."""
 
-    modes: ClassVar[frozenset[Mode]] = frozenset({"ascii"})
-    broadcasts: ClassVar[frozenset[int]] = frozenset({5, 16})
+    modes = frozenset({"ascii"})
+    broadcasts = frozenset({5, 16})
     #: The shortest time of its table.
     answer_time: ClassVar[float] = 0.010
 

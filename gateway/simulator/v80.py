@@ -28,7 +28,7 @@ _REGISTERS_OF_UNIT_6: Final[Values] = (0x6B, (99, 99, 99))
 class V80(Device):
     """A controller. Unit 6 has the values of the document's unit 6, any other the values of its unit 17."""
 
-    broadcasts: ClassVar[frozenset[int]] = frozenset({5, 6, 15, 16})
+    broadcasts = frozenset({5, 6, 15, 16})
     answer_time: ClassVar[float] = 0.010
 
     def __init__(self, unit: int, *, baud: int | None = None, faults: Faults = NO_FAULTS) -> None:

@@ -16,7 +16,7 @@ document does not mention other requests to address 0: a write is a broadcast as
 from collections.abc import Callable, Mapping
 from math import sin
 from struct import Struct
-from typing import ClassVar, Final
+from typing import Final
 
 from gateway.errors import IllegalDataValue
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
@@ -24,7 +24,7 @@ from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
 from gateway.profiles.profile import Range, covers
 from gateway.simulator.builtin import builtin_profile
-from gateway.simulator.device import Device, Mode
+from gateway.simulator.device import Device
 from gateway.simulator.faults import NO_FAULTS, Faults
 
 #: The rates that it can be set to.
@@ -67,8 +67,8 @@ class Weigher(Device):
         ValueError: it cannot be set to `baud`.
     """
 
-    modes: ClassVar[frozenset[Mode]] = frozenset({"rtu"})
-    broadcasts: ClassVar[frozenset[int]] = frozenset({16})
+    modes = frozenset({"rtu"})
+    broadcasts = frozenset({16})
 
     def __init__(
         self,

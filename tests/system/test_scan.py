@@ -125,6 +125,21 @@ def test_on_a_port_without_a_daemon(port: Path) -> None:
     assert command("scan").returncode == command("scan", "300", *at).returncode == 2
 
 
+def test_a_kind_of_a_config_is_recognised_with_its_models(tmp_path: Path) -> None:
+    path, config = tmp_path / "hall", tmp_path / "gateway.toml"
+    config.write_text(
+        f'[[line]]\nport = "{path}"\ndevices = [{{ unit = 1, profile = "inverter" }}]\n'
+        "[profile.inverter]\nidentity = { sunspec = [1, 103] }\n"
+        'points = [{ name = "current", holding = 40072, unit = "A" }]\n'
+    )
+    with simulated(path, "inverter:3", "--config", str(config)):
+        at = ("--port", str(path), "--timeout", PATIENT, "--config", str(config))
+        shown = command("scan", "3", *at)
+        assert shown.stdout.splitlines()[1].endswith("ms  inverter; SunSpec: 1 at 40002, 103 at 40070"), shown.stderr
+        (row,) = json.loads(command("scan", "3", *at, "--json").stdout)["found"]
+        assert row["models"] == [{"model": 1, "address": 40002}, {"model": 103, "address": 40070}]
+
+
 def test_all_speeds_on_a_port(tmp_path: Path) -> None:
     path = tmp_path / "hall"
     with simulated(path, "weigher:3", "--baud", "14400"):

@@ -9,10 +9,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import cycle, islice
 from pathlib import Path
+from socket import create_connection
 
 import pytest
 from pymodbus import FramerType
-from pymodbus.client import ModbusSerialClient
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from serial import Serial
 
 from gateway.cli.main import main
@@ -20,13 +21,14 @@ from gateway.config.load import parse
 from gateway.errors import PortError
 from gateway.modbus.ascii import AsciiFramer
 from gateway.modbus.frame import Frame
-from gateway.modbus.rtu import RtuFramer
+from gateway.modbus.rtu import RtuFramer, encode
 from gateway.simulator.device import Device
 from gateway.simulator.faults import Faults
 from gateway.simulator.generic import Generic
 from gateway.simulator.line import SimulatedLine
 from gateway.simulator.panel import Panel
 from gateway.simulator.port import VirtualPort
+from gateway.simulator.server import SimulatedServer
 from gateway.simulator.weigher import Weigher
 from kit.process import COMMAND, PATIENCE, started
 
@@ -43,9 +45,8 @@ SET_19200, BAUD_SET = (
 class Simulation:
     """`modbus-gateway simulate` on a port; in its context it is ready. `said` is what it printed until then."""
 
-    def __init__(self, port: Path, *words: str) -> None:
-        self.port = port
-        self._words = ["simulate", *words, "--port", port]
+    def __init__(self, port: Path | None, *words: str) -> None:
+        self._words = ["simulate", *words, *([] if port is None else ["--port", port])]
 
     def __enter__(self):
         (out, its_out), (err, its_err) = os.pipe(), os.pipe()
@@ -180,6 +181,85 @@ def test_pymodbus_speaks_ascii_with_a_mint_controller_beside_a_silent_one(port: 
         assert 'mode = "ascii"' in simulation.said
 
 
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    file = tmp_path / "gateway.toml"
+    file.write_text(
+        '[[line]]\nport = "/dev/ttyS0"\ndevices = [{ unit = 1, profile = "meter" }]\n[profile.meter]\nfunctions = [3]\n'
+        'points = [{ name = "voltage", holding = 0, unit = "V" }, { name = "flow", holding = 1, invalid = 0x8000 }]\n'
+    )
+    return file
+
+
+def test_a_profile_of_a_config_with_values_that_are_set(port: Path, config: Path) -> None:
+    words = ("meter:1-2", "--config", str(config), "--set", "2:voltage=229", "--set", "flow=invalid")
+    with Simulation(port, *words) as simulation, opened(port) as serial:
+        assert '{ unit = "1-2", profile = "meter" }' in simulation.said
+        first, second = (
+            ask(serial, encode(unit, bytes.fromhex("03 0000 0002")), 9).hex(" ").upper() for unit in (1, 2)
+        )
+        assert second.startswith("02 03 04 00 E5 80 00")
+        assert 225 < int(first[9:14].replace(" ", ""), 16) < 237
+
+
+def test_points_of_devices_with_documents_can_be_set(port: Path) -> None:
+    words = ("weigher", "v80:2", "--set", "weight=12.5", "--set", "coil-173=1", "--set", "register-40108=7")
+    with Simulation(port, *words), opened(port) as serial:
+        assert ask(serial, READ_WEIGHT, 9)[3:7] == bytes.fromhex("41480000")
+        assert ask(serial, encode(2, bytes.fromhex("03 006B 0001")), 7)[3:5] == b"\0\7"
+        assert ask(serial, encode(2, bytes.fromhex("01 00AC 0001")), 6)[3:4] == b"\1"
+
+
+def test_behind_a_modbus_tcp_server(config: Path) -> None:
+    words = ("meter:1-2", "--config", str(config), "--tcp", "127.0.0.1:0", "--set", "1:voltage=229", "-v")
+    with Simulation(None, *words) as simulation:
+        ready, _, table = simulation.said.partition("\n")
+        loaded = parse(f"{table}]\n[profile.meter]\n")
+        assert loaded.problems == ()
+        (upstream,) = loaded.config.upstream
+        (address,) = upstream.to
+        assert ready == f"meter 1-2 at {address}. Press Ctrl-C to stop."
+        with ModbusTcpClient(address.host, port=address.port, timeout=PATIENCE) as client:
+            assert client.read_holding_registers(0, count=1, device_id=1).registers == [229]
+            assert client.read_holding_registers(0, count=1, device_id=2).registers != [229]
+            assert client.read_input_registers(0, count=1, device_id=1).exception_code == 1
+        assert simulation.next_line().endswith(" >> 00 01 00 00 00 06 01 03 00 00 00 01")
+        assert simulation.next_line().endswith(" << 00 01 00 00 00 05 01 03 02 00 E5")
+        with create_connection((address.host, address.port), PATIENCE) as connection:
+            connection.sendall(b"no Modbus at all")
+            assert connection.recv(1) == b"", "it is closed"
+        assert simulation.end()[::2] == (0, "")
+
+
+def test_a_lone_device_behind_a_server_is_the_server_itself() -> None:
+    with Simulation(None, "weigher:5", "--tcp", "127.0.0.1:0", "--weight", "4999.66") as simulation:
+        (upstream,) = parse(simulation.said.partition("\n")[2] + "]\n").config.upstream
+        with ModbusTcpClient(upstream.to[0].host, port=upstream.to[0].port, timeout=PATIENCE) as client:
+            for unit in (5, 255):
+                assert client.read_holding_registers(0, count=2, device_id=unit).registers == [0x459C, 0x3D51]
+
+
+async def test_many_requests_at_once_are_all_answered() -> None:
+    async with SimulatedServer("127.0.0.1", 0, [Generic(1), Generic(2)]) as server:
+        reader, writer = await asyncio.open_connection(*server.address)
+        request = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
+        writer.write(200 * request)
+        response = bytes.fromhex("0001 0000 0005 01 03 02 0000")
+        assert await asyncio.wait_for(reader.readexactly(200 * len(response)), PATIENCE) == 200 * response
+        writer.close()
+
+
+def test_an_address_that_cannot_be_used(capsys) -> None:
+    assert main(["simulate", "generic", "--tcp", "192.0.2.1:5502"]) == 1
+    assert "192.0.2.1:5502 cannot be used" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["--baud", "9600"], ["--noise", "5%"], ["--fault", "echo"]], ids=" ".join)
+def test_what_only_a_line_has_is_refused_of_a_server(words: list[str], capsys) -> None:
+    assert main(["simulate", "generic", "--tcp", "127.0.0.1:0", *words]) == 2
+    assert "is for a line, and --tcp has none" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP], ids=str)
 def test_it_ends_with_status_0_and_takes_its_port_away(port: Path, number: signal.Signals) -> None:
     with Simulation(port, "generic") as simulation:
@@ -232,8 +312,6 @@ def test_a_real_port_and_a_folder_that_is_missing_are_refused(tmp_path: Path, ca
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["nonsense"], 'there is no profile "nonsense" to simulate'),
-        (["weihger"], 'did you mean "weigher"?'),
         (["generic:0"], "unit 0 is outside 1-255"),
         (["generic", "--unit", "1,x"], '"x" is not a valid unit'),
         (["generic", "--baud", "fast"], '"fast" is not a valid rate'),
@@ -241,6 +319,7 @@ def test_a_real_port_and_a_folder_that_is_missing_are_refused(tmp_path: Path, ca
         (["generic", "--noise", "much"], '"much" is not a valid percentage'),
         (["generic", "--slow", "200"], 'write "200 ms" or "200 s"'),
         (["generic", "--format", "9X9"], '"9X9" is not a valid character format'),
+        (["generic", "--set", "weight"], '"weight" sets nothing; write POINT=VALUE or UNIT:POINT=VALUE'),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -254,11 +333,19 @@ def test_a_word_that_cannot_be_used(words: list[str], complaint: str, capsys) ->
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["weigher:1-3", "v80:3"], "two devices have the address 3; --fault duplicate-address"),
+        (["nonsense"], 'there is no profile "nonsense"'),
+        (["weihger"], 'did you mean "weigher"?'),
+        (["weigher:1-3", "v80:3"], "two devices have the address 3\n  help: --fault duplicate-address"),
         (["mint", "--mode", "rtu"], "a mint does not speak rtu"),
         (["weigher", "--mode", "ascii"], "a weigher does not speak ascii"),
         (["weigher", "--baud", "4800"], "cannot be set to 4800 baud"),
         (["generic", "--silent-unit", "7"], "there is no unit 7 on this line; it has 1"),
+        (["weigher", "--set", "7:weight=1"], "there is no unit 7 on this line; it has 1"),
+        (["weigher", "--set", "wieght=1"], 'no device has a point "wieght"\n  help: did you mean "weight"?'),
+        (["weigher", "--set", "weight=much"], '"much" is no weight'),
+        (["weigher", "--set", "baud=9600"], "baud of a weigher cannot be set"),
+        (["v80", "--set", "coil-20=2"], "2 is not a bit"),
+        (["weigher", "--config", "/nonexistent.toml"], "there is no such file"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

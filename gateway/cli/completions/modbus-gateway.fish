@@ -51,7 +51,7 @@ function _shtab_modbus_gateway_using
 end
 
 set -g _shtab_modbus_gateway_commands demo run check reload status trace doctor read write ask forget scan calibrate bench profile ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
-set -g _shtab_modbus_gateway_opts_with_value --at --baud --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
+set -g _shtab_modbus_gateway_opts_with_value --at --baud --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
 
 complete -c modbus-gateway -e
 complete -c modbus-gateway -f
@@ -191,8 +191,11 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using ports' -l json -d 'pr
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a simulate -d 'Run simulated devices on a virtual serial port.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l port -xka "(__fish_complete_path (commandline -ct))" -d 'path of the virtual serial port'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l tcp -x -d 'address of a Modbus TCP server instead'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config whose profiles are meant too'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l set -x -d 'fixed value of a point; the word invalid where it has none; several times'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l unit -x -d 'such as 2, 1-3 or 6,17 (default 1)'
-complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l mode -xka "rtu ascii" -d 'mode of the line (default rtu, mint ascii)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l mode -xka "rtu ascii" -d 'mode of the line (default: of the profile, or rtu)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l format -x -d 'character format (default 8E1, ASCII 7E1)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l baud -x -d 'baud rate of the devices (default: as set on the port)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l weight -x -d 'constant weight of the weighers'
@@ -202,7 +205,7 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l silent-u
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l fault -x -d 'what is wrong with the line, for doctor to find: duplicate-address, echo, second-client, silent, slow, swapped-address, wrong-parity, wrong-rate'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l slow -x -d 'respond later, such as "200 ms"'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l noise -x -d 'damage some responses, such as 5%'
-complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l seed -x -d 'seed of the noise (default 0)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l seed -x -d 'seed of values and noise (default 0)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -s v -l verbose -d 'print each frame'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a import -d 'Turn the config of another program into one for the gateway.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using import' -s h -l help -d 'show this help message and exit'

@@ -4,5 +4,6 @@
 - on_unit, unit    finds a unit, and opens it through the gateway or directly
 - reading, values    requests one after the other, and the values that they read
 - direct, direct_scan, device_server    without a gateway
+- simulated    the devices that `simulate` plays
 - active_calibration    requests for the answer times of a device
 """
