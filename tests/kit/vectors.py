@@ -4,6 +4,8 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pytest
+
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 
@@ -119,3 +121,9 @@ def _span(row: dict[str, Any], key: str) -> Span | None:
 
 def _adu(mode: str, text: str) -> bytes:
     return text.encode() if mode == "ascii" else bytes.fromhex(text)
+
+
+def device_frames(kind: str) -> list[Any]:
+    """Read the frames of a kind in device-frames.toml, each as a parameter named by its profile and source."""
+    tables = tomllib.loads(_FOLDER.joinpath("device-frames.toml").read_text(encoding="utf-8"))[kind]
+    return [pytest.param(table, id=f"{table['profile']}: {table['source']}") for table in tables]
