@@ -1,0 +1,23 @@
+"""The profiles that are shipped, by name."""
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+
+from gateway.config.plan.points import points_of
+from gateway.config.schema.profile import ProfileTable
+from gateway.profiles.point import Point
+
+SHIPPED = sorted(file.name[:-5] for file in files("gateway.profiles").iterdir() if file.name.endswith(".toml"))
+
+
+@cache
+def shipped(name: str) -> ProfileTable:
+    """The table of a shipped profile."""
+    text = files("gateway.profiles").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return ProfileTable.model_validate(tomllib.loads(text)["profile"][name])
+
+
+def shipped_points(name: str) -> tuple[Point, ...]:
+    """Its points."""
+    return points_of(shipped(name).points, shipped(name))
