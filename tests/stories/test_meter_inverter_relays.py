@@ -1,4 +1,4 @@
-"""An energy meter, a solar inverter and a relay board on one RTU line, as shipped profiles describe them."""
+"""An energy meter and a solar inverter, as shipped profiles describe them, and a relay board on one RTU line."""
 
 import asyncio
 
@@ -18,8 +18,12 @@ port    = "/dev/cabinet"
 devices = [
   { unit = 1, name = "meter",    profile = "eastron-sdm630" },
   { unit = 2, name = "inverter", profile = "growatt-mid" },
-  { unit = 3, name = "relays",   profile = "waveshare-relay-d" },
+  { unit = 3, name = "relays",   profile = "relay-board" },
 ]
+
+[profile.relay-board]
+coil_values = "any"
+points = [{ name = "relay-*", coils = "0-7", first = 1, write = true }]
 """
 PROFILES = {"meter": "eastron-sdm630", "inverter": "growatt-mid"}
 
@@ -84,14 +88,3 @@ async def test_an_inverter_that_falls_asleep_disturbs_neither_of_the_others() ->
             await asleep
         assert await of_meter == expected
         assert board.coils[0]
-
-
-@pytest.mark.parametrize(("unit", "most"), [("meter", 4), ("inverter", 1)])
-async def test_they_are_read_with_few_requests(unit: str, most: int) -> None:
-    async with gateway_bench(CONFIG) as bench:
-        meter, inverter, _ = attach(bench)
-        fill(meter, PROFILES["meter"])
-        fill(inverter, PROFILES["inverter"])
-        await read(bench, unit)
-        heard = (meter if unit == "meter" else inverter).heard
-        assert len(heard) <= most

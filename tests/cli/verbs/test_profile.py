@@ -301,7 +301,8 @@ def test_a_file_is_added(meter, own, capsys):
     assert (own.stat().st_mode & 0o777, file.stat().st_mode & 0o777) == (0o755, 0o644)
     assert [each.name for each in own.iterdir()] == ["meter.toml"]
     assert main(["profile", "list", "meter", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)[0]["from"] == f"{file}:1"
+    listed = {each["name"]: each["from"] for each in json.loads(capsys.readouterr().out)}
+    assert listed["meter"] == f"{file}:1"
 
 
 def test_a_file_that_is_there_is_replaced_by_force_only(meter, own, capsys):
