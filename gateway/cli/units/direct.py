@@ -12,7 +12,7 @@ from typing import Final, Literal
 
 from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
-from pymodbus.pdu import DecodePDU
+from pymodbus.pdu import ModbusPDU
 
 from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
@@ -49,6 +49,19 @@ class DirectError(GatewayError):
     """A port or server cannot be reached."""
 
 
+class _RequestPdu(ModbusPDU):
+    """A request of these bytes, as they are: pymodbus itself would give each register two bytes."""
+
+    def __init__(self, pdu: bytes, unit: int) -> None:
+        super().__init__(dev_id=unit)
+        self.function_code = pdu[0]
+        self._data = pdu[1:]
+
+    def encode(self) -> bytes:
+        """Return the bytes after the function code."""
+        return self._data
+
+
 class DirectUnit:
     """A unit behind a client of pymodbus."""
 
@@ -66,7 +79,6 @@ class DirectUnit:
         self._frames = place.frames
         self._framing: Mode = "tcp" if place.is_tcp else place.mode
         self._advice = place.advice
-        self._decoder = DecodePDU(is_server=True)
 
     def ask(self, step: Step) -> Answer:
         """Send a request, which is none to be carried out in one turn.
@@ -75,13 +87,10 @@ class DirectUnit:
             NoResponseError: no response came, or what came is not the response to this request.
         """
         pdu = step.pdu
-        request = self._decoder.decode(pdu)
-        assert request is not None  # noqa: S101 - only functions that pymodbus knows are used
-        request.dev_id = self.number
         self._frames.clear()
         started = time.monotonic()
         try:
-            response = self._client.execute(False, request)
+            response = self._client.execute(False, _RequestPdu(pdu, self.number))
             elapsed = time.monotonic() - started
             answer = bytes((response.function_code, *response.encode()))
         except (ModbusException, OSError, ValueError) as wrong:

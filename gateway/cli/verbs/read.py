@@ -37,7 +37,10 @@ examples:
 
 UNIT is a unit number or the name of a device. AREA is coils, discrete, input or
 holding. Addresses count from 0: 40001 is holding 0. TYPE is uint16, int16,
-uint32, int32, uint64, int64, float32, float64 or string.
+uint32, int32, uint64, int64, float32, float64, bcd16, bcd32 or string.
+
+8.3 is bit 3 of register 8. A dash in place of a value: the device says that it
+has none, or the registers hold no number.
 """
 
 

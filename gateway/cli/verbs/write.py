@@ -20,6 +20,7 @@ from gateway.operator.values import NewValues, Outcome, Steps, writing
 _EXAMPLES: Final = """\
 examples:
   modbus-gateway write silo-1 zero take           a point, by one of its labels
+  modbus-gateway write boiler pump on             one bit of a register
   modbus-gateway write press register-40136 926 --show
   modbus-gateway write 46 holding 135 0x039E      one register: function 06
   modbus-gateway write 46 holding 135 10 258      two registers: function 16
@@ -29,8 +30,13 @@ examples:
 
 UNIT is a unit number or the name of a device. AREA is coils or holding.
 Addresses count from 0: 40001 is holding 0. TYPE is uint16, int16, uint32,
-int32, uint64, int64, float32, float64 or string. It writes at once, without
-asking.
+int32, uint64, int64, float32, float64, bcd16, bcd32 or string. It writes at
+once, without asking.
+
+A point that is some bits of a register is written with function 22 if the
+profile names it. Otherwise the gateway reads the register and writes it, and
+no other write of the gateway comes between; with --port and --tcp any other
+client may write between the two.
 """
 
 
@@ -65,11 +71,11 @@ def run(args: argparse.Namespace) -> int:
         new = NewValues(points, texts, unit.limits, unit.functions, multiple=args.multiple)
         try:
             steps = writing(new, shows=args.show, has_turns=unit.gateway is not None)
-            if unit.gateway is not None:
-                tell_which(unit.gateway)
-            outcome = _carry_out(unit, steps)
         except DoesNotFit as wrong:
             raise WrongUsageError(wrong.what, wrong.remedy) from wrong
+        if unit.gateway is not None:
+            tell_which(unit.gateway)
+        outcome = _carry_out(unit, steps)
         _print(unit, outcome, args)
         return PROBLEM_FOUND if outcome.failures else FINE
 
@@ -80,7 +86,7 @@ def _carry_out(unit: Unit, steps: Steps) -> Outcome:
     """Send each request. An error says what became of the write.
 
     Raises:
-        DoesNotFit: a value does not fit, as a register that was read before has shown.
+        DoesNotFit: a value does not fit with the scale that was read before, or there is none.
     """
     became = ""
     try:

@@ -22,7 +22,7 @@ class Value:
     """A value. A `point` has a name and often a `unit`. `reference` is its number in many manuals: holding 0 is 40001.
 
     With `bits`, the first and the last, it is only these of its registers; 0 is the lowest. `old` is the value before a
-    write, if that was asked for. After a write to bits of registers, the `registers` are not known.
+    write, if that was asked for and there was one. After a write to bits of registers, the `registers` are not known.
     """
 
     point: str | None = field(default=None, metadata=IF_KNOWN)

@@ -1,7 +1,7 @@
 """The page of an image or mirror: its values, their ages, and their last writers."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 from urllib.parse import urlencode
 
@@ -17,6 +17,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.reached import may
 from gateway.operator.status import part_of_unit
 from gateway.operator.unit_values import values_at
+from gateway.profiles.point import Point
 from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import has_bits
@@ -79,6 +80,7 @@ class ImagePage:
             before=_address(asked, _before(ranges, start), is_panel=is_panel),
             after=_address(asked, _after(ranges, start, size), is_panel=is_panel),
             columns=COLUMNS,
+            names_at=_Names(unit.points, area).at,
             asked=asked,
             areas=[each for each in _FIRST_SHOWN if whole_image.areas.get(each)],
             types=tuple(DATA_TYPES),
@@ -88,6 +90,21 @@ class ImagePage:
 
     def _window(self, unit: UnitPicture, span: Span) -> ImageWindow | None:
         return window(self._operator.gateway, unit.key, span, asyncio.get_running_loop().time())
+
+
+class _Names:
+    """The names of the points at each address of an area, with their bits: `alarm .3`."""
+
+    def __init__(self, points: Iterable[Point], area: Area) -> None:
+        self._names: dict[int, list[str]] = {}
+        for point in points:
+            for address in range(point.address, point.address + point.count) if point.area == area else ():
+                self._names.setdefault(address, []).append(f"{point.name} {point.bits_shown}".rstrip())
+
+    def at(self, span: Span) -> str:
+        """List the names at the addresses of a span, each once."""
+        names = (name for address in range(span.start, span.end) for name in self._names.get(address, ()))
+        return ", ".join(dict.fromkeys(names))
 
 
 def _asked(query: Mapping[str, str], areas: Mapping[Area, Sequence[Range]]) -> dict[str, Any]:

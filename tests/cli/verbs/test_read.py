@@ -262,3 +262,53 @@ def test_what_a_unit_or_the_gateway_says_does_not_steer_the_terminal_either(daem
 def test_the_number_of_a_manual_is_named_after_an_address_that_does_not_exist(daemon, capsys, area, address, advice):
     assert main(["read", "41", area, str(address)]) == 1
     assert capsys.readouterr().err.endswith("exception 02, illegal data address" + advice)
+
+
+def test_bits_of_a_register_are_a_row_each_and_one_request(monkeypatch, capsys):
+    daemon = FakeDaemon(
+        (
+            Point("ready", Area.HOLDING, 9, bits=(3, 3)),
+            Point("mode", Area.HOLDING, 9, bits=(4, 6), labels={2: "eco"}),
+            Point("step", Area.HOLDING, 9, "uint8", bits=(8, 15)),
+        )
+    )
+    daemon.image.tables[Area.HOLDING].assign(9, (0x0728,))
+    monkeypatch.setattr(on_unit, "Conversation", daemon)
+    assert main(["read", "silo-1"]) == 0
+    assert capsys.readouterr().out == dedent(
+        """\
+        POINT  VALUE  AREA     ADDRESS  REFERENCE   HEX
+        ready  1      holding  9.3      40010.3     0728
+        mode   eco    holding  9.4-6    40010.4-6   0728
+        step   7      holding  9.8-15   40010.8-15  0728
+        """
+    )
+    assert daemon.asked == ["03 00 09 00 01"]
+    assert main(["read", "silo-1", "mode", "--json"]) == 0
+    (value,) = json.loads(capsys.readouterr().out)["values"]
+    assert (value["address"], value["reference"], value["bits"]) == (9, "40010", [4, 6])
+
+
+@pytest.mark.parametrize(
+    ("words", "registers", "shown"),
+    [
+        (["holding", "0", "float32"], (0x7FC0, 0), "0        40001      –      7FC0 0000"),  # noqa: RUF001
+        (["holding", "0", "float32"], (0xFF80, 0), "0        40001      –      FF80 0000"),  # noqa: RUF001
+        (["holding", "0", "bcd16"], (0x12FA,), "0        40001      –      12FA"),  # noqa: RUF001
+        (["flow"], (0x8000,), "flow   –      m³/h  holding  0        40001      8000"),  # noqa: RUF001
+    ],
+)
+def test_no_value_is_a_dash_with_its_registers_and_nothing_that_went_wrong(
+    monkeypatch, capsys, words, registers, shown
+):
+    daemon = FakeDaemon([Point("flow", Area.HOLDING, 0, "int16", scale=0.1, unit="m³/h", invalid=(-0x8000,))])
+    daemon.image.tables[Area.HOLDING].assign(0, registers)
+    monkeypatch.setattr(on_unit, "Conversation", daemon)
+    assert main(["read", "silo-1", *words]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[1] == shown
+    assert err == "– is no value: the device says that it has none, or the registers hold no number\n"  # noqa: RUF001
+    assert main(["read", "silo-1", *words, "--json"]) == 0
+    out, err = capsys.readouterr()
+    (value,) = json.loads(out)["values"]
+    assert (value["value"], value["registers"], err) == (None, [*registers], "")

@@ -18,6 +18,12 @@ POINTS = (
     Point("state", Area.HOLDING, 3, labels={0: "off", 1: "running"}, write="yes"),
     Point("valve", Area.COILS, 3, "bit", write="yes"),
     Point("zero", Area.HOLDING, 9, labels={187: "take"}, write="only"),
+    Point("pump", Area.HOLDING, 8, bits=(3, 3), write="yes"),
+    Point("mode", Area.HOLDING, 8, bits=(4, 6), labels={2: "eco"}, write="yes"),
+    Point("flow", Area.INPUT, 12, "int16", write="yes", write_at=15),
+    Point("limit", Area.HOLDING, 11, minimum=10, maximum=20, write="yes", write_function="multiple"),
+    Point("power", Area.HOLDING, 16, "int16", scale_at=17, write="yes"),
+    Point("alarm", Area.HOLDING, 8, bits=(9, 9)),
 )
 
 
@@ -36,6 +42,10 @@ def daemon(monkeypatch):
         ("valve on", "05 00 03 FF 00"),
         ("zero take", "06 00 09 00 BB"),
         ("valve on --multiple", "0F 00 03 00 01 01 01"),
+        ("pump on", "16 00 08 FF F7 00 08"),
+        ("mode eco", "16 00 08 FF 8F 00 20"),
+        ("flow -2", "06 00 0F FF FE"),
+        ("limit 20", "10 00 0B 00 01 02 00 14"),
         ("holding 5 0x10", "06 00 05 00 10"),
         ("holding 5 1 2", "10 00 05 00 02 04 00 01 00 02"),
         ("holding 5 1.5 float32", "10 00 05 00 02 04 3F C0 00 00"),
@@ -111,6 +121,10 @@ def test_json_has_old_and_new_value(daemon, capsys):
         ("valve 2", "2 is not a bit: write 0 or 1, off or on"),
         ("holding 0 70000", "70000 does not fit into uint16: 0 to 65535"),
         ("weight 5", "weight is read-only"),
+        ("limit 9", "9 is too low: limit is at least 10"),
+        ("limit 20.5", "20.5 is too high: limit is at most 20"),
+        ("mode 8", "8 does not fit into bits 4-6: 0 to 7"),
+        ("alarm on", "add write = true to the point in the config\n"),
         ("input 0 5", "input cannot be written; coils and holding can"),
         ("holding 0,1 5", '"0,1" is not an address\n  help: modbus-gateway write silo-1 holding 0 5\n'),
         ("holding 400001 5", "not an address\n  help: modbus-gateway write silo-1 holding 0 5\n"),
@@ -186,3 +200,43 @@ def test_it_says_which_gateway_it_asks(daemon, capsys):
     assert capsys.readouterr().err == "through /run/gw.sock\n"
     assert main(["write", "41", "holding", "3", "1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["through"] == "/run/gw.sock"
+
+
+def test_bits_are_written_in_one_turn_where_the_profile_does_not_name_function_22(daemon, monkeypatch):
+    assert main(["write", "silo-1", "pump", "on"]) == 0
+    assert daemon.questions[-1]["in_one_turn"] == 6
+    naming = FakeDaemon(POINTS, functions=(3, 16, 22))
+    monkeypatch.setattr(on_unit, "Conversation", naming)
+    assert main(["write", "silo-1", "pump", "on"]) == 0
+    assert naming.questions[-1]["in_one_turn"] == 0
+
+
+def test_the_other_bits_of_a_register_are_not_known_after_a_write_unless_it_is_read(daemon, capsys):
+    daemon.image.tables[Area.HOLDING].assign(8, (0x0121,))
+    assert main(["write", "silo-1", "mode", "eco"]) == 0
+    assert capsys.readouterr().out == dedent(
+        """\
+        POINT  VALUE  AREA     ADDRESS  REFERENCE  HEX
+        mode   eco    holding  8.4-6    40009.4-6  -
+        """
+    )
+    assert main(["write", "silo-1", "pump", "on", "--show"]) == 0
+    assert [pdu[:2] for pdu in daemon.asked] == ["16", "03", "16", "03"]
+    assert capsys.readouterr().out == dedent(
+        """\
+        POINT  OLD  VALUE  AREA     ADDRESS  REFERENCE  HEX
+        pump   0    1      holding  8.3      40009.3    0129
+        """
+    )
+
+
+def test_a_value_with_a_scale_register_is_written_after_that_was_read(daemon, capsys):
+    daemon.image.tables[Area.HOLDING].assign(17, (0xFFFF,))
+    assert main(["write", "silo-1", "power", "12.5", "--json"]) == 0
+    assert daemon.asked == ["03 00 10 00 02", "06 00 10 00 7D"]
+    (value,) = json.loads(capsys.readouterr().out)["values"]
+    assert (value["value"], value["registers"]) == (12.5, [125])
+    daemon.image.tables[Area.HOLDING].assign(17, (0x8000,))
+    assert main(["write", "silo-1", "power", "12.5"]) == 1
+    assert "the device has no scale for power now" in capsys.readouterr().err
+    assert len(daemon.asked) == 3

@@ -10,7 +10,7 @@ function show(cell, value) {
   const text = shown(value);
   cell.classList.toggle("old", value.state === "stale");
   cell.classList.toggle("unknown", value.state === "unknown");
-  if (value.writer) cell.title = value.writer;
+  if (value.writer) cell.title = [cell.dataset.names, value.writer].filter(Boolean).join(" · ");
   if (cell.textContent === text) return;
   cell.textContent = text;
   cell.classList.add("changed");
