@@ -133,9 +133,8 @@ class MovableDevice(Device):
         ring: Ring | None = None,
     ) -> None:
         super().__init__(settings, line, emit, ring, line_name)
-        self._change_rate = line.change_rate
+        self._change_rate = line.change_rate if is_alone else None
         self._line_source = line_source
-        self._is_alone = is_alone
         self.address = Whereabouts(self.name, addresses, remember)
         self.begin_at(settings.unit)
 
@@ -216,7 +215,9 @@ class MovableDevice(Device):
             return
         if response is None:
             advice = "old or new: no answer came, so the device may speak at either rate"
-        elif self._is_alone and baud.is_integer() and int(baud) in BAUD_RATES:  # a range is slow for a float
+        elif (
+            self._change_rate is not None and baud.is_integer() and int(baud) in BAUD_RATES
+        ):  # a range is slow for a float
             self._change_rate(int(baud))
             advice = f"the line follows it; set baud = {baud:g} in {self._line_source}"
         else:

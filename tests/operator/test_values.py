@@ -5,7 +5,9 @@ import pytest
 from gateway.errors import DoesNotFit, UnitFailed
 from gateway.modbus.codes import Area
 from gateway.operator.values import Answer, NewValues, Outcome, Step, Steps, reading, writing
+from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
+from gateway.profiles.read_rules import ReadRules
 
 POWER = Point("power", Area.HOLDING, 10, "int16", unit="W", scale_at=13, write="yes")
 ALARM = Point("alarm", Area.HOLDING, 8, bits=(3, 3), write="yes")
@@ -40,19 +42,19 @@ def told(outcome: Outcome) -> list[tuple[object, object]]:
 
 
 def test_points_of_one_register_are_read_with_one_request():
-    outcome = played(reading([ALARM, MODE], {}), ">> 03 00 08 00 01\n<< 03 02 00 28")
+    outcome = played(reading([ALARM, MODE], ReadRules(), Holes()), ">> 03 00 08 00 01\n<< 03 02 00 28")
     assert told(outcome) == [(1, [0x28]), ("eco", [0x28])]
 
 
 def test_a_point_is_read_with_its_scale():
-    outcome = played(reading([POWER], {}), ">> 03 00 0A 00 04\n<< 03 08 04 D2 00 00 00 00 FF FE")
+    outcome = played(reading([POWER], ReadRules(), Holes()), ">> 03 00 0A 00 04\n<< 03 08 04 D2 00 00 00 00 FF FE")
     assert told(outcome) == [(12.34, [1234])]
 
 
 def test_a_point_that_is_read_alone_after_a_refusal_is_read_with_its_scale():
     other = Point("other", Area.HOLDING, 14)
     outcome = played(
-        reading([POWER, other], {}),
+        reading([POWER, other], ReadRules(), Holes()),
         """
         >> 03 00 0A 00 05
         << 83 02
@@ -66,7 +68,7 @@ def test_a_point_that_is_read_alone_after_a_refusal_is_read_with_its_scale():
 
 
 def test_a_point_without_a_value_has_none_and_its_registers():
-    outcome = played(reading([LEVEL], {}), ">> 04 00 0C 00 01\n<< 04 02 80 00")
+    outcome = played(reading([LEVEL], ReadRules(), Holes()), ">> 04 00 0C 00 01\n<< 04 02 80 00")
     (found,) = outcome.readings
     assert (found.value, found.text, found.registers) == (None, "–", [0x8000])  # noqa: RUF001
     assert found.as_json(with_area=False)["value"] is None
