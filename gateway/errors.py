@@ -7,6 +7,7 @@ GatewayError
 │   ├── IllegalDataAddress       02  a coil or register that does not exist
 │   ├── IllegalDataValue         03  a length, quantity, byte count or value that the specification forbids
 │   ├── ServerDeviceFailure      04  the unit failed during the request
+│   │   └── LineShared           04  not sent: another client could come between the read and the write of a register
 │   ├── Busy                     06  nothing was sent
 │   │   ├── QueueFull            06  too many requests wait for the line
 │   │   ├── WaitedTooLong        06  the request waited longer than `max_wait`
@@ -105,6 +106,10 @@ class ServerDeviceFailure(RequestError):
     """The unit failed during the request."""
 
     code = ExceptionCode.SERVER_DEVICE_FAILURE
+
+
+class LineShared(ServerDeviceFailure):
+    """Not sent, or not written: another client on the line could write between the read and the write of a register."""
 
 
 class Busy(RequestError):

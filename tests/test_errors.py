@@ -11,6 +11,7 @@ CODES = {
     "IllegalDataAddress": 0x02,
     "IllegalDataValue": 0x03,
     "ServerDeviceFailure": 0x04,
+    "LineShared": 0x04,
     "Busy": 0x06,
     "QueueFull": 0x06,
     "WaitedTooLong": 0x06,

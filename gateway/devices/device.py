@@ -4,10 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol
 
-from gateway.errors import RequestError
+from gateway.errors import LineShared, RequestError
 from gateway.events import Emit, RequestRefused, discard_event
+from gateway.lines.bits import BitsTransaction
 from gateway.lines.transaction import BroadcastTransaction, Destination, Transaction
-from gateway.modbus.codes import BROADCAST_UNIT, HIGHEST_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT, HIGHEST_UNIT, FunctionCode
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.profiles.holes import Holes
@@ -19,6 +20,12 @@ from gateway.trace.ring import Ring
 
 #: The answer time of broadcasts.
 _NEVER_ANSWERED: Final = AnswerTime(TimingTable(), margin=0.0, timeout=0.0)
+
+
+_ELSEWHERE: Final = (
+    "clients of the other site could write between the read and the write of the register; if the device has "
+    "function 22, name it in the `functions` of its profile, here and there"
+)
 
 
 def key_of(name: str) -> int:
@@ -88,7 +95,10 @@ class Device(Destination):
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Send the request in its turn, or fail it. If it `yields`, requests of clients go first: a mirror's poll."""
         try:
-            transaction = self._transaction(request, self.settings.profile.check(request.pdu))
+            if request.in_one_turn:
+                transaction = self._in_one_turn(request)
+            else:
+                transaction = self._transaction(request, self.settings.profile.check(request.pdu))
         except RequestError as error:
             self.counts[request.pdu[0]].count_error(error, 1)
             self.report_rejection(request, error)
@@ -120,8 +130,26 @@ class Device(Destination):
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
         return Transaction(request, asked, self)
 
+    def _in_one_turn(self, request: Request) -> Transaction:
+        """Make the transaction of a write to bits: with function 22, or with a read and a write."""
+        profile, pdu = self.settings.profile, request.pdu
+        if profile.names(FunctionCode.MASK_WRITE_REGISTER):
+            request.in_one_turn = 0
+            return self._transaction(request, profile.check(pdu))
+        plain = self._transaction(request, profile.check_in_one_turn(pdu, request.in_one_turn))
+        return BitsTransaction(request, plain.asked, self)
+
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name} unit={self.unit} as={self.settings.known_as}>"
+
+
+class SiteDevice(Device):
+    """A unit of another site, whose gateway has other clients: they could come between a read and a write."""
+
+    def _in_one_turn(self, request: Request) -> Transaction:
+        if not self.settings.profile.names(FunctionCode.MASK_WRITE_REGISTER):
+            raise LineShared(_ELSEWHERE)
+        return super()._in_one_turn(request)
 
 
 class EveryDevice(Destination):

@@ -81,7 +81,7 @@ class Image:
         """Answer `request`."""
         self._begin(request)
         try:
-            outcome: bytes | RequestError = self._perform(self._check(request.pdu))
+            outcome: bytes | RequestError = self._perform(self._check(request))
         except RequestError as error:
             outcome = error
         self._finish(request, outcome)
@@ -114,19 +114,27 @@ class Image:
             self._ring.refuse(request, outcome, request.received_at, name=self.settings.name)
             request.fail(outcome)
 
-    def _check(self, pdu: bytes) -> RequestPdu:
-        """Parse and check `pdu` in the order of the specification (A 7). Changes nothing.
+    def _check(self, request: Request) -> RequestPdu:
+        """Parse and check a request in the order of the specification (A 7). Changes nothing.
 
         Raises:
             RequestError: the function (01), the structure or a limit (03), or an address (02) does not fit.
         """
+        pdu = request.pdu
         if pdu[0] not in TABLE_FUNCTIONS and pdu[0] not in self._services:
             raise IllegalFunction(f"an image has no function {pdu[0]}")
-        asked = self._profile.check(pdu)
+        asked = self._check_in_one_turn(request) if request.in_one_turn else self._profile.check(pdu)
         for span in (asked.read, asked.write):
             if span is not None and not self.tables[span.area].has(span):
                 raise IllegalDataAddress(f"{self.settings.name} has no {span.area} {span.addresses}")
         return asked
+
+    def _check_in_one_turn(self, request: Request) -> RequestPdu:
+        """Check a write to bits, which is done at once, whether or not the profile names function 22."""
+        function, request.in_one_turn = request.in_one_turn, 0
+        if self._profile.names(request.pdu[0]):
+            return self._profile.check(request.pdu)
+        return self._profile.check_in_one_turn(request.pdu, function)
 
     def __repr__(self) -> str:
         counts = f"requests={self.counts.requests} exceptions={self.counts.exceptions}"

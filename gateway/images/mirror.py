@@ -195,6 +195,7 @@ class Mirror:
         parse_sent(row.waiting[0].pdu)
         request = row.take()
         passed_on = Request(request.unit, request.pdu, ForwardedOrigin(request, self._poller), now)
+        passed_on.in_one_turn = request.in_one_turn
         request.place = passed_on
         row.under_way += 1  # until it is over: see `passed`
         try:
@@ -226,6 +227,7 @@ class ForwardedOrigin(DerivedOrigin):
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Pass the response to the mirror, with the error if there is one."""
         self.original.error = request.error
+        self.original.in_one_turn = request.in_one_turn
         self._poller.passed(self.original, pdu)
 
 

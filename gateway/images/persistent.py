@@ -98,7 +98,7 @@ class PersistentImage(Image):
 
     def _act(self, request: Request) -> None:
         try:
-            asked = self._check(request.pdu)
+            asked = self._check(request)
             if not self._has_started:
                 raise ServerDeviceFailure(f"{self.settings.name}: what was saved cannot be read")
             if asked.write is not None:

@@ -13,6 +13,7 @@ from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import RequestPdu, Span
 from gateway.profiles.profile import Range, covers
 from gateway.registers.items import pack_bits, unpack_bits
+from gateway.registers.masks import masked
 
 #: Addresses have 16 bits: the last one of the largest table (A 4.4).
 LAST_ADDRESS: Final = 0xFFFF
@@ -150,7 +151,6 @@ def make_tables(ranges: Mapping[Area, tuple[Range, ...]], initial: Mapping[Area,
 
 
 _WORD = Struct(">H")
-_MASKS = Struct(">3xHH")
 
 
 def perform(tables: Tables, asked: RequestPdu) -> bytes:
@@ -179,8 +179,7 @@ def _write_coil(table: Table, span: Span, asked: RequestPdu) -> None:
 def _mask_register(table: Table, span: Span, asked: RequestPdu) -> None:
     """Write (current AND and_mask) OR (or_mask AND NOT and_mask) (A 6.16)."""
     (current,) = _WORD.unpack(table.read(span))
-    and_mask, or_mask = _MASKS.unpack(asked.data)
-    table.write(span, _WORD.pack((current & and_mask) | (or_mask & ~and_mask)))
+    table.write(span, _WORD.pack(masked(asked.data, current)))
 
 
 _WRITERS: Final[dict[int, Callable[[Table, Span, RequestPdu], None]]] = {

@@ -91,10 +91,10 @@ class Exchange(Expected):
         if other.unit == BROADCAST_UNIT:
             return True
         is_same_unit = self.unit == other.device.unit
-        is_same_function = self.asked.function == other.asked.function
+        is_alike = other.resembles(self.asked)
         if self.answers_from is None or other.answers_from is None:
-            return is_same_unit or is_same_function
-        return is_same_unit and is_same_function
+            return is_same_unit or is_alike
+        return is_same_unit and is_alike
 
     def may_get(self, pdu: bytes) -> bool:
         """Tell whether another client's request may get this response.

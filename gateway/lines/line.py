@@ -353,6 +353,7 @@ class Line:
         if self._receiver.silent_at < inf:
             self._scheduler.record_frames(self._receiver.ended_by_silence(self._scheduler.resting))
         self._state = "awaiting"
+        transaction = transaction.opening()
         current = self.ledger.take(transaction)
         try:
             transaction.start(self._budget, now)
@@ -498,9 +499,14 @@ class Line:
             heard = self._diagnosis.text if is_told else b""
             self._telling.record_failed(transaction, outcome, now, heard, late_until)
         forbidden = self._scheduler.end(now)
+        response = outcome if isinstance(outcome, Frame) else None
+        following = transaction.following(response.pdu) if response is not None else None
         if outcome is None:
             self.queue.put_back(transaction.again())
-        response = outcome if isinstance(outcome, Frame) else None
+        elif following is not None and self._write is not None:
+            following.gives_up_at = now + transaction.limit
+            self.queue.put_back(following)
+            following = None
         if self._state != "repeating":
             self._spend(transaction, 0 if response is None else len(response.pdu), now)
         self._state = "down" if self._write is None else "idle"
@@ -516,6 +522,8 @@ class Line:
                 transaction.respond(response.pdu, now)
             elif isinstance(outcome, RequestError):
                 transaction.fail_sent(outcome, now)
+            if following is not None:
+                self._scheduler.fail_unsent([following], now)
             self._scheduler.fail_forbidden(forbidden, now)
 
     def _spend(self, transaction: Transaction, response: int, now: float) -> None:

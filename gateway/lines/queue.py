@@ -18,6 +18,7 @@ from itertools import chain, count
 from math import inf
 from typing import Final, cast
 
+from gateway.lines.bits import BitsWrite
 from gateway.lines.transaction import Destination, Transaction
 from gateway.lines.turns import Clients, Held, Place, Row
 from gateway.request import Request
@@ -117,7 +118,7 @@ class WaitingQueue:
         return lost
 
     def put_back(self, transaction: Transaction) -> None:
-        """Add a transaction that is sent again, first in its clients' rows, until its `gives_up_at`."""
+        """Add a transaction that is sent again, or follows, first in its clients' rows, until its `gives_up_at`."""
         clients = self._clients_of(transaction)
         for request in transaction.requests:
             row = clients.row(request.caller)
@@ -132,6 +133,10 @@ class WaitingQueue:
         transaction = self._repeats[0]
         self._remove(transaction)
         return transaction
+
+    def take_following(self) -> Transaction | None:
+        """Remove and return the write that must follow its read at once; None if none does."""
+        return self._take_following() if self._repeats else None
 
     def take(self, is_held: Held | None = None) -> Transaction | None:
         """Remove and return the next transaction; None if none may be sent now."""
@@ -212,6 +217,13 @@ class WaitingQueue:
 
     def _rows(self) -> Iterator[Row]:
         return chain(self._clients.rows(), self._polls.rows())
+
+    def _take_following(self) -> Transaction | None:
+        for transaction in self._repeats:
+            if isinstance(transaction, BitsWrite):
+                self._remove(transaction)
+                return transaction
+        return None
 
     def _next(self, is_held: Held | None) -> Place | None:
         """Choose the next request: polls last, unless the others have had enough turns since one went."""

@@ -6,6 +6,7 @@ The scheduler sees no bytes.
 """
 
 from collections.abc import Callable
+from typing import Final
 
 from gateway import errors
 from gateway.errors import RequestError
@@ -19,6 +20,11 @@ from gateway.lines.settings import LineSettings
 from gateway.lines.telling import Telling
 from gateway.lines.transaction import ScanTransaction, Transaction
 from gateway.lines.waiting import Waiting
+
+_SHARED: Final = (
+    "another client writes on this line too, and would be overwritten; if the device has function 22, "
+    "name it in the `functions` of its profile"
+)
 
 #: Tells whether a request may be written now.
 MaySend = Callable[[], bool]
@@ -75,6 +81,9 @@ class Scheduler(Waiting):
         """Remove and return the next transaction; None if none may be sent now."""
         if self._ledger.late and self._ledger.must_renew(now):
             return None
+        following = self.queue.take_following()
+        if following is not None:
+            return following
         question = self._idle.take(now)
         if question is not None:
             return question
@@ -93,6 +102,9 @@ class Scheduler(Waiting):
             return errors.UnitResting()
         if self._echo.is_suspected and transaction.expects_answer and transaction.asked.accepts(transaction.asked.data):
             return errors.EchoSuspected()
+        other_client = self._ledger.other_client
+        if other_client is not None and transaction.is_of_bits and now < other_client.ends_at:
+            return errors.LineShared(_SHARED)
         return None
 
     def deadline(self, sends_at: float) -> float | None:

@@ -75,6 +75,8 @@ class Transaction:
     is_scan = False
     #: Whether a second response may follow the first one.
     awaits_second = False
+    #: Whether it is a write to bits, or a part of one: see `bits`.
+    is_of_bits = False
 
     def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
         #: The requests that it answers.
@@ -125,6 +127,18 @@ class Transaction:
         part.retries = self.retries
         part.gives_up_at = self.gives_up_at
         return part
+
+    def opening(self) -> "Transaction":
+        """Return the transaction that is sent when its turn has come: itself, by default."""
+        return self
+
+    def following(self, pdu: bytes) -> "Transaction | None":  # noqa: ARG002 - by default, nothing follows
+        """Return the transaction that follows in the same turn after the response `pdu`; None if none does."""
+        return None
+
+    def resembles(self, earlier: RequestPdu) -> bool:
+        """Tell whether a late response to `earlier`, to the same unit, could be taken for the response to this."""
+        return self.asked.function == earlier.function
 
     @property
     def answers_from(self) -> int | None:

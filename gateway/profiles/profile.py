@@ -8,6 +8,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent
 from gateway.profiles.identity import Identity
+from gateway.registers.masks import read_before, write_after
 from gateway.timing.table import TimingTable
 
 #: First and last address of a range.
@@ -65,6 +66,21 @@ class Profile:
         if self.areas:
             self._check_addresses(asked)
         return asked
+
+    def check_in_one_turn(self, pdu: bytes, function: int) -> RequestPdu:
+        """Parse a PDU of function 22, and check that this kind of device accepts a read, and a write with `function`.
+
+        Raises:
+            RequestError: as `check`.
+        """
+        asked = parse_request(pdu)
+        for part in (read_before(pdu), write_after(pdu, 0, function)):
+            self.check(part)
+        return asked
+
+    def names(self, function: int) -> bool:
+        """Tell whether the profile says that the device has this function."""
+        return self.functions is not None and function in self.functions
 
     def knows(self, function: int) -> bool:
         """Tell whether the device has this function."""

@@ -48,7 +48,7 @@ class AuditedOrigin:
                 client=self.caller.client,
                 listener=self._listener,
                 unit=request.unit,
-                function=request.pdu[0],
+                function=request.in_one_turn or request.pdu[0],
                 address=address,
                 count=count,
                 result=self._result(request, pdu),

@@ -32,6 +32,8 @@ class Broadcast:
         try:
             if request.pdu[0] not in BROADCAST_FUNCTIONS:
                 raise IllegalFunction(f"function {request.pdu[0]} cannot be broadcast")
+            if request.in_one_turn:
+                raise IllegalFunction("bits cannot be written to all devices: their registers cannot be read")
             parse_request(request.pdu)
         except RequestError as error:
             self._ring.refuse(request, error, now)

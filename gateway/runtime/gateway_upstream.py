@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from gateway.config.plan.forecast import longest_waits_behind
 from gateway.config.plan.settings import UpstreamPlan
-from gateway.devices.device import Device
+from gateway.devices.device import Device, SiteDevice
 from gateway.events import Emit
 from gateway.lines.counts import UnitCounts
 from gateway.ports.addresses import Addresses
@@ -46,7 +46,8 @@ class GatewayUpstream:
             upstream.leave_address()
 
         addresses.moved = use
-        self._new_device = partial(Device, line=self.driver, emit=emit, ring=ring, line_name=self.name)
+        kind = SiteDevice if isinstance(plan.port, SiteSettings) else Device
+        self._new_device = partial(kind, line=self.driver, emit=emit, ring=ring, line_name=self.name)
         self.devices = {each.known_as: self._new_device(each) for each in plan.devices}
         #: The units that the config does not name, by their numbers there: only the listeners for it lead to them.
         self.unnamed: dict[int, Device] = {}

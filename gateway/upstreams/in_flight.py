@@ -32,6 +32,8 @@ class InFlight:
     ) -> None:
         self.under_way: dict[int, Transaction] = {}
         self.outstanding: dict[int, Transaction] = {}
+        #: The devices to which a part of a write to bits is under way.
+        self.in_turn: set[Destination] = set()
         #: Number of responses without a request on their connection.
         self.unasked = 0
         self._queue = queue
@@ -56,6 +58,8 @@ class InFlight:
         if fails_at < self._next_limit or not self.under_way:
             self._next_limit = fails_at
         self.under_way[identifier] = transaction
+        if transaction.is_of_bits:
+            self.in_turn.add(transaction.device)
         for request in transaction.requests:
             self._asking.add((request.caller.client, transaction.device))
         return identifier
@@ -117,6 +121,8 @@ class InFlight:
     def finish(self, identifier: int) -> bytes:
         """Remove a request under way. Return the bytes received instead of its response."""
         transaction = self.under_way.pop(identifier)
+        if transaction.is_of_bits:
+            self.in_turn.discard(transaction.device)
         for request in transaction.requests:
             self._asking.discard((request.caller.client, transaction.device))
         return self._instead.pop(identifier, b"") if self._instead else b""
@@ -158,7 +164,7 @@ class InFlight:
     def lose(self) -> list[Transaction]:
         """Forget everything: no response can come any more. Return the requests that were under way."""
         lost = list(self.under_way.values())
-        for kept in (self.under_way, self._instead, self.outstanding, self._asking):
+        for kept in (self.under_way, self._instead, self.outstanding, self._asking, self.in_turn):
             kept.clear()
         return lost
 

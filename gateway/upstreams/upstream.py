@@ -131,6 +131,7 @@ class Upstream:
         """
         self.silences = 0
         taken: list[tuple[Transaction, bytes]] = []
+        cut_off: list[Transaction] = []
         try:
             for frame in frames:
                 answered = self._sent.take(frame, now)
@@ -140,10 +141,14 @@ class Upstream:
                 else:
                     self._connection.rest(now)
                     taken.append((answered, frame.pdu))
+                    following = answered.following(frame.pdu)
+                    if following is not None:
+                        self._follow(following, cut_off)
             self._go_on(now)
         finally:
             for transaction, pdu in taken:
                 transaction.respond(pdu, now)
+            self._waiting.fail_unsent(cut_off, now)
 
     def unsent(self, identifier: int, now: float) -> None:
         """Fail the request with this identifier, which was not delivered, with 0A; do nothing if it has ended."""
@@ -249,6 +254,14 @@ class Upstream:
         else:
             self._go_on(now)
 
+    def _follow(self, following: Transaction, cut_off: list[Transaction]) -> None:
+        """Have the write sent that follows a read, before all that waits; without a connection it is `cut_off`."""
+        if self._connection.send is None and not self.is_closed:
+            cut_off.append(following)
+            return
+        following.gives_up_at = inf  # as in `_give_up`
+        self._queue.put_back(following)
+
     def _give_up(self, identifier: int, transaction: Transaction, now: float) -> RequestError | None:
         """End a request at its limit. Return the error for its clients; None if it is sent again."""
         instead = self._sent.give_up(identifier)
@@ -312,7 +325,9 @@ class Upstream:
         if self._sent.is_asking(transaction):
             return True
         device = transaction.device
-        return device.breaker.failures > 0 and self._sent.is_asked(device)
+        if self._sent.in_turn and device in self._sent.in_turn:
+            return True
+        return (device.breaker.failures > 0 or transaction.is_of_bits) and self._sent.is_asked(device)
 
     def _go_on(self, now: float) -> None:
         """Send waiting requests while there is place, and fail those that have waited too long."""
@@ -350,6 +365,7 @@ class Upstream:
             self._send(transaction, send, now)
 
     def _send(self, transaction: Transaction, send: Send, now: float) -> None:
+        transaction = transaction.opening()
         transaction.sent_at = transaction.ends_at = now
         transaction.limit = _limit_of(transaction)
         identifier = self._sent.add(transaction)

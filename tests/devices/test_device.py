@@ -2,6 +2,7 @@
 
 import pytest
 
+from gateway.devices.device import SiteDevice
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
 from kit.line_bench import Bench
@@ -30,4 +31,45 @@ def test_a_profile_refuses_before_the_line(pdu: str, answer: str) -> None:
 def test_what_the_profile_admits_is_sent() -> None:
     bench = Bench()
     bench.device(profile=MINT).submit(bench.client.ask("03 00 01 00 63", now=bench.now), bench.now)
+    assert len(bench.written) == 1
+
+
+@pytest.mark.parametrize(
+    ("functions", "sent"),
+    [
+        pytest.param(None, ["03 00 08 00 01"], id="a profile without functions does not name 22"),
+        pytest.param({3, 16, 22}, ["16 00 08 FF EF 00 10"], id="22 is passed on where the profile names it"),
+    ],
+)
+def test_bits_are_written_with_22_or_after_a_read(functions: set[int] | None, sent: list[str]) -> None:
+    bench = Bench()
+    bench.device(profile=Profile("any", functions=None if functions is None else frozenset(functions)))
+    bench.ask("16 00 08 FF EF 00 10", in_one_turn=6)
+    assert [written[3:-6] for written in bench.written] == sent
+
+
+@pytest.mark.parametrize(
+    ("profile", "answer"),
+    [
+        pytest.param(Profile("reads", functions=frozenset({3})), "96 01", id="it cannot be written"),
+        pytest.param(Profile("few", areas={Area.HOLDING: ((0, 7),)}), "96 02", id="no such register"),
+    ],
+)
+def test_bits_are_refused_where_the_register_cannot_be_read_and_written(profile: Profile, answer: str) -> None:
+    bench = Bench()
+    bench.device(profile=profile)
+    bench.ask("16 00 08 FF EF 00 10", in_one_turn=6)
+    assert bench.client.answers == [answer]
+    assert bench.written == []
+
+
+def test_bits_of_another_site_are_written_with_22_only() -> None:
+    """Its gateway has clients of its own, which could write between."""
+    bench = Bench()
+    for functions, answers in ((None, ["96 04"]), (frozenset({3, 6, 22}), [])):
+        settings = bench.device(profile=Profile("any", functions=functions)).settings
+        bench.devices[1] = SiteDevice(settings, bench.line)
+        bench.client.answers.clear()
+        bench.ask("16 00 08 FF EF 00 10", in_one_turn=6)
+        assert bench.client.answers == answers
     assert len(bench.written) == 1

@@ -504,3 +504,26 @@ def test_a_lone_device_may_answer_from_any_address(answers_from: int) -> None:
     bench.hear(frame(0, "03 00 10 00 01"))  # an echo, or another client that asks there
     bench.hear(frame(answers_from, "03 02 00 01"))
     assert bench.client.answers == ["03 02 00 01"]
+
+
+def test_bits_of_the_address_are_not_written() -> None:
+    hall = Hall()
+    request = hall.client.ask("16 01 00 FF FE 00 01", now=hall.now)
+    request.in_one_turn = 16
+    hall.silo.submit(request, hall.now)
+    assert hall.client.answers == ["96 03"]
+    assert hall.written == []
+
+
+def test_bits_are_written_where_a_device_has_moved_to() -> None:
+    hall = Hall()
+    hall.ask_silo(MOVE_TO_5)
+    hall.respond(MOVED, unit=5)
+    hall.written.clear()
+    request = hall.client.ask("16 00 08 FF FE 00 01", now=hall.now)
+    request.in_one_turn = 16
+    hall.silo.submit(request, hall.now)
+    hall.pass_time(0.02)
+    hall.respond("03 02 00 02", unit=5)
+    hall.pass_time(0.02)
+    assert hall.written == [frame(5, "03 00 08 00 01"), frame(5, "10 00 08 00 01 02 00 03")]

@@ -100,10 +100,12 @@ class Bench:
         self.devices[unit] = Device(settings, self.line)
         return self.devices[unit]
 
-    def ask(self, pdu: str = READ, unit: int = 1, client: Asker | None = None) -> None:
+    def ask(self, pdu: str = READ, unit: int = 1, client: Asker | None = None, *, in_one_turn: int = 0) -> None:
         asker = client or self.client
         device = self.devices.get(unit) or self.device(unit)
-        device.submit(asker.ask(pdu, unit=unit, now=self.now), self.now)
+        request = asker.ask(pdu, unit=unit, now=self.now)
+        request.in_one_turn = in_one_turn
+        device.submit(request, self.now)
 
     def asks(self, pdu: str = READ, unit: int = 1) -> str | None:
         """Ask, wait for the answer."""

@@ -75,8 +75,10 @@ class UpstreamBench:
         """Those of all units."""
         return total(counts for device in self._devices.values() for counts in device.counts.values())
 
-    def ask(self, pdu: str = READ, unit: int = 37, client: Asker | None = None) -> None:
-        self.device(unit).submit((client or self.client).ask(pdu, unit=unit, now=self.now), self.now)
+    def ask(self, pdu: str = READ, unit: int = 37, client: Asker | None = None, *, in_one_turn: int = 0) -> None:
+        request = (client or self.client).ask(pdu, unit=unit, now=self.now)
+        request.in_one_turn = in_one_turn
+        self.device(unit).submit(request, self.now)
 
     def hear(self, data: bytes) -> None:
         """The other server says this."""

@@ -128,3 +128,11 @@ def test_the_client_decides_whether_it_is_still_to_be_sent(bench: Bench) -> None
     assert request.origin.wants(request)
     bench.client.gone = True
     assert not request.origin.wants(request)
+
+
+def test_a_write_to_bits_is_told_as_what_went_to_the_line(bench: Bench) -> None:
+    request = bench.client.ask("16 00 08 FF EF 00 10", unit=7)
+    request.in_one_turn = 6
+    bench.router.submit(request, 0.0)
+    request.respond(request.pdu)
+    assert bench.told() == [WriteAudit(CLIENT, "scada", 7, 6, 8, 1, "ok", "", 500.0)]

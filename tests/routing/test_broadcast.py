@@ -65,6 +65,16 @@ def test_reads_and_malformed_writes_go_nowhere(targets: list[Target], pdu: str, 
     assert not targets[0].requests
 
 
+def test_bits_are_not_written_to_all_devices(targets: list[Target]) -> None:
+    """Without function 22 each register would have to be read, and a broadcast has no response."""
+    client = Asker()
+    request = client.ask("16 00 01 00 F2 00 25", unit=0)
+    request.in_one_turn = 6
+    broadcast(*targets).submit(request, 0.0)
+    assert client.answers == ["96 01"]
+    assert not targets[0].requests
+
+
 def test_the_copies_are_gone_when_the_client_is(targets: list[Target]) -> None:
     client = Asker()
     broadcast(*targets).submit(client.ask(WRITE, unit=0), 0.0)

@@ -22,11 +22,12 @@ if __name__ == "__main__":
 
 from kit.virtual_time import VirtualTimeLoop
 from soak.tally import Tally
-from soak.worlds import lines, mirrors, moving, over_tcp, reloads, upstreams, writers
+from soak.worlds import bits, lines, mirrors, moving, over_tcp, reloads, upstreams, writers
 
 #: Plays one run of so many transactions, this share of them with a fault, from a seed; in virtual time.
 World = Callable[[int, float, int], Awaitable[Tally]]
 WORLDS: Final[dict[str, World]] = {
+    "bits": bits.play,
     "lines": lines.play,
     "mirrors": mirrors.play,
     "moving": moving.play,
