@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 from gateway.errors import DoesNotFit, ExceptionCode, UnitFailed
-from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
+from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.modbus.pdu import Span
 from gateway.operator.answers import values as answers
 from gateway.operator.complaint import Complaint
@@ -19,7 +19,8 @@ from gateway.profiles.point import Point
 from gateway.profiles.read_rules import ReadRules
 from gateway.profiles.reading import Reading
 from gateway.profiles.writing import Write, request_to_write, written
-from gateway.registers.items import WriteFunction, items_read, read_request, write_request
+from gateway.registers.items import items_read
+from gateway.registers.masks import read_before, write_after
 
 #: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.
 _MAY_BE_ANSWERED_IN_PARTS: Final = frozenset({ExceptionCode.ILLEGAL_DATA_ADDRESS, ExceptionCode.ILLEGAL_DATA_VALUE})
@@ -205,18 +206,14 @@ def _reading_and_writing(write: Write) -> Generator[Step, Answer, tuple[list[Ans
     Raises:
         UnitFailed: the response to the read is too short.
     """
-    span = write.span
-    read = yield Step(read_request(span))
+    read = yield Step(read_before(write.pdu))
     if read.exception is not None:
         return [read], b""
     try:
-        register = int.from_bytes(items_read(span, read.pdu), "big")
+        before = items_read(write.span, read.pdu)
     except ValueError as wrong:
         raise UnitFailed(str(wrong)) from wrong
-    kept, new = (int.from_bytes(write.pdu[at : at + 2], "big") for at in (3, 5))
-    items = (register & kept | new).to_bytes(2, "big")
-    how: WriteFunction = "single" if write.in_one_turn == FunctionCode.WRITE_SINGLE_REGISTER else "multiple"
-    pdu = write_request(span.area, span.start, items, how=how)
+    pdu = write_after(write.pdu, int.from_bytes(before, "big"), write.in_one_turn)
     return [read, (yield Step(pdu))], pdu
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 from gateway.errors import DoesNotFit
 from gateway.modbus.codes import Area, FunctionCode
@@ -15,13 +14,11 @@ from gateway.registers.items import (
     WRITERS,
     WriteFunction,
     has_bits,
-    mask_request,
     most_written,
     write_function,
     write_request,
 )
-
-_NO_BITS: Final = bytes(REGISTER)
+from gateway.registers.masks import mask_request
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,18 +76,21 @@ def _request_for_bits(readings: Sequence[Reading], functions: Container[int] | N
     point, name = readings[0].point, readings[0].point.name
     if len(readings) > 1:
         raise DoesNotFit("bits of a register are written alone", "write the points one by one")
-    masks = swapped(point.mask.to_bytes(point.count * point.width, "big"), point.swap)
-    touched = [at for at in range(0, len(masks), REGISTER) if masks[at : at + REGISTER] != _NO_BITS]
+    masks = _registers(swapped(point.mask.to_bytes(point.count * point.width, "big"), point.swap))
+    touched = [at for at, mask in enumerate(masks) if mask]
     if len(touched) > 1 or point.width != REGISTER:
         raise DoesNotFit(f"{name} cannot be written: one request writes bits of one register of 16 bits")
-    start, end = touched[0], touched[0] + REGISTER
-    address = point.write_span.start + start // REGISTER
-    pdu = mask_request(address, masks[start:end], point.own(readings[0].items)[start:end])
-    span = Span(Area.HOLDING, address, 1)
+    at = touched[0]
+    span = Span(Area.HOLDING, point.write_span.start + at, 1)
+    pdu = mask_request(span.start, masks[at], _registers(point.own(readings[0].items))[at])
     if functions is not None and FunctionCode.MASK_WRITE_REGISTER in functions:
         return Write(pdu, span)
     how: WriteFunction = "multiple" if multiple else point.write_function
     return Write(pdu, span, write_function(Area.HOLDING, 1, functions, how=how))
+
+
+def _registers(items: bytes) -> list[int]:
+    return [int.from_bytes(items[at : at + REGISTER], "big") for at in range(0, len(items), REGISTER)]
 
 
 def _joined(points: Sequence[Point]) -> Span:

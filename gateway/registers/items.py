@@ -114,12 +114,6 @@ def write_request(
     return bytes((function, *start.to_bytes(2, "big"), *count.to_bytes(2, "big"), len(data), *data))
 
 
-def mask_request(address: int, mask: bytes, value: bytes) -> bytes:
-    """Make the request PDU that writes those bits of a holding register that are 1 in `mask` (A 6.16)."""
-    others = bytes(0xFF ^ each for each in mask)
-    return bytes((FunctionCode.MASK_WRITE_REGISTER, *address.to_bytes(2, "big"), *others, *value))
-
-
 def pack_bits(bits: bytes) -> bytes:
     """Pack coils or inputs, one byte of 0 or 1 each, eight in a byte, the first one lowest (A 6.1)."""
     size = (len(bits) + 7) // 8

@@ -11,7 +11,6 @@ from gateway.registers.items import (
     WRITERS,
     has_bits,
     items_read,
-    mask_request,
     most_written,
     pack_bits,
     place_of,
@@ -158,8 +157,3 @@ def test_wide_registers_are_written_with_function_16_and_four_bytes_each():
     most = most_written(Area.HOLDING, {}, 4)
     assert (most, len(write_request(Area.HOLDING, 5000, bytes(4 * most), width=4))) == (61, 250)
     assert most_written(Area.HOLDING, {16: 20}, 4) == 20
-
-
-def test_a_request_to_write_some_bits_names_all_others_as_to_be_kept():
-    """Function 22 by its section 6.16: the register becomes (what it is AND the first word) OR the second word."""
-    assert mask_request(4, b"\x00\x0f", b"\x00\x05") == bytes.fromhex("16 00 04 FF F0 00 05")
