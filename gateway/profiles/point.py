@@ -9,7 +9,7 @@ from typing import Final, Literal
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.registers.datatypes import BYTE_TYPES, Value, bounds, decode, encode, is_float, is_whole, swapped
-from gateway.registers.items import WriteFunction, has_bits
+from gateway.registers.items import REGISTER, WriteFunction, has_bits
 from gateway.registers.numbers import parse_number
 
 #: Whether a point can be written: no, yes, or only written and never read.
@@ -140,7 +140,7 @@ class Point:
             ValueError: the point cannot hold it, it is not within the limits, or there is no scale.
         """
         if self.type == "string":
-            return encode(text, self.type, self.swap, self.count)
+            return encode(text, self.type, self.swap, self.count * self.width // REGISTER)
         exponent = 0 if before is None else self._exponent(before)
         if exponent is None or (self.scale_at is not None and before is None):
             raise ValueError(f"the device has no scale for {self.name} now")

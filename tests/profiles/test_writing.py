@@ -35,6 +35,7 @@ def request(*pairs, functions=None, limits=None, multiple=False) -> Write:
         (point(type="int32", count=2, write_at=120), "-2", None, "10 00 78 00 02 04 FF FF FF FE"),
         (point(type="bcd16"), "1234", None, "06 00 08 12 34"),
         (point(type="float32", width=4), "1.5", None, "10 00 08 00 01 04 3F C0 00 00"),
+        (point(type="string", width=4, swap="words"), "ab", None, "10 00 08 00 01 04 00 00 61 62"),
         (point(type="float32", width=4, write_function="single"), "1.5", None, "10 00 08 00 01 04 3F C0 00 00"),
     ],
 )

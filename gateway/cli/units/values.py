@@ -99,7 +99,7 @@ def _cells(reading: Reading) -> dict[str, str]:
         "AREA": place.area,
         "ADDRESS": f"{place.start}{point.bits_shown}",
         "REFERENCE": f"{reference(place.area, place.start)}{point.bits_shown}",
-        "HEX": " ".join(f"{register:04X}" for register in reading.registers) or _NOTHING,
+        "HEX": " ".join(f"{register:0{2 * point.width}X}" for register in reading.registers) or _NOTHING,
     }
 
 

@@ -11,7 +11,8 @@ from gateway.operator.parameters import Within
 IF_KNOWN: Final[Mapping[str, Any]] = {"if_known": True}
 
 Address = Annotated[int, Within(0, 65535)]
-Register = Annotated[int, Within(0, 65535)]
+#: Of two bytes, or of four where the profile says so.
+Register = Annotated[int, Within(0, 2**32 - 1)]
 #: A number, or text. None is no value: the device says that it has none, or the registers hold no number.
 Told = float | str | None
 Bit = Annotated[int, Within(0, 63)]
