@@ -8,8 +8,11 @@ from gateway.trace.records import Incident, Sent
 from gateway.trace.ring import STEP, Ring
 
 
-def frames_of(running: Running, client: str, pdu: bytes, received_at: float) -> dict[str, str]:
-    """Find the frames `sent` and `received` for a client's request that has just ended, in hexadecimal; {} if none."""
+def frames_of(running: Running, client: str, pdu: bytes | None, received_at: float) -> dict[str, str]:
+    """Find the frames `sent` and `received` for a client's request that has just ended, in hexadecimal; {} if none.
+
+    Without `pdu`, those of the last of several requests that were made of one.
+    """
     found = _exchange(running.ring, client, pdu, received_at)
     if found is None:
         return {}
@@ -21,9 +24,9 @@ def frames_of(running: Running, client: str, pdu: bytes, received_at: float) -> 
     return {"sent": sent.hex(" ").upper(), "received": received.hex(" ").upper()}
 
 
-def _exchange(ring: Ring, client: str, pdu: bytes, received_at: float) -> Sent | None:
+def _exchange(ring: Ring, client: str, pdu: bytes | None, received_at: float) -> Sent | None:
     for record in reversed(ring.after(max(0, ring.added - STEP))):
-        if isinstance(record, Sent) and record.request == pdu:
+        if isinstance(record, Sent) and pdu in (None, record.request):
             sharers = record.others if isinstance(record, Incident) else ()
             asked = ((record.client, record.received_at), *((who, at) for who, _, at in sharers))
             if (client, received_at) in asked:

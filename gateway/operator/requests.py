@@ -108,7 +108,7 @@ async def ask(operator: Operator, asked: OneRequest, asker: Asker) -> RequestAns
         elapsed_ms=done.elapsed_ms,
         result=result,
         reason=reason,
-        **frames_of(running, asker.caller.client, pdu, done.started),
+        **frames_of(running, asker.caller.client, None if asked.in_one_turn else pdu, done.started),
     )
 
 

@@ -202,6 +202,7 @@ async def test_points_of_an_image_are_those_whose_registers_and_scale_it_has(add
 async def test_a_request_in_one_turn_is_one_of_function_22(bench, device):
     told = await ask(bench.running, "request", unit=46, pdu="16 00 08 FF F7 00 08", in_one_turn=16)
     assert (told["pdu"], written(device)) == ("16 00 08 FF F7 00 08", ["10 00 08 00 01 02 A5 AD"])
+    assert (told["sent"][:26], told["received"][:17]) == ("06 10 00 08 00 01 02 A5 AD", "06 10 00 08 00 01")
     for pdu, function in (("06 00 08 00 01", 6), ("16 00 08 FF F7 00 08", 5)):
         with pytest.raises(Exception, match='"in_one_turn"'):
             await ask(bench.running, "request", unit=46, pdu=pdu, in_one_turn=function)
