@@ -32,7 +32,8 @@ async def read_values(operator: Operator, asked: Addresses, asker: Asker) -> Val
     Raises:
         WrongQuestion: there is no such unit, the addresses are invalid, or the unit did not answer with all values.
     """
-    unit, points = _any_unit(operator, asked.unit), points_at(asked)
+    unit = _any_unit(operator, asked.unit)
+    points = points_at(asked, unit)
     ask = ask_for(operator, unit.key, asker)
     outcome = await read(unit, points, ask, holes_of(operator.gateway, unit.key))
     return values_told(unit.unit, unit.name, asked.area, outcome)
@@ -70,7 +71,8 @@ async def write_values(operator: Operator, asked: ValuesToWrite, asker: Asker) -
     Raises:
         WrongQuestion: there is no such unit, the values do not fit, or the unit did not carry it out.
     """
-    unit, points = _any_unit(operator, asked.unit), points_at(asked)
+    unit = _any_unit(operator, asked.unit)
+    points = points_at(asked, unit)
     if len(points) != len(asked.values):
         raise Malformed(f"{len(asked.values)} values do not fill {len(points)} places")
     return await _write(operator, unit, points, asked.values, asker, asked.area)
@@ -100,13 +102,13 @@ async def write_points(operator: Operator, asked: PointsToWrite, asker: Asker) -
     return await _write(operator, unit, points, [each.value for each in asked.values], asker)
 
 
-def points_at(asked: Addresses) -> list[Point]:
+def points_at(asked: Addresses, unit: UnitPicture) -> list[Point]:
     """List the requested values as nameless points.
 
     Raises:
         Malformed: there is no such type, or it does not fit.
     """
-    return values_at(asked.area, asked.start, asked.end, asked.type, asked.swap)
+    return values_at(asked.area, asked.start, asked.end, asked.type, asked.swap, unit.wide)
 
 
 def _any_unit(operator: Operator, wanted: int | str) -> UnitPicture:
@@ -116,7 +118,7 @@ def _any_unit(operator: Operator, wanted: int | str) -> UnitPicture:
     except WrongQuestion:
         if not isinstance(wanted, int):
             raise
-        return UnitPicture(wanted, "", "", "", None, {}, {}, 0.0, 0, ())
+        return UnitPicture(wanted, "", "", "", None, {}, {}, 0.0, 0, {}, ())
 
 
 async def _write(

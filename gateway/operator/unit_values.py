@@ -1,32 +1,44 @@
 """The values of a unit: which points are meant, and the requests that read and write them, for any door."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
 from gateway.errors import DoesNotFit, ExceptionReceived, Malformed, WrongQuestion
 from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.requests import Ask
 from gateway.operator.values import Answer, NewValues, Outcome, Steps, reading, writing
 from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
-from gateway.registers.datatypes import DATA_TYPES, SWAPS, registers_of
-from gateway.registers.items import has_bits
+from gateway.profiles.profile import Range, width_at
+from gateway.registers.datatypes import DATA_TYPES, SWAPS, fits_wide, registers_of
+from gateway.registers.items import REGISTER, has_bits, usual_type
 
 #: The most items of one read: at most 16 requests on a line.
 MOST_ITEMS: Final = 2000
 _LAST_ADDRESS: Final = 65535
 
 
-def values_at(area: Area, first: int, last: int | None, data_type: str, swap: str) -> list[Point]:
+def values_at(
+    area: Area,
+    first: int,
+    last: int | None,
+    data_type: str,
+    swap: str,
+    wide: Mapping[str, tuple[Range, ...]] = MappingProxyType({}),
+) -> list[Point]:
     """List the values at the addresses from `first` to `last`, as nameless points; one value without `last`.
+
+    `wide` are the registers of four bytes.
 
     Raises:
         Malformed: there is no such type, or it does not fit.
     """
-    usual = "bit" if has_bits(area) else "uint16"
-    data_type = data_type or usual
-    last = first + registers_of(data_type) - 1 if last is None else last
+    width = width_at(wide, Span(area, first, 1)) or REGISTER
+    data_type = data_type or usual_type(area, width)
+    last = first + registers_of(data_type, width) - 1 if last is None else last
     count = last - first + 1
     if count < 1 or last > _LAST_ADDRESS or count > MOST_ITEMS:
         raise Malformed(f"{first}-{last}: addresses are 0 to {_LAST_ADDRESS}, at most {MOST_ITEMS} at a time")
@@ -34,10 +46,14 @@ def values_at(area: Area, first: int, last: int | None, data_type: str, swap: st
         raise Malformed(f"type: {area} cannot be {data_type}")
     if swap not in SWAPS or (swap != "none" and has_bits(area)):
         raise Malformed(f"swap: {area} cannot be read with {swap}")
-    size = count if data_type == "string" else registers_of(data_type)
+    if width != width_at(wide, Span(area, first, count)):
+        raise Malformed(f"only some of {area} {first}-{last} have four bytes: read them apart")
+    if width > REGISTER and not fits_wide(data_type):
+        raise Malformed(f"type: {area} {first} has four bytes, and a {data_type} has two")
+    size = count if data_type == "string" else registers_of(data_type, width)
     if count % size:
         raise Malformed(f"{first}-{last} are {count} registers, and each {data_type} takes {size}")
-    return [Point("", area, at, data_type, swap, size, write="yes") for at in range(first, last + 1, size)]
+    return [Point("", area, at, data_type, swap, size, write="yes", width=width) for at in range(first, last + 1, size)]
 
 
 def point_named(unit: UnitPicture, name: str) -> Point:

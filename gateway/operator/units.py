@@ -171,6 +171,7 @@ def _kind(image: ImageSettings) -> str:
 
 def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> UnitPicture:
     functions = found.profile.functions
+    wide = found.profile.wide if found.kind in ("device", "upstream") else {}
     return UnitPicture(
         unit=shown_unit(found.key),
         name=found.name,
@@ -180,6 +181,7 @@ def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> Un
         limits=found.profile.limits,
         areas={str(area): ranges for area, ranges in found.profile.areas.items()},
         longest_wait_ms=round(longest.get(found.name, 0.0) * 1000, 1),
+        wide={str(area): ranges for area, ranges in wide.items()},
         max_gap=ReadRules.of(found.profile).max_gap if found.kind in ("device", "upstream") else 0,
         points=gateway.plan.points.get(found.key, ()),
     )

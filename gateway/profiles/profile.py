@@ -8,6 +8,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent
 from gateway.profiles.identity import Identity
+from gateway.registers.items import REGISTER, WIDE_REGISTER
 from gateway.registers.masks import read_before, write_after
 from gateway.timing.table import TimingTable
 
@@ -95,6 +96,14 @@ class Profile:
         for span in (asked.read, asked.write):
             if span is not None and not covers(self.areas.get(span.area), span):
                 raise IllegalDataAddress(f"profile {self.name} has no {span.area} {span.addresses}")
+
+
+def width_at(wide: Mapping[str, tuple[Range, ...]], span: Span) -> int | None:
+    """Return how many bytes the registers of a span have, of which `wide` ones have four; None if some have two."""
+    ranges = wide.get(span.area, ())
+    if covers(ranges, span):
+        return WIDE_REGISTER
+    return None if any(first < span.end and span.start <= last for first, last in ranges) else REGISTER
 
 
 def covers(ranges: tuple[Range, ...] | None, span: Span) -> bool:

@@ -59,10 +59,15 @@ _DIGITS_OF_FLOAT32: Final = 9
 _REGISTER: Final = 2
 
 
-def registers_of(data_type: str) -> int:
-    """Compute how many registers a value takes. Text takes one at least."""
+def registers_of(data_type: str, width: int = _REGISTER) -> int:
+    """Compute how many registers of `width` bytes a value takes. Text takes one at least."""
     layout = _FORMATS.get(data_type)
-    return 1 if layout is None else layout.size // _REGISTER
+    return 1 if layout is None else max(1, layout.size // width)
+
+
+def fits_wide(data_type: str) -> bool:
+    """Tell whether a value can be in registers of four bytes."""
+    return data_type == "string" or registers_of(data_type) > 1
 
 
 def is_whole(data_type: str) -> bool:

@@ -51,6 +51,11 @@ def has_bits(area: Area) -> bool:
     return area in _BITS
 
 
+def usual_type(area: Area, width: int = REGISTER) -> str:
+    """Name the type that values have unless another one is said."""
+    return "bit" if has_bits(area) else "uint32" if width > REGISTER else "uint16"
+
+
 def read_request(span: Span) -> bytes:
     """Make the request PDU that reads a span."""
     function, _ = READERS[span.area]
@@ -61,13 +66,13 @@ def items_read(span: Span, response: bytes, width: int = REGISTER) -> bytes:
     """Take the items out of a normal response to a read of `span`, whose registers have `width` bytes.
 
     Raises:
-        ValueError: the response is not that long.
+        ValueError: the response has another length.
     """
     data = response[2:]
     needed = (span.count + 7) // 8 if has_bits(span.area) else width * span.count
-    if len(data) < needed:
+    if len(data) != needed:
         raise ValueError(f"the response carries {len(data)} bytes, and {needed} were asked for")
-    return unpack_bits(data, span.count) if has_bits(span.area) else data[:needed]
+    return unpack_bits(data, span.count) if has_bits(span.area) else data
 
 
 def write_function(

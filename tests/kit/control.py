@@ -18,7 +18,7 @@ from gateway.operator.operations import BY_NAME
 from gateway.operator.parameters import fields_of, read_parameters
 from gateway.operator.requests import AT_CONTROL
 from gateway.profiles.point import Point
-from gateway.profiles.profile import Profile
+from gateway.profiles.profile import Profile, Range
 from gateway.request import Request
 
 Question = Mapping[str, Any]
@@ -68,14 +68,20 @@ class FakeDaemon(FakeConversation):
 
     caller = AT_CONTROL
 
-    def __init__(self, points: Iterable[Point] = (), *, functions: tuple[int, ...] | None = None) -> None:
+    def __init__(
+        self,
+        points: Iterable[Point] = (),
+        *,
+        functions: tuple[int, ...] | None = None,
+        wide: Mapping[str, tuple[Range, ...]] | None = None,
+    ) -> None:
         super().__init__(self._answer_to)
         settings = ImageSettings(41, "silo-1", PROFILE, dict.fromkeys(Area, ((0, 19),)))
         self.image = Image(settings)
         self.asked: list[str] = []
         self.silent: dict[str, str] = {}
         self._picture = UnitPicture(
-            41, "silo-1", "device", "weigher", functions, PROFILE.limits, {}, 3400.0, 0, (*points,)
+            41, "silo-1", "device", "weigher", functions, PROFILE.limits, {}, 3400.0, 0, wide or {}, (*points,)
         )
         self._answer = b""
 

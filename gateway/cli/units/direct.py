@@ -35,6 +35,7 @@ from gateway.ports.opener import open_blocking
 from gateway.ports.port import SerialSettings
 from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
+from gateway.profiles.profile import Range
 from gateway.profiles.read_rules import NO_RULES, ReadRules
 
 #: The usual time limit in seconds, and that of a server: a gateway lets requests wait, and waits for slow devices.
@@ -73,6 +74,7 @@ class DirectUnit:
         self.points = points
         self.functions = place.functions
         self.limits = place.limits
+        self.wide = place.wide
         self.read_rules = place.read_rules
         self.holes = Holes()
         self._client = client
@@ -117,6 +119,7 @@ class _Place:
         self.frames: dict[bool, bytes] = {}
         self.functions: frozenset[int] | None = None
         self.limits: Mapping[int, int] = {}
+        self.wide: Mapping[str, tuple[Range, ...]] = {}
         self.read_rules = NO_RULES
         self.mode: Literal["rtu", "ascii"] = args.mode or "rtu"
         self.is_tcp = bool(args.tcp)
@@ -131,7 +134,7 @@ class _Place:
     def take(self, kind: ProfileTable) -> tuple[Point, ...]:
         """Keep the profile's functions and what it allows; returns its points."""
         self.functions = None if kind.functions is None else frozenset(kind.functions)
-        self.limits = kind.limits
+        self.limits, self.wide = kind.limits, {str(area): ranges for area, ranges in kind.wide.items()}
         self.read_rules = ReadRules.of(profile_of("", kind))
         if kind.mode is not None and not self._is_mode_given:
             self.mode = kind.mode

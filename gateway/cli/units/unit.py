@@ -15,6 +15,7 @@ from gateway.operator.operations import REQUEST, UNIT
 from gateway.operator.values import Answer, Step
 from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
+from gateway.profiles.profile import Range
 from gateway.profiles.read_rules import ReadRules
 
 #: How much longer than the longest wait of a unit its response may take to arrive here, in seconds.
@@ -47,7 +48,8 @@ class Unit(Protocol):
 
     `number` is its unit ID for clients, None if it has only a name. `gateway` is the control socket through which it is
     asked, None without a gateway. `functions` is None for all or unknown; `limits` is the most items for a function,
-    `read_rules` say what one read may take, `holes` are those that it has refused in this command.
+    `wide` are registers of four bytes, `read_rules` say what one read may take, `holes` are those that it refused in
+    this command.
     """
 
     @property
@@ -59,6 +61,7 @@ class Unit(Protocol):
     points: tuple[Point, ...]
     functions: frozenset[int] | None
     limits: Mapping[int, int]
+    wide: Mapping[str, tuple[Range, ...]]
     read_rules: ReadRules
     holes: Holes
 
@@ -99,6 +102,7 @@ class DaemonUnit:
         self.functions = None if unit.functions is None else frozenset(unit.functions)
         self.areas = {Area(area): ranges for area, ranges in unit.areas.items()}
         self.limits = unit.limits
+        self.wide = unit.wide
         self.read_rules = unit.read_rules
         self.holes = Holes()
         self.points = unit.points

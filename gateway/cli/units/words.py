@@ -1,16 +1,18 @@
 """Parses the words after `read UNIT` and `write UNIT`: names of points, or an area, addresses and a type."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.config.problem import did_you_mean
 from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
-from gateway.registers.datatypes import DATA_TYPES, registers_of
-from gateway.registers.items import WRITERS, has_bits, place_of
+from gateway.profiles.profile import Range, width_at
+from gateway.registers.datatypes import DATA_TYPES, fits_wide, registers_of
+from gateway.registers.items import REGISTER, WRITERS, has_bits, place_of, usual_type
 
 _ADDRESSES: Final = re.compile(r"(0x[0-9a-f]+|\d+)(?:-(0x[0-9a-f]+|\d+))?", re.IGNORECASE)
 _LAST_ADDRESS: Final = 65535
@@ -20,12 +22,13 @@ Verb = Literal["read", "write"]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """The verb, the unit and its points; used to suggest a correct command."""
+    """The verb, the unit, its points and its registers of four bytes; used to suggest a correct command."""
 
     verb: Verb
     unit: str
     points: tuple[Point, ...] = ()
     swap: str = "none"
+    wide: Mapping[str, tuple[Range, ...]] = field(default_factory=dict)
 
     def like(self, *words: object) -> str:
         """Write the command with other words."""
@@ -94,17 +97,19 @@ def _assign_to_addresses(command: Command, words: Sequence[str]) -> list[Assignm
     values = [*words[2:]]
     if len(words) < 3:
         raise WrongUsageError("address and value are missing", command.like(area, *words[1:2] or "0", "1"))
-    data_type = values.pop() if len(values) > 1 and values[-1] in DATA_TYPES else _usual_type(area)
     first, last = _addresses(command, words)
-    size = _size(data_type, values)
+    width = _width(command, area, first, first if last is None else last)
+    data_type = values.pop() if len(values) > 1 and values[-1] in DATA_TYPES else usual_type(area, width)
+    size = _size(data_type, values, width)
     if last is not None and last - first + 1 != size * len(values):
         what = f"{first}-{last} are {last - first + 1} {_items(area)}, but the values need {size * len(values)}"
         raise WrongUsageError(what, command.like(area, first, *words[2:]))
-    _check_type(command, area, data_type, [area, first, *values])
+    _check_type(command, area, data_type, [area, first, *values], width)
     end = first + size * len(values) - 1
     if end > _LAST_ADDRESS:
         raise WrongUsageError(f"the last address is {_LAST_ADDRESS}, but the values end at {end}")
-    points = (_value(command, area, first + index * size, data_type, size) for index in range(len(values)))
+    _width(command, area, first, end)
+    points = (_value(command, area, first + index * size, data_type, size, width) for index in range(len(values)))
     return [Assignment(point, text) for point, text in zip(points, values, strict=True)]
 
 
@@ -115,10 +120,11 @@ def _place(command: Command, words: Sequence[str]) -> tuple[tuple[int, int | Non
         raise WrongUsageError(f"{area} of which address? It is missing", command.like(area, "0"))
     if len(words) > 3:
         raise WrongUsageError(f'"{words[3]}" is one word too many', command.like(*words[:3]))
-    addresses = _addresses(command, words)
-    data_type = words[2] if len(words) > 2 else _usual_type(area)
-    _check_type(command, area, data_type, words[:2])
-    return addresses, data_type
+    first, last = _addresses(command, words)
+    width = _width(command, area, first, first if last is None else last)
+    data_type = words[2] if len(words) > 2 else usual_type(area, width)
+    _check_type(command, area, data_type, words[:2], width)
+    return (first, last), data_type
 
 
 def _addresses(command: Command, words: Sequence[str]) -> tuple[int, int | None]:
@@ -139,37 +145,43 @@ def _addresses(command: Command, words: Sequence[str]) -> tuple[int, int | None]
 
 def _values(command: Command, area: Area, addresses: tuple[int, int | None], data_type: str) -> list[Point]:
     first, last = addresses
-    size = registers_of(data_type)
+    width = _width(command, area, first, first)
+    size = registers_of(data_type, width)
     if last is None:
         last = first + size - 1
     count = last - first + 1
     if data_type == "string":
         size = count
-    typed = () if data_type == _usual_type(area) else (data_type,)
+    typed = () if data_type == usual_type(area, width) else (data_type,)
     if count % size:
         what = f"{first}-{last} are {count} registers, but each {data_type} takes {size}"
         raise WrongUsageError(what, command.like(area, f"{first}-{first + (count // size + 1) * size - 1}", *typed))
     if last > _LAST_ADDRESS:
         raise WrongUsageError(f"the last address is {_LAST_ADDRESS}, but the value ends at {last}")
-    return [_value(command, area, at, data_type, size) for at in range(first, last + 1, size)]
+    _width(command, area, first, last)
+    return [_value(command, area, at, data_type, size, width) for at in range(first, last + 1, size)]
 
 
-def _value(command: Command, area: Area, address: int, data_type: str, size: int) -> Point:
-    return Point("", area, address, data_type, command.swap, size, write="yes")
+def _value(command: Command, area: Area, address: int, data_type: str, size: int, width: int) -> Point:
+    return Point("", area, address, data_type, command.swap, size, write="yes", width=width)
 
 
-def _size(data_type: str, values: Sequence[str]) -> int:
+def _width(command: Command, area: Area, first: int, last: int) -> int:
+    """Tell how many bytes each of these registers has."""
+    width = width_at(command.wide, Span(area, first, last - first + 1))
+    if width is None:
+        raise WrongUsageError(f"only some of {area} {first}-{last} have four bytes", f"{command.verb} them apart")
+    return width
+
+
+def _size(data_type: str, values: Sequence[str], width: int) -> int:
     """Count the registers that each value needs; each text needs as many as the longest one."""
     if data_type == "string":
-        return max((len(text.encode()) + 1) // 2 for text in values)
-    return registers_of(data_type)
+        return max(-(-len(text.encode()) // width) for text in values)
+    return registers_of(data_type, width)
 
 
-def _usual_type(area: Area) -> str:
-    return "bit" if has_bits(area) else "uint16"
-
-
-def _check_type(command: Command, area: Area, data_type: str, words: Sequence[object]) -> None:
+def _check_type(command: Command, area: Area, data_type: str, words: Sequence[object], width: int) -> None:
     """Check that an area can have the type; `words` are the words without it."""
     if data_type not in DATA_TYPES:
         what = f'"{data_type}" is not a type'
@@ -177,6 +189,8 @@ def _check_type(command: Command, area: Area, data_type: str, words: Sequence[ob
     if has_bits(area) != (data_type == "bit"):
         what = f"{area} are bits, not {data_type}" if has_bits(area) else f"{area} registers are not bits"
         raise WrongUsageError(what, command.like(*words))
+    if width > REGISTER and not fits_wide(data_type):
+        raise WrongUsageError(f"these registers have four bytes, and a {data_type} has two", command.like(*words))
     if command.swap != "none" and has_bits(area):
         raise WrongUsageError("bits have no order to swap", command.like(*words))
 

@@ -35,7 +35,7 @@ def width_of(area: Area, first: int, kind: ProfileTable | None) -> int:
 
 def size_of(table: PointTable, area: Area, width: int = REGISTER) -> int:
     """Tell how many coils or registers of this width each point takes."""
-    return 1 if has_bits(area) else table.length or max(1, registers_of(type_of(table, area)) * REGISTER // width)
+    return 1 if has_bits(area) else table.length or registers_of(type_of(table, area), width)
 
 
 def bits_of(table: PointTable, area: Area) -> Range | None:

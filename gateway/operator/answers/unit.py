@@ -17,8 +17,9 @@ class UnitHead:
     `unit` is None for a device that they ask by its name, or by a listener for its line or upstream. `kind` is device
     (on a line), upstream (a device behind another server), image, mirror or gateway. `functions` is None if it accepts
     all. `limits` are the most items by function. `areas` are the first and last address of each range that exists, by
-    area; an area that is missing exists in full. Points are read together over gaps of at most `max_gap` addresses. A
-    response takes at most `longest_wait_ms`; 0 for a unit that the gateway answers itself.
+    area; an area that is missing exists in full. Points are read together over gaps of at most `max_gap` addresses.
+    Registers in `wide` have four bytes. A response takes at most `longest_wait_ms`; 0 for a unit that the gateway
+    answers itself.
     """
 
     unit: int | None
@@ -30,6 +31,7 @@ class UnitHead:
     areas: Mapping[str, tuple[Range, ...]]
     longest_wait_ms: float
     max_gap: int
+    wide: Mapping[str, tuple[Range, ...]]
 
     @property
     def read_rules(self) -> ReadRules:

@@ -134,7 +134,7 @@ class UnitPage:
             raise ProblemError(403, "pages of other sites get no answer")
         unit, visitor = unit_in(request, self._operator), request[VISITOR]
         asked = {**_USUAL, **{name: request.query.get(name, usual) for name, usual in _USUAL.items()}}
-        area, points = _asked_for(asked)
+        area, points = _asked_for(unit, asked)
         outcome, why = Outcome(), None
         try:
             outcome = await read(unit, points, ask_for(self._operator, unit.key, asker_of(request)))
@@ -223,7 +223,7 @@ def _form(asked: Mapping[str, str]) -> dict[str, Any]:
     return {"asked": asked, "areas": tuple(map(str, Area)), "types": tuple(DATA_TYPES), "swaps": tuple(SWAPS)}
 
 
-def _asked_for(asked: Mapping[str, str]) -> tuple[Area, list[Point]]:
+def _asked_for(unit: UnitPicture, asked: Mapping[str, str]) -> tuple[Area, list[Point]]:
     """List the values that a form asks for.
 
     Raises:
@@ -233,5 +233,5 @@ def _asked_for(asked: Mapping[str, str]) -> tuple[Area, list[Point]]:
     if asked["area"] not in set(Area):
         raise ProblemError(400, f"{asked['area']} is not an area; areas are {', '.join(Area)}")
     area, start, count = Area(asked["area"]), whole(asked["start"], "start"), whole(asked["count"], "count")
-    one = values_at(area, start, None, asked["type"], asked["swap"])[0]
-    return area, values_at(area, start, start + count * one.count - 1, asked["type"], asked["swap"])
+    one = values_at(area, start, None, asked["type"], asked["swap"], unit.wide)[0]
+    return area, values_at(area, start, start + count * one.count - 1, asked["type"], asked["swap"], unit.wide)

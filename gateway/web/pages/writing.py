@@ -14,6 +14,7 @@ from aiohttp import web
 
 from gateway.errors import DoesNotFit, ExceptionCode, WrongQuestion
 from gateway.modbus.codes import Area, FunctionCode
+from gateway.modbus.pdu import Span
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint, complaint_of
 from gateway.operator.last_values import forget_values
@@ -25,9 +26,10 @@ from gateway.operator.unit_values import assigned, carried_out, point_named, rea
 from gateway.operator.units import picture
 from gateway.operator.values import Failure, writing
 from gateway.profiles.point import Point
+from gateway.profiles.profile import width_at
 from gateway.profiles.writing import Write
 from gateway.registers.datatypes import registers_of
-from gateway.registers.items import WRITERS, reference
+from gateway.registers.items import REGISTER, WRITERS, reference
 from gateway.web.access.guard import VISITOR, Need, Visitor
 from gateway.web.api.asking import asker_for, asker_of, unit_in
 from gateway.web.front.problems import Handler, ProblemError
@@ -281,5 +283,7 @@ def _wanted(unit: UnitPicture, form: dict[str, str]) -> tuple[list[Point], list[
     values = [value] if data_type == "string" else value.replace(",", " ").split()
     if not values:
         raise ProblemError(422, "a value is missing")
-    count = max((len(value.encode()) + 1) // 2, 1) if data_type == "string" else len(values) * registers_of(data_type)
-    return values_at(area, start, start + count - 1, data_type, form.get("swap", "none")), values
+    swap, width = form.get("swap", "none"), width_at(unit.wide, Span(area, start, 1)) or REGISTER
+    length = -(-len(value.encode()) // width) if data_type == "string" else 0
+    count = max(length, 1) if data_type == "string" else len(values) * registers_of(data_type, width)
+    return values_at(area, start, start + count - 1, data_type, swap, unit.wide), values

@@ -13,12 +13,12 @@ ZERO = Point("zero", Area.HOLDING, 0x1A00, labels={187: "take"}, write="only")
 POINTS = (WEIGHT, SPEED, ZERO)
 
 
-def read(*words, points=POINTS, swap="none"):
-    return find_points(Command("read", "silo", points, swap), words)
+def read(*words, points=POINTS, swap="none", wide=()):
+    return find_points(Command("read", "silo", points, swap, dict(wide)), words)
 
 
-def write(*words, points=POINTS, swap="none"):
-    return find_assignments(Command("write", "silo", points, swap), words)
+def write(*words, points=POINTS, swap="none", wide=()):
+    return find_assignments(Command("write", "silo", points, swap, dict(wide)), words)
 
 
 def places(points):
@@ -153,3 +153,44 @@ def test_what_cannot_be_written_is_answered_with_what_to_type(words, what, remed
         write(*words)
     assert str(wrong.value).startswith(what)
     assert wrong.value.remedy.endswith(remedy)
+
+
+WIDE = {"holding": ((5000, 5999),)}
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["holding", "5000-5001"], [(5000, "uint32", 1), (5001, "uint32", 1)]),
+        (["holding", "5000", "float64"], [(5000, "float64", 2)]),
+        (["holding", "5000-5003", "string"], [(5000, "string", 4)]),
+        (["holding", "4999"], [(4999, "uint16", 1)]),
+    ],
+)
+def test_registers_of_four_bytes_hold_values_of_32_bits(words, expected):
+    points = read(*words, wide=WIDE)
+    assert [(each.address, each.type, each.count) for each in points] == expected
+    assert {each.width for each in points} == {4 if words[1] != "4999" else 2}
+
+
+def test_values_are_written_to_registers_of_four_bytes():
+    written = [each.point for each in write("holding", "5000", "1.5", "2.5", "float32", wide=WIDE)]
+    assert [(each.address, each.count, each.width) for each in written] == [(5000, 1, 4), (5001, 1, 4)]
+    (text,) = write("holding", "5000", "abcde", "string", wide=WIDE)
+    assert (text.point.count, text.point.width) == (2, 4)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["holding", "4999-5000"], "only some of holding 4999-5000 have four bytes"),
+        (["holding", "4999", "uint32"], "only some of holding 4999-5000 have four bytes"),
+        (["holding", "5999", "float64"], "only some of holding 5999-6000 have four bytes"),
+        (["holding", "5000", "int16"], "these registers have four bytes, and a int16 has two"),
+    ],
+)
+def test_a_value_lies_in_registers_of_one_kind(words, what):
+    with pytest.raises(WrongUsageError, match=what):
+        read(*words, wide=WIDE)
+    with pytest.raises(WrongUsageError, match="only some of holding 4999-5000 have four bytes"):
+        write("holding", "4999", "1", "2", wide=WIDE)

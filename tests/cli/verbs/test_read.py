@@ -10,6 +10,7 @@ from gateway.cli.main import main
 from gateway.cli.units import on_unit
 from gateway.errors import GatewayError
 from gateway.modbus.codes import Area
+from gateway.operator.answers.unit import RequestAnswer
 from gateway.profiles.point import Point
 from kit.control import FakeDaemon
 
@@ -312,3 +313,19 @@ def test_no_value_is_a_dash_with_its_registers_and_nothing_that_went_wrong(
     out, err = capsys.readouterr()
     (value,) = json.loads(out)["values"]
     assert (value["value"], value["registers"], err) == (None, [*registers], "")
+
+
+def test_registers_of_four_bytes_are_told_whole(monkeypatch, capsys):
+    daemon = FakeDaemon(wide={"input": ((10, 19),)})
+    monkeypatch.setattr(on_unit, "Conversation", daemon)
+    monkeypatch.setattr(daemon, "_request", lambda unit, pdu: RequestAnswer(41, "04 08 00 01 00 00 FF FF FF FF", 1.0))
+    assert main(["read", "41", "input", "10-11"]) == 0
+    assert capsys.readouterr().out == dedent(
+        """\
+        ADDRESS  REFERENCE  VALUE       HEX
+        10       30011      65536       00010000
+        11       30012      4294967295  FFFFFFFF
+        """
+    )
+    assert main(["read", "41", "input", "0-1"]) == 1
+    assert "the response carries 8 bytes, and 4 were asked for" in capsys.readouterr().err
