@@ -56,11 +56,11 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A request that got an exception: its addresses and the answer. A write has its `pdu` too."""
+    """A request that got an exception: its addresses and the answer, and the `function` if it was to write."""
 
     span: Span
     answer: Answer
-    pdu: bytes = b""
+    function: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,12 +185,14 @@ def _writing(new: NewValues, *, shows: bool, has_turns: bool) -> Steps:
     known = {id(each.point): each.items for each in before.readings}
     readings, write = new.prepared([known.get(id(point)) for point in points])
     if write.in_one_turn and not has_turns:
-        answers, pdu = yield from _reading_and_writing(write)
+        answers = yield from _reading_and_writing(write)
+        function = write.in_one_turn if len(answers) > 1 else 0
     else:
-        answers, pdu = [(yield Step(write.pdu, write.in_one_turn))], write.pdu
+        answers = [(yield Step(write.pdu, write.in_one_turn))]
+        function = write.in_one_turn or write.pdu[0]
     answers = [*before.answers, *answers]
     if answers[-1].exception is not None:
-        return Outcome([], [*before.failures, Failure(write.span, answers[-1], pdu)], answers, write)
+        return Outcome([], [*before.failures, Failure(write.span, answers[-1], function)], answers, write)
     after = (yield from reading(points, rules, Holes())) if is_shown else Outcome(readings)
     return Outcome(
         [replace(each, before=known.get(id(each.point)) if is_shown else None) for each in after.readings],
@@ -200,21 +202,21 @@ def _writing(new: NewValues, *, shows: bool, has_turns: bool) -> Steps:
     )
 
 
-def _reading_and_writing(write: Write) -> Generator[Step, Answer, tuple[list[Answer], bytes]]:
-    """Carry out a request of function 22 as a read and a write; return the answers, and the PDU of the write if sent.
+def _reading_and_writing(write: Write) -> Generator[Step, Answer, list[Answer]]:
+    """Carry out a request of function 22 as a read and a write; return the answers. After an exception it ends.
 
     Raises:
         UnitFailed: the response to the read is too short.
     """
     read = yield Step(read_before(write.pdu))
     if read.exception is not None:
-        return [read], b""
+        return [read]
     try:
         before = items_read(write.span, read.pdu)
     except ValueError as wrong:
         raise UnitFailed(str(wrong)) from wrong
     pdu = write_after(write.pdu, int.from_bytes(before, "big"), write.in_one_turn)
-    return [read, (yield Step(pdu))], pdu
+    return [read, (yield Step(pdu))]
 
 
 def values_told(unit: int | None, name: str, area: Area | None, outcome: Outcome) -> answers.Values:

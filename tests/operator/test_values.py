@@ -4,7 +4,7 @@ import pytest
 
 from gateway.errors import DoesNotFit, UnitFailed
 from gateway.modbus.codes import Area
-from gateway.operator.values import Answer, NewValues, Outcome, Step, Steps, reading, writing
+from gateway.operator.values import Answer, NewValues, Outcome, Steps, reading, writing
 from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
 from gateway.profiles.read_rules import ReadRules
@@ -96,7 +96,7 @@ def test_without_a_scale_nothing_is_written():
 def test_a_scale_that_cannot_be_read_is_a_failure_and_nothing_is_written():
     outcome = played(writing(new(POWER, "12.5")), ">> 03 00 0A 00 04\n<< 83 0B")
     assert outcome.readings == []
-    assert [(each.answer.exception, each.pdu) for each in outcome.failures] == [(0x0B, b"")]
+    assert [(each.answer.exception, each.function) for each in outcome.failures] == [(0x0B, 0)]
 
 
 def test_a_value_that_no_request_can_write_is_refused_before_the_first_step():
@@ -136,7 +136,7 @@ def test_without_a_gateway_they_are_a_read_and_a_write(functions, request_pdu, r
 
 def test_without_a_gateway_nothing_is_written_after_a_read_that_failed():
     outcome = played(writing(new(ALARM, "on"), has_turns=False), ">> 03 00 08 00 01\n<< 83 04")
-    assert [(each.answer.exception, each.pdu) for each in outcome.failures] == [(4, b"")]
+    assert [(each.answer.exception, each.function) for each in outcome.failures] == [(4, 0)]
     with pytest.raises(UnitFailed):
         played(writing(new(ALARM, "on"), has_turns=False), ">> 03 00 08 00 01\n<< 03 00")
 
@@ -176,7 +176,21 @@ def test_a_number_that_means_no_value_is_told_as_it_was_written():
     assert found.value == -3276.8
 
 
-def test_a_write_that_was_refused_is_told_with_its_request():
+def test_a_write_that_was_refused_is_told_with_its_function():
     (failure,) = played(writing(new(COUNT, "12")), ">> 10 00 14 00 02 04 00 00 00 0C\n<< 90 03").failures
-    assert (failure.span.addresses, failure.pdu[0], failure.answer.exception) == ("20-21", 16, 3)
-    assert Step(failure.pdu).in_one_turn == 0
+    assert (failure.span.addresses, failure.function, failure.answer.exception) == ("20-21", 16, 3)
+
+
+@pytest.mark.parametrize(
+    ("functions", "has_turns", "conversation", "function"),
+    [
+        (None, True, ">>> 16 00 08 FF F7 00 08\n<< 96 01", 6),
+        ({3, 22}, True, ">> 16 00 08 FF F7 00 08\n<< 96 01", 22),
+        (None, False, ">> 03 00 08 00 01\n<< 03 02 00 00\n>> 06 00 08 00 08\n<< 86 01", 6),
+    ],
+)
+def test_a_refused_write_of_bits_is_told_with_the_function_that_the_device_had_to_know(
+    functions, has_turns, conversation, function
+):
+    (failure,) = played(writing(new(ALARM, "on", functions), has_turns=has_turns), conversation).failures
+    assert failure.function == function

@@ -46,7 +46,7 @@ def failure_in_words(unit: Unit, failure: Failure) -> str:
     span, answer = failure.span, failure.answer
     last = "" if span.count == 1 else f"-{span.end - 1}"
     what = f"{_called(unit)}, {span.area} {span.start}{last}: {answer.complaint}"
-    advice = _advice_after_write(answer, failure.pdu) or advice_after(answer, span)
+    advice = _advice_after_write(answer, failure.function) or advice_after(answer, span)
     return f"{what}\n  help: {advice}" if advice else what
 
 
@@ -58,9 +58,9 @@ def advice_after(answer: Answer, span: Span) -> str:
     return f"{span.start} of a manual is {span.area} {span.start - base} here"
 
 
-def _advice_after_write(answer: Answer, request: bytes) -> str:
+def _advice_after_write(answer: Answer, function: int) -> str:
     """Say what else can be tried after a write. A gateway on the way refuses with 01 as a device does."""
-    if not request or (answer.exception != ExceptionCode.ILLEGAL_FUNCTION and answer.result != "denied"):
+    if not function or (answer.exception != ExceptionCode.ILLEGAL_FUNCTION and answer.result != "denied"):
         return ""
     if answer.result == "denied":
         return "modbus-gateway check shows the rights"
@@ -68,10 +68,10 @@ def _advice_after_write(answer: Answer, request: bytes) -> str:
         return ""
     rights = "this client may not write there: modbus-gateway check, on each gateway on the way, shows the rights"
     singles = {single: several for single, several, _ in WRITERS.values()}
-    several = singles.get(FunctionCode(request[0]))
+    several = singles.get(FunctionCode(function))
     if several is None:
-        return f"the unit does not know function {request[0]:02}, or {rights}"
-    return f"{rights}; if the unit does not know function {request[0]:02}: --multiple writes with {several:02}"
+        return f"the unit does not know function {function:02}, or {rights}"
+    return f"{rights}; if the unit does not know function {function:02}: --multiple writes with {several:02}"
 
 
 def frames_as_text(answers: Sequence[Answer]) -> str:

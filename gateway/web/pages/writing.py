@@ -260,7 +260,7 @@ def _row(question: Question, at: int) -> ShownWrite:
 
 
 def _may_have_acted(failure: Failure) -> bool:
-    return bool(failure.pdu) and failure.answer.exception in _UNCERTAIN and failure.answer.result not in _NOT_SENT
+    return bool(failure.function) and failure.answer.exception in _UNCERTAIN and failure.answer.result not in _NOT_SENT
 
 
 def _text(point: Point, items: bytes | None) -> str | None:
