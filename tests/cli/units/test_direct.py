@@ -1,41 +1,52 @@
-"""Units on a port of their own, without a gateway: which points they have."""
+"""A unit that is asked without a gateway gets each request as it is."""
 
 import argparse
 
 import pytest
 
-from gateway.cli.kit.usage import WrongUsageError
-from gateway.cli.units import direct
-from gateway.config.profile_files import ProfileFiles
-
-ON_A_PORT = argparse.Namespace(mode=None, tcp=None, timeout=None)
+from gateway.cli.units.direct import DirectUnit, _Place
+from gateway.cli.units.unit import NoResponseError
+from gateway.operator.values import Step
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """The folder of profiles of this machine."""
-    monkeypatch.setattr(direct, "ProfileFiles", lambda: ProfileFiles((tmp_path,)))
-    return tmp_path
+class Echo:
+    """A client of pymodbus that answers with these bytes; `sent` is what it was given."""
+
+    def __init__(self, answer: str) -> None:
+        self.sent: list[str] = []
+        self.function_code, *rest = bytes.fromhex(answer)
+        self._rest = bytes(rest)
+
+    def execute(self, _no_response, request):
+        assert request.dev_id == 3
+        self.sent.append(bytes((request.function_code, *request.encode())).hex(" ").upper())
+        return self
+
+    def encode(self) -> bytes:
+        return self._rest
 
 
-def test_a_profile_of_this_machine_has_points_too(folder):
-    place = direct._Place(ON_A_PORT)
-    (folder / "meter.toml").write_text(
-        '[profile.meter]\nmode = "ascii"\nfunctions = [3]\npoints = [{ name = "flow", holding = 7 }]\n'
-    )
-    assert [point.address for point in direct._points("meter", place)] == [7]
-    assert (place.mode, place.functions) == ("ascii", frozenset({3}))
+def asked(request: str, answer: str) -> tuple[list[str], bytes]:
+    client = Echo(answer)
+    place = _Place(argparse.Namespace(mode=None, tcp="there", timeout=None))
+    unit = DirectUnit(client, 3, (), place)
+    return client.sent, unit.ask(Step(bytes.fromhex(request))).pdu
 
 
-def test_a_broken_one_is_told_with_its_place(folder):
-    (folder / "meter.toml").write_text("[profile.meter]\nmargin = 0\n")
-    with pytest.raises(
-        direct.DirectError, match=r"meter\.toml:2:10: error: profile\.meter\.margin: must be at least 1"
-    ):
-        direct._points("meter", direct._Place(ON_A_PORT))
+@pytest.mark.parametrize(
+    ("request_pdu", "response"),
+    [
+        ("03 00 08 00 01", "03 02 A5 70"),
+        ("16 00 08 FF F7 00 08", "16 00 08 FF F7 00 08"),
+        ("10 00 08 00 01 02 A5 7F", "10 00 08 00 01"),
+        ("05 00 03 FF 00", "05 00 03 FF 00"),
+    ],
+)
+def test_a_request_is_sent_as_it_is(request_pdu, response):
+    sent, answer = asked(request_pdu, response)
+    assert (sent, answer) == ([request_pdu], bytes.fromhex(response))
 
 
-def test_one_that_is_not_there_is_wrong_usage(folder):
-    with pytest.raises(WrongUsageError) as wrong:
-        direct._points("weighr", direct._Place(ON_A_PORT))
-    assert wrong.value.remedy == 'did you mean "weigher"? modbus-gateway profile list shows all'
+def test_a_response_that_does_not_fit_is_none():
+    with pytest.raises(NoResponseError, match="this is not the response to this request: 03 04"):
+        asked("03 00 08 00 01", "03 04 A5 70 00 00")
