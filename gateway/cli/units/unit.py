@@ -82,7 +82,7 @@ def add_unit_arguments(parser: argparse.ArgumentParser) -> None:
     add("--tcp", metavar="HOST[:PORT]", help="use this Modbus TCP server (default port 502)")
     limit = "time limit (default 1s; 10s with --tcp)"
     add("--timeout", type=parsed_by(parse_duration), metavar="TIME", help=limit)
-    add("--profile", metavar="NAME", help="the kind of device, for its points: mint, v80, weigher")
+    add("--profile", metavar="NAME", help="the kind of device, for its points; profile lists them")
 
 
 class DaemonUnit:
