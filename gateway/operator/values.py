@@ -166,7 +166,7 @@ class NewValues:
 def writing(new: NewValues, *, shows: bool = False, has_turns: bool = True) -> Steps:
     """Write values with one request. Scales are read before; if it `shows` them, all is read before and afterwards.
 
-    Without a gateway nothing `has_turns`: what would be one is a read and a write then, one after the other.
+    A gateway `has_turns`. Without one, what would be a turn is a read and a write, one after the other.
 
     Raises:
         DoesNotFit: as `NewValues.prepared`; at once, unless scales must be read.

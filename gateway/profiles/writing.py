@@ -95,16 +95,14 @@ def _registers(items: bytes) -> list[int]:
 
 def _joined(points: Sequence[Point]) -> Span:
     """Join the places where points are written."""
-    first, count = points[0], 0
-    place = first.write_span
+    place, width = points[0].write_span, points[0].width
+    end = place.start
     for each in points:
-        if each.width != first.width or (each.write_span.area, each.write_span.start) != (
-            place.area,
-            place.start + count,
-        ):
+        span = each.write_span
+        if (span.area, span.start, each.width) != (place.area, end, width):
             raise DoesNotFit("what one request writes must lie side by side", "write them one by one")
-        count += each.count
-    return Span(place.area, place.start, count)
+        end = span.end
+    return Span(place.area, place.start, end - place.start)
 
 
 def _function(points: Sequence[Point], span: Span) -> WriteFunction:
