@@ -43,7 +43,7 @@ def _bridged(load: tuple[PollLoad, ...]) -> str:
     points = sum(one.poll.wanted for one in load if one.poll.by == MQTT)
     ranges = sum(one.poll.wanted for one in load if one.poll.by != MQTT)
     wanted = " and ".join(f"{count} {what}" for count, what in ((points, "points"), (ranges, "ranges")) if count)
-    return f": {len(load)} requests for {wanted}, over {over} addresses between them (max_gap)"
+    return f"\n    {len(load)} requests for {wanted}, over {over} addresses between them (max_gap)"
 
 
 def rates_as_text(rates: Sequence[ReadRate], of: str) -> Iterator[str]:
