@@ -60,8 +60,12 @@ class FakeBroker:
 
     def send(self, topic: str, payload: str, **options: object) -> dict[str, object]:
         """Deliver a message, and wait for all that follows."""
-        self.driver.received(Delivery(topic, payload.encode(), self.driver.now(), **options))
+        self.send_bytes(topic, payload.encode(), **options)
         return self.said()
+
+    def send_bytes(self, topic: str, payload: bytes, **options: object) -> None:
+        """Deliver a message."""
+        self.driver.received(Delivery(topic, payload, self.driver.now(), **options))
 
 
 def content(message: Message) -> object:
