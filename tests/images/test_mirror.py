@@ -322,6 +322,18 @@ def test_a_refused_hole_is_remembered_for_the_device_and_not_told():
     assert bench.events == []
 
 
+def test_every_hole_at_which_a_poll_was_split_is_remembered():
+    bench = bridging(Poll(Area.HOLDING, 6, 6, 0.5))
+    assert bench.at(0.0) == ["03 00 00 00 07"]
+    bench.answers("83 03")
+    assert bench.at(0.0) == ["03 00 00 00 04", "03 00 06 00 01"]
+    bench.answers("83 04")
+    assert bench.at(0.0) == ["03 00 06 00 01", "03 00 00 00 01", "03 00 03 00 01"]
+    for value in ("0007", "0001", "0004"):
+        bench.answers(f"03 02 {value}")
+    assert [hole.addresses for hole in bench.holes.refused] == ["1-2", "4-5"]
+
+
 def test_a_range_that_appears_later_says_nothing_of_the_hole():
     bench = bridging()
     bench.at(0.0)

@@ -2,6 +2,7 @@ import pytest
 
 from gateway.images.polls import Poll, joined, polling_function
 from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes
 from gateway.profiles.read_rules import NO_RULES, ReadRules
 
@@ -54,3 +55,29 @@ def test_a_joined_read_knows_what_it_was_joined_from():
 def test_each_area_has_its_function(area, function, request_pdu):
     assert polling_function(area) == function
     assert Poll(area, 0x10, 0x12, 1.0).request == bytes.fromhex(request_pdu)
+
+
+def test_ranges_are_joined_over_as_many_addresses_as_the_profile_allows():
+    polls = [holding(0, 1), holding(4, 5), holding(9, 9)]
+    assert runs(polls, max_gap=1) == ["holding 0-1", "holding 4-5", "holding 9-9"]
+    assert runs(polls, max_gap=2) == ["holding 0-5", "holding 9-9"]
+    assert runs(polls, max_gap=3) == ["holding 0-9"]
+    assert runs(polls, {3: 8}, max_gap=3) == ["holding 0-5", "holding 9-9"]
+    assert runs(polls, max_gap=3, areas={Area.HOLDING: ((0, 6), (8, 9))}) == ["holding 0-5", "holding 9-9"]
+
+
+def test_a_poll_over_holes_knows_what_is_declared_and_is_split_at_them_first():
+    (poll,) = joined([holding(0, 1), holding(2, 2), holding(5, 6), holding(9, 9)], ReadRules(max_gap=2), Holes())
+    assert [run.addresses for run in poll.runs] == ["0-2", "5-6", "9"]
+    assert poll.bridged == 4
+    assert [str(part) for part in poll.parts] == ["holding 0-6", "holding 9-9"]
+    assert [str(part) for part in poll.parts[0].parts] == ["holding 0-2", "holding 5-6"]
+    assert [str(part) for part in poll.parts[0].parts[0].parts] == ["holding 0-1", "holding 2-2"]
+    assert poll.parts[1] == holding(9, 9)
+
+
+def test_what_the_device_has_refused_is_not_polled_over():
+    holes = Holes()
+    holes.add(Span(Area.HOLDING, 3, 2))
+    polls = joined([holding(0, 2), holding(5, 6), holding(9, 9)], ReadRules(max_gap=2), holes)
+    assert [str(poll) for poll in polls] == ["holding 0-2", "holding 5-9"]

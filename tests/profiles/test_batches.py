@@ -83,6 +83,8 @@ def test_a_read_bridges_as_many_addresses_as_the_profile_allows_and_no_more():
     assert reads(points, bridging(1)) == ["holding 0-1", "holding 4-5", "holding 9-10"]
     assert reads(points, bridging(2)) == ["holding 0-5", "holding 9-10"]
     assert reads(points, bridging(3)) == ["holding 0-10"]
+    (batch,) = batches(points, bridging(3), Holes())
+    assert batch.request == bytes.fromhex("03 0000 000B")
     coils = [at(address, area=Area.COILS) for address in (0, 7, 16)]
     assert reads(coils, bridging(8)) == ["coils 0-16"]
 
