@@ -8,10 +8,14 @@ import pytest
 from gateway.events import PollRefused
 from gateway.modbus.codes import Area
 from gateway.plant.polls import TOGETHER_AGAIN
+from gateway.profiles.batches import batches
+from gateway.profiles.holes import Holes
+from gateway.profiles.read_rules import NO_RULES
 from kit.asking import ask
 from kit.broker import FakeBroker
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
+from kit.shipped import shipped_points
 
 #: Every third register of a meter has a meaning: 0, 3, 6, ... 27; it holds its address.
 POINTS = "\n".join(f'  {{ name = "p{at}", holding = {at} }},' for at in range(0, 30, 3))
@@ -82,6 +86,28 @@ async def test_all_points_of_a_meter_are_one_request():
         meter = furnish(bench)
         assert await values(bench) == VALUES
         assert reads(meter) == [ALL]
+
+
+METER = """
+[[line]]
+name    = "cabinet"
+port    = "/dev/cabinet"
+baud    = 9600
+format  = "8N1"
+devices = [{ unit = 1, as = 41, name = "meter", profile = "PROFILE" }]
+"""
+
+
+@pytest.mark.parametrize(("profile", "before", "after"), [("eastron-sdm630", 15, 4), ("eastron-sdm120", 11, 4)])
+async def test_all_measured_values_of_a_meter_of_the_library_are_a_few_requests(profile, before, after):
+    points = [point for point in shipped_points(profile) if point.area is Area.INPUT]
+    assert len(batches(points, NO_RULES, Holes())) == before
+    async with gateway_bench(METER.replace("PROFILE", profile)) as bench:
+        meter = SimulatedDevice(1, items=0x10000)
+        bench.attach("cabinet", SimulatedLine("rtu", meter))
+        assert len(await values(bench)) == len(shipped_points(profile))
+        functions = [frame.pdu[0] for frame in meter.heard]
+        assert functions.count(4) == after
 
 
 async def test_without_max_gap_each_is_a_request_of_its_own():
