@@ -74,14 +74,16 @@ class FakeDaemon(FakeConversation):
         *,
         functions: tuple[int, ...] | None = None,
         wide: Mapping[str, tuple[Range, ...]] | None = None,
+        max_gap: int = 0,
+        ranges: tuple[tuple[int, int], ...] = ((0, 19),),
     ) -> None:
         super().__init__(self._answer_to)
-        settings = ImageSettings(41, "silo-1", PROFILE, dict.fromkeys(Area, ((0, 19),)))
+        settings = ImageSettings(41, "silo-1", PROFILE, dict.fromkeys(Area, ranges))
         self.image = Image(settings)
         self.asked: list[str] = []
         self.silent: dict[str, str] = {}
         self._picture = UnitPicture(
-            41, "silo-1", "device", "weigher", functions, PROFILE.limits, {}, 3400.0, 0, wide or {}, (*points,)
+            41, "silo-1", "device", "weigher", functions, PROFILE.limits, {}, 3400.0, max_gap, wide or {}, (*points,)
         )
         self._answer = b""
 

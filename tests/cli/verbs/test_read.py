@@ -144,6 +144,15 @@ def test_an_exception_of_the_gateway_comes_with_its_reason(daemon, capsys):
     ]
 
 
+def test_points_are_read_over_gaps_and_what_is_refused_is_known_for_the_rest_of_the_command(monkeypatch, capsys):
+    points = [Point(f"p{at}", Area.INPUT, at) for at in (1, 3, 6)]
+    daemon = FakeDaemon(points, max_gap=2, ranges=((0, 4), (6, 9)))
+    monkeypatch.setattr(on_unit, "Conversation", daemon)
+    assert main(["read", "silo-1", "--count", "2", "--interval", "1ms"]) == 0
+    assert capsys.readouterr().out.count("p6") == 2
+    assert daemon.asked == ["04 00 01 00 06", *2 * ["04 00 01 00 03", "04 00 06 00 01"]]
+
+
 def test_points_that_are_refused_together_are_read_one_by_one(monkeypatch, capsys):
     points = [Point(f"p{address}", Area.HOLDING, address) for address in (18, 19, 20)]
     daemon = FakeDaemon(points)
