@@ -24,7 +24,7 @@ class Profile:
     area that is not named has all. `idle_chars` is the silence that ends a frame for this device. With `any_coil`, 05
     may have other values than FF00 and 0000. `quirks` are its other deviations from the protocol. It sleeps after
     `wake` seconds without a request; 0 for never. Registers in `wide` have four bytes. Points are read together over
-    gaps of at most `max_gap` addresses.
+    gaps of at most `max_gap` addresses, none of them `only_written`.
     """
 
     name: str
@@ -41,6 +41,7 @@ class Profile:
     wake: float = 0.0
     wide: Mapping[Area, tuple[Range, ...]] = field(default_factory=dict)
     max_gap: int = 0
+    only_written: tuple[Span, ...] = ()
     identity: Identity | None = None
 
     def check(self, pdu: bytes) -> RequestPdu:

@@ -16,17 +16,18 @@ class ReadRules:
     """The rules for the reads of a kind of device.
 
     `limits` is the most items for a function. A read may include up to `max_gap` addresses in a row that nobody asked
-    for. They must exist: `areas` are the addresses that do; an area that is not named has all.
+    for. They must exist: `areas` are the addresses that do; an area that is not named has all. None is `only_written`.
     """
 
     limits: Mapping[int, int] = field(default_factory=dict)
     max_gap: int = 0
     areas: Mapping[Area, tuple[Range, ...]] = field(default_factory=dict)
+    only_written: tuple[Span, ...] = ()
 
     @classmethod
     def of(cls, profile: Profile) -> Self:
         """Make the rules of a profile. Nothing is bridged where registers have different widths."""
-        return cls(profile.limits, 0 if profile.wide else profile.max_gap, profile.areas)
+        return cls(profile.limits, 0 if profile.wide else profile.max_gap, profile.areas, profile.only_written)
 
     def most(self, area: Area, width: int = REGISTER) -> int:
         """Return the most items of an area, registers of `width` bytes, that one request reads."""
@@ -37,7 +38,11 @@ class ReadRules:
 
     def allows(self, hole: Span) -> bool:
         """Tell whether a read may include these addresses, which nobody asked for."""
-        return hole.count <= self.max_gap and covers(self.areas.get(hole.area), hole)
+        if hole.count > self.max_gap or not covers(self.areas.get(hole.area), hole):
+            return False
+        return not any(
+            each.area is hole.area and each.start < hole.end and hole.start < each.end for each in self.only_written
+        )
 
 
 #: The rules of a device of which nothing is known.

@@ -1,5 +1,7 @@
 """Which requests read a number of points."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -92,6 +94,12 @@ def test_a_read_bridges_as_many_addresses_as_the_profile_allows_and_no_more():
 def test_a_read_bridges_only_addresses_that_exist():
     points, areas = [at(0, 2), at(4, 2), at(9, 2)], {Area.HOLDING: ((0, 6), (8, 20))}
     assert reads(points, bridging(9, areas)) == ["holding 0-5", "holding 9-10"]
+
+
+def test_a_read_bridges_no_address_that_is_only_written():
+    points = [at(0, 2), at(4, 2), at(9, 2)]
+    rules = replace(bridging(9), only_written=(Span(Area.HOLDING, 3, 1), Span(Area.INPUT, 7, 1)))
+    assert reads(points, rules) == ["holding 0-1", "holding 4-10"]
 
 
 def test_a_bridging_read_is_no_longer_than_the_device_allows():

@@ -110,6 +110,17 @@ async def test_all_measured_values_of_a_meter_of_the_library_are_a_few_requests(
         assert functions.count(4) == after
 
 
+async def test_nobody_reads_a_register_that_is_only_written():
+    reset = '  { name = "reset", holding = 13, write = "only" },'
+    config = CONFIG.replace("points  = [", f"points  = [\n{reset}")
+    async with gateway_bench(config + MQTT + MIRROR) as bench:
+        meter = furnish(bench)
+        FakeBroker.of(bench)
+        await sleep(3.0)
+        assert await values(bench) == VALUES
+        assert set(reads(meter)) == {"holding 0-12", "holding 15-27"}
+
+
 async def test_without_max_gap_each_is_a_request_of_its_own():
     async with gateway_bench(CONFIG.replace("max_gap = 2", "max_gap = 1")) as bench:
         meter = furnish(bench)

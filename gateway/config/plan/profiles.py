@@ -1,5 +1,6 @@
 """A kind of device, as its table describes it."""
 
+from gateway.config.plan.points import points_of
 from gateway.config.schema.profile import ProfileTable
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
@@ -10,6 +11,7 @@ from gateway.timing.table import TimingTable
 def profile_of(name: str, table: ProfileTable) -> Profile:
     """Turn a table into the profile that it describes."""
     areas = {area: ranges for area in Area if (ranges := getattr(table, area)) is not None}
+    only_written = [each for each in table.points if each.write == "only"]
     points: dict[int, list[TimingPoint]] = {}
     for row in table.timing:
         points.setdefault(row.fc, []).append(TimingPoint(row.items, row.time))
@@ -28,5 +30,6 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
         wake=table.wake,
         wide=table.wide,
         max_gap=table.max_gap,
+        only_written=tuple(point.span for point in points_of(only_written, table)) if only_written else (),
         identity=table.identity,
     )

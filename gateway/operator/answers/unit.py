@@ -34,11 +34,6 @@ class UnitHead:
     wide: Mapping[str, tuple[Range, ...]]
 
     @property
-    def read_rules(self) -> ReadRules:
-        """What one read of it may take."""
-        return ReadRules(self.limits, self.max_gap, {Area(area): ranges for area, ranges in self.areas.items()})
-
-    @property
     def key(self) -> int:
         """The number that routers know it by."""
         return key_of(self.name) if self.unit is None else self.unit
@@ -49,6 +44,13 @@ class UnitPicture(UnitHead):
     """A unit as clients see it, and its points."""
 
     points: tuple[Point, ...]
+
+    @property
+    def read_rules(self) -> ReadRules:
+        """What one read of it may take."""
+        areas = {Area(area): ranges for area, ranges in self.areas.items()}
+        only_written = tuple(point.span for point in self.points if point.write == "only")
+        return ReadRules(self.limits, self.max_gap, areas, only_written)
 
 
 @dataclass(frozen=True, slots=True)
