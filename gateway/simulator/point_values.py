@@ -7,7 +7,7 @@ from random import Random
 from typing import Final
 
 from gateway.profiles.point import Point
-from gateway.registers.datatypes import encode, is_float, swapped
+from gateway.registers.datatypes import BYTE_TYPES, encode, is_float, swapped
 from gateway.registers.items import has_bits
 from gateway.simulator.plausible import Course, course_of
 
@@ -87,7 +87,7 @@ def encoded(point: Point, value: float, exponent: int, before: bytes) -> bytes:
 
 
 def without_value(point: Point) -> bytes:
-    """Encode that there is no value.
+    """Encode that there is no value; of bits, in all of their register.
 
     Raises:
         ValueError: the point has no number for that.
@@ -100,12 +100,12 @@ def without_value(point: Point) -> bytes:
     number = point.invalid[0] if point.invalid else nan
     if point.bits is None:
         return encode(number, point.type, point.swap)
-    byte = (int(number) << point.bits[0]) & point.mask if point.type in ("int8", "uint8") else int(number)
-    return swapped(byte.to_bytes(size, "big"), point.swap)
+    whole = (int(number) << point.bits[0]) & point.mask if point.type in BYTE_TYPES else int(number)
+    return swapped(whole.to_bytes(size, "big"), point.swap)
 
 
 def typed(point: Point, text: str, before: bytes) -> bytes:
-    """Encode a value that was typed as text; the word `invalid` is that there is none.
+    """Encode a value that was typed as text.
 
     Raises:
         ValueError: the point cannot hold it.
@@ -113,9 +113,12 @@ def typed(point: Point, text: str, before: bytes) -> bytes:
     if point.type == "string" and point.bits is not None:  # one character in each register
         characters = encode(text, "string", length=(point.count + 1) // 2)[: point.count]
         return b"".join(bytes((each, each)) for each in characters)
-    if text == INVALID and text not in point.labels.values() and point.type != "string":
-        return without_value(point)
     return point.items(text, before)
+
+
+def means_no_value(point: Point, text: str) -> bool:
+    """Tell whether the text stands for no value."""
+    return text == INVALID and text not in point.labels.values() and point.type != "string"
 
 
 def put(point: Point, own: bytes, before: bytes) -> bytes:

@@ -17,12 +17,23 @@ from gateway.modbus.pdu import RequestPdu, Span, exception_response
 from gateway.profiles.identity import Identity
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, covers
+from gateway.registers.datatypes import BYTE_TYPES
 from gateway.registers.items import WIDE_REGISTER, has_bits
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.faults import NO_FAULTS, Faults
 from gateway.simulator.identification import identification, objects, telling_registers
 from gateway.simulator.plausible import Course
-from gateway.simulator.point_values import Texts, choice, course, encoded, exponent_of, put, typed
+from gateway.simulator.point_values import (
+    Texts,
+    choice,
+    course,
+    encoded,
+    exponent_of,
+    means_no_value,
+    put,
+    typed,
+    without_value,
+)
 
 _EVERYWHERE: Final = ((0, LAST_ADDRESS),)
 _NO_IDENTITY: Final = Identity()
@@ -191,7 +202,12 @@ class Profiled(Device):
         return 0 if point.scale_at is None else self._exponents[point.area, point.scale_at]
 
     def _put_text(self, point: Point, text: str) -> None:
-        self._put_point(point, typed(point, text, self.items(point.read_span)))
+        if not means_no_value(point, text):
+            self._put_point(point, typed(point, text, self.items(point.read_span)))
+        elif point.type in BYTE_TYPES:
+            self._put_point(point, without_value(point))
+        else:
+            self.put(point.span, without_value(point))
 
     def _put_value(self, point: Point, value: float) -> None:
         self._put_point(point, encoded(point, value, self._exponent(point), self.items(point.read_span)))

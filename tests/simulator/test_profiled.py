@@ -121,13 +121,21 @@ def test_no_value_of_floating_point_and_of_bcd():
     assert (told["voltage-l1"], told["digits"]) == (None, None)
 
 
+def test_no_value_of_a_bit_is_that_of_its_register():
+    text = 'points = [{ name = "a", holding = 0, bit = 3, invalid = 0xFFFF }, { name = "b", holding = 0, bit = 4 }]'
+    device = Profiled(1, kind(text), {"a": "invalid"})
+    assert device.kind.points[0].value(device.items(Span(Area.HOLDING, 0, 1))) is None
+
+
 def test_what_is_written_stays_and_appears_where_it_is_read():
     device = Profiled(1, kind())
     assert asked(device, "06 0078 0021") == "06 00 78 00 21"
     assert asked(device, "06 0003 01A4") == "06 00 03 01 A4"
+    assert asked(device, "06 001E 0007") == "06 00 1E 00 07"
     assert asked(device, "16 0009 FF8F 0050") == "16 00 09 FF 8F 00 50"
     told = values(device, 500.0)
     assert (told["limit"], told["inside"], told["mode"], told["alarm"]) == (33, 2, 5, 0)
+    assert device.items(Span(Area.HOLDING, 30, 1)) == b"\0\7"
 
 
 def test_it_refuses_what_its_profile_does():
@@ -151,7 +159,9 @@ def test_it_speaks_only_the_mode_of_its_profile():
 
 
 def test_bits_show_what_the_whole_register_says():
-    text = 'points = [{ name = "on", holding = 0, bit = 0 }, { name = "state", holding = 0, labels = { 5 = "five" } }]'
+    text = (
+        'points = [{ name = "alarm", holding = 0, bit = 0 }, { name = "state", holding = 0, labels = { 5 = "five" } }]'
+    )
     device = Profiled(1, kind(text))
     assert asked(device, "03 0000 0001") == "03 02 00 05"
 
