@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READING_IDENTIFICATION
 from gateway.profiles.identity import Identity
-from gateway.profiles.sunspec import Model, Questions, read_registers, walk
+from gateway.profiles.sunspec import Model, Questions, layout_of, read_registers, walk
 from gateway.timing.characters import Mode
 
 #: The codes that read the basic objects, and all regular ones from the first that is not basic (A 6.21).
@@ -100,12 +100,15 @@ def _objects(response: bytes) -> Iterator[bytes]:
 
 
 def _of_models(kinds: Sequence[KnownKind], models: Sequence[Model]) -> tuple[str, ...]:
-    """Choose the kinds that have the most models, each at its address: points lie at fixed places in them."""
-    there = {(model.model, model.address) for model in models}
-    chained = [kind for kind in kinds if kind.models]
-    fits = [kind for kind in chained if there.issuperset((model.model, model.address) for model in kind.models)]
+    """Choose the kinds that have the most models, each, or one with the same registers, at its address."""
+    there = _places(models)
+    fits = [kind for kind in kinds if kind.models and there.issuperset(_places(kind.models))]
     most = max((len(kind.models) for kind in fits), default=0)
     return tuple(kind.name for kind in fits if len(kind.models) == most)
+
+
+def _places(models: Sequence[Model]) -> set[tuple[int, int]]:
+    return {(layout_of(model.model), model.address) for model in models}
 
 
 def _by_register(kinds: Sequence[KnownKind]) -> Questions[tuple[str, ...]]:

@@ -24,6 +24,9 @@ MOST_MODELS: Final = 64
 MARKER_SIZE: Final = 2
 HEADER_SIZE: Final = 2
 
+#: Models with the same registers: of inverters and meters, with integers or with floats, for one phase up to three.
+_ALIKE: Final = (range(101, 104), range(111, 114), range(201, 205), range(211, 215))
+
 #: The registers of models, without their header. Those of others differ between devices.
 LENGTHS: Final[Mapping[int, int]] = {
     COMMON: 66,
@@ -59,6 +62,11 @@ class Model(NamedTuple):
     def end(self) -> int:
         """The address of the next model."""
         return self.address + HEADER_SIZE + self.length
+
+
+def layout_of(model: int) -> int:
+    """Find the first of the models with the same registers as this one."""
+    return next((alike[0] for alike in _ALIKE if model in alike), model)
 
 
 def laid_out(models: Sequence[int], addresses: Collection[int]) -> tuple[Model, ...]:

@@ -85,10 +85,20 @@ def test_models_tell_the_kind_with_the_most_of_them_at_their_addresses():
         "03 9C BA 00 02": bytes.fromhex("03 04 00A0 0030"),
         "03 9C EC 00 02": bytes.fromhex("03 04 FFFF 0000"),
     }
-    kinds = [sunspec("a", 1, 103), sunspec("b", 1, 103, 160), sunspec("c", 1, 101), sunspec("d", 1, 160, 103)]
+    kinds = [sunspec("a", 1, 103), sunspec("b", 1, 103, 160), sunspec("c", 1, 111), sunspec("d", 1, 160, 103)]
     found, _ = played(kinds, chain)
     assert found.names == ("b",)
     assert [(model.model, model.address) for model in found.models] == [(1, 40002), (103, 40070), (160, 40122)]
+
+
+def test_models_for_other_numbers_of_phases_have_the_same_registers():
+    chain = {
+        MARKERS[0]: b"\x03\x04SunS",
+        "03 9C 42 00 02": bytes.fromhex("03 04 0001 0042"),
+        "03 9C 86 00 02": bytes.fromhex("03 04 0065 0032"),
+    }
+    found, _ = played([sunspec("a", 1, 103), sunspec("b", 1, 113)], chain)
+    assert found.names == ("a",)
 
 
 def test_models_at_other_addresses_are_no_device_of_that_kind():

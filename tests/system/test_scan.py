@@ -129,15 +129,15 @@ def test_a_kind_of_a_config_is_recognised_with_its_models(tmp_path: Path) -> Non
     path, config = tmp_path / "hall", tmp_path / "gateway.toml"
     config.write_text(
         f'[[line]]\nport = "{path}"\ndevices = [{{ unit = 1, profile = "inverter" }}]\n'
-        "[profile.inverter]\nidentity = { sunspec = [1, 103] }\n"
+        "[profile.inverter]\nidentity = { sunspec = [1, 802] }\n"
         'points = [{ name = "current", holding = 40072, unit = "A" }]\n'
     )
     with simulated(path, "inverter:3", "--config", str(config)):
         at = ("--port", str(path), "--timeout", PATIENT, "--config", str(config))
         shown = command("scan", "3", *at)
-        assert shown.stdout.splitlines()[1].endswith("ms  inverter; SunSpec: 1 at 40002, 103 at 40070"), shown.stderr
+        assert shown.stdout.splitlines()[1].endswith("ms  inverter; SunSpec: 1 at 40002, 802 at 40070"), shown.stderr
         (row,) = json.loads(command("scan", "3", *at, "--json").stdout)["found"]
-        assert row["models"] == [{"model": 1, "address": 40002}, {"model": 103, "address": 40070}]
+        assert row["models"] == [{"model": 1, "address": 40002}, {"model": 802, "address": 40070}]
 
 
 def test_all_speeds_on_a_port(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ identity  = { input = 7, equals = 9 }
 
 [profile.inverter]
 functions = [3]
-identity  = { sunspec = [1, 103] }
+identity  = { sunspec = [1, 802] }
 points    = [{ name = "current", holding = 40072, unit = "A" }]
 
 [profile.at-zero]
@@ -88,7 +88,7 @@ async def test_each_kind_is_named_and_those_that_cannot_be_told_apart_are_all_na
 
 async def test_sunspec_models_are_told_with_their_addresses(config):
     found, _ = await scanned(config, "4-5", device(4, "drive"), device(5, "inverter"))
-    assert found[5].models == (SunSpecModel(1, 40002), SunSpecModel(103, 40070))
+    assert found[5].models == (SunSpecModel(1, 40002), SunSpecModel(802, 40070))
     assert found[4].models == ()
 
 

@@ -123,7 +123,7 @@ class ProfileTable(Table):
         None,
         description="How `scan` recognises it: `fc43` is the beginning of a text that it tells with function 43/14; "
         "`holding` or `input` is a register that `equals` a number; `sunspec` are models in its chain of SunSpec "
-        "models, where the points are.",
+        "models, where the points are (those with the same registers count too: 101 for 103).",
     )
     mode: Literal["rtu", "ascii"] | None = Field(
         None, description="The mode of these devices, if they have only one: `check` warns of a line with the other."
