@@ -72,6 +72,11 @@ def test_regular_objects_are_asked_for_where_the_device_has_them_and_the_basic_o
     assert played([text("a", "M-1")], answers) == (Recognised(("a",)), [BASIC, REGULAR])
 
 
+def test_a_device_with_basic_objects_only_is_not_asked_for_others():
+    found, asked = played([text("a", "B23")], {BASIC: objects(b"Maker", b"Other", b"1.0", level=0x81)})
+    assert (found.names, asked) == ((), [BASIC, *MARKERS])
+
+
 def test_identification_without_end_is_left():
     endless = {f"2B 0E 01 {at:02X}": objects(b"x", more=0xFF, following=at + 1) for at in range(255)}
     assert [question[:5] for question in played([text("a", "B23")], endless)[1]].count("2B 0E") == MOST_RESPONSES

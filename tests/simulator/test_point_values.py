@@ -53,6 +53,10 @@ def test_the_finest_power_of_ten_with_which_all_fit(data_type, unit, exponent):
     assert exponent_of([of, point(unit="mV", type="int16", scale_at=9)], "seed") == 2
 
 
+def test_where_none_is_enough_it_is_the_largest():
+    assert exponent_of([point(scale=1e-20, scale_at=9)], "seed") == 10
+
+
 def test_a_course_stays_where_the_encoding_ends():
     way = course(point(scale=0.001), 0, "seed", steady=False)
     assert 0 < way.middle < 65.5
