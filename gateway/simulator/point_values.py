@@ -15,6 +15,8 @@ from gateway.simulator.plausible import Course, course_of
 INVALID: Final = "invalid"
 #: Words in the names of bits that are 0 in a device that is well.
 _TROUBLE: Final = ("alarm", "fault", "error", "warning", "trip")
+#: Labels of a device that is well and works.
+_WELL: Final = ("on", "running", "producing", "mppt", "on grid", "normal", "ok", "auto")
 #: Where values of floating-point types lie that have no limits.
 _FLOATS: Final = 1e12
 #: Powers of ten for scale registers, the finest first. Numbers fill a half of their type, to grow.
@@ -60,7 +62,8 @@ def choice(point: Point, texts: Texts, seed: str) -> str | None:
     if point.labels:
         first, last = _numbers(point, 0)
         fits = [label for number, label in point.labels.items() if first <= number <= last]
-        return next((label for label in fits if point.value(point.items(label)) is not None), None)
+        fits = [label for label in fits if point.value(point.items(label)) is not None]
+        return next((label for label in fits if label.lower() in _WELL), fits[0] if fits else None)
     if point.is_bit:
         is_trouble = any(word in point.name for word in _TROUBLE)
         return "0" if is_trouble else str(_dice(point, seed).randrange(2))

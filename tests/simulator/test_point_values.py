@@ -67,7 +67,8 @@ def test_a_course_stays_where_the_encoding_ends():
 @pytest.mark.parametrize(
     ("keys", "text"),
     [
-        ({"labels": {0: "off", 1: "on"}}, "off"),
+        ({"labels": {3: "closed", 0: "open"}}, "closed"),
+        ({"labels": {0: "Off", 4: "MPPT", 5: "on"}}, "MPPT"),
         ({"labels": {0: "off", 1: "on"}, "invalid": (0,)}, "on"),
         ({"labels": {0: "off", 1: "on"}, "minimum": 1}, "on"),
         ({"labels": {0: "off"}, "invalid": (0,)}, None),
