@@ -6,6 +6,7 @@ from gateway.config.load import parse
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import Span
+from gateway.simulator.broken import with_faults
 from gateway.simulator.described import kind_of
 from gateway.simulator.profiled import Kind, Profiled
 
@@ -151,6 +152,13 @@ def test_it_takes_the_time_of_its_profile():
     device = Profiled(1, kind())
     answer = device.receive(Frame(1, bytes.fromhex("03 0000 0001")), 0.0, 9600)
     assert answer.delay == pytest.approx(0.040)
+
+
+def test_faults_break_it_like_any_other_device():
+    devices = with_faults([Profiled(1, kind())], frozenset({"slow", "duplicate-address"}), 9600)
+    assert [device.unit for device in devices] == [1, 1]
+    assert values(devices[0]) == values(devices[1])
+    assert devices[0].receive(Frame(1, bytes.fromhex("03 0000 0001")), 0.0, 9600).delay > 1.5 * 0.040
 
 
 def test_it_speaks_only_the_mode_of_its_profile():
