@@ -19,6 +19,7 @@ from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, covers
 from gateway.registers.datatypes import BYTE_TYPES
 from gateway.registers.items import WIDE_REGISTER, has_bits
+from gateway.registers.numbers import parse_number
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.faults import NO_FAULTS, Faults
 from gateway.simulator.identification import identification, objects, telling_registers
@@ -37,6 +38,8 @@ from gateway.simulator.point_values import (
 
 _EVERYWHERE: Final = ((0, LAST_ADDRESS),)
 _NO_IDENTITY: Final = Identity()
+#: The powers of ten that a scale register can have.
+_EXPONENTS: Final = range(-10, 11)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +85,8 @@ class Profiled(Device):
         self._seed = f"{seed} {profile.name} {unit}"
         self._began: float | None = None
         self._exponents: dict[tuple[Area, int], int] = {}
-        #: The points that change, each with its course, by name.
-        self._moving: dict[str, tuple[Point, Course]] = {}
+        #: The points that change, each with its course.
+        self._moving: list[tuple[Point, Course]] = []
         self._fill(settings)
         for area, address, data in telling_registers(identity, kind.points):
             self.put(Span(area, address, len(data) // 2), data)
@@ -157,7 +160,7 @@ class Profiled(Device):
             if (point.area, point.address) not in self._exponents or point.bits is not None:
                 self._fill_point(point, is_alone=all(places[place] == 1 for place in _places_of(point.span)))
         for name, text in settings.items():
-            self._moving.pop(name, None)
+            self._keep(named[name].span)
             self._put_text(named[name], text)
 
     def _fill_scales(self, settings: Mapping[str, str], named: Mapping[str, Point]) -> None:
@@ -168,8 +171,9 @@ class Profiled(Device):
                 scaled[point.area, point.scale_at].append(point)
         given = {(named[name].area, named[name].address): text for name, text in settings.items()}
         for place, points in scaled.items():
-            text = given.get(place, "")
-            self._exponents[place] = int(text) if text.lstrip("-").isdecimal() else exponent_of(points, self._seed)
+            number = parse_number(given.get(place, ""))
+            is_given = number is not None and number in _EXPONENTS
+            self._exponents[place] = int(number or 0) if is_given else exponent_of(points, self._seed)
             area, address = place
             width = points[0].width
             self.put(Span(area, address, 1), self._exponents[place].to_bytes(2, "big", signed=True).ljust(width, b"\0"))
@@ -183,17 +187,21 @@ class Profiled(Device):
         way = course(point, self._exponent(point), self._seed, steady=not is_alone or point.write != "no")
         self._put_value(point, way.at(0.0))
         if way.moves:
-            self._moving[point.name] = point, way
+            self._moving.append((point, way))
 
     def _move(self, span: Span, seconds: float) -> None:
         """Bring the points in a span up to date."""
-        for point, way in self._moving.values():
+        for point, way in self._moving:
             if _touches(span, point.span):
                 self._put_value(point, way.at(seconds))
 
+    def _keep(self, span: Span) -> None:
+        """Let no value change that is in a span, or has its scale there."""
+        self._moving = [(point, way) for point, way in self._moving if not _touches(span, point.read_span)]
+
     def _written(self, span: Span) -> None:
         """Keep what a client wrote, and show it where it is read."""
-        self._moving = {name: each for name, each in self._moving.items() if not _touches(span, each[0].span)}
+        self._keep(span)
         for point in self.kind.points:
             if point.write_at is not None and _touches(span, point.write_span):
                 self._put_point(point, self.items(point.write_span), copy=False)

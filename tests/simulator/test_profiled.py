@@ -116,6 +116,35 @@ def test_what_cannot_be_set(settings, complaint):
         Profiled(1, kind(), settings)
 
 
+@pytest.mark.parametrize("exponent", ["invalid", "11", "-32768"])
+def test_a_scale_that_is_none(exponent):
+    device = Profiled(
+        1, kind(METER.replace('type = "int16" },', 'type = "int16", invalid = 0x8000 },')), {"power-sf": exponent}
+    )
+    for now in (0.0, 100.0):
+        assert values(device, now)["active-power"] is None
+
+
+@pytest.mark.parametrize("exponent", ["4", "+4", "1e1"])
+def test_a_scale_that_is_set(exponent):
+    told = values(Profiled(1, kind(), {"power-sf": exponent}))
+    assert told["active-power"] % 10 ** int(float(exponent)) == 0
+
+
+def test_points_with_a_scale_that_was_written_do_not_change():
+    device = Profiled(1, kind())
+    before = values(device)
+    assert before["power-sf"] == 0
+    asked(device, "06 001F 0003")
+    assert values(device, 100.0)["active-power"] == 1000 * before["active-power"]
+
+
+@pytest.mark.parametrize("number", ["40000", "x"])
+def test_a_scale_that_its_register_cannot_hold(number):
+    with pytest.raises(ValueError, match=number):
+        Profiled(1, kind(), {"power-sf": number})
+
+
 def test_no_value_of_floating_point_and_of_bcd():
     device = Profiled(1, kind(), {"voltage-l1": "invalid", "digits": "invalid"})
     told = values(device)
