@@ -48,7 +48,7 @@ VERBS: Final[Mapping[str, str]] = {
     "bench": "measure what a line can carry",
     "profile": "list, show and add kinds of devices",
     "ports": "list the serial ports of this machine",
-    "simulate": "run simulated devices on a virtual serial port",
+    "simulate": "run simulated devices on a virtual port, or behind a server",
     "import": "turn the config of another program into one for the gateway",
     "completion": "print a script that completes commands in a shell",
     "user": "manage the users of the web page",

@@ -188,7 +188,7 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile; and test $_s
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a ports -d 'List the serial ports of this machine.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ports' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ports' -l json -d 'print JSON instead of a table'
-complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a simulate -d 'Run simulated devices on a virtual serial port.'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a simulate -d 'Run simulated devices on a virtual port, or behind a server.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l port -xka "(__fish_complete_path (commandline -ct))" -d 'path of the virtual serial port'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using simulate' -l tcp -x -d 'address of a Modbus TCP server instead'

@@ -46,8 +46,8 @@ _T = TypeVar("_T")
 _EXAMPLES: Final = """\
 examples:
   modbus-gateway simulate weigher:1 v80:6 --port /tmp/hall
-  modbus-gateway simulate my-meter --config gateway.toml --port /tmp/meter --set voltage-l1=231.5
-  modbus-gateway simulate my-meter:1-3 --config gateway.toml --tcp 127.0.0.1:5502 --set 2:frequency=invalid
+  modbus-gateway simulate eastron-sdm630:1-3 --tcp 127.0.0.1:5502 --set 2:voltage-l1=207.5
+  modbus-gateway simulate my-meter --config gateway.toml --port /tmp/meter --set flow=invalid
 
 mint, v80 and weigher are played as in their documents. Any other profile has
 plausible values at its points, within min and max; most change slowly. What is
