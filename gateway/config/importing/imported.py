@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from gateway.config.machine.file_text import UnreadableFile, read_file_text
+from gateway.config.machine.file_text import UnreadableFile, read_file_bytes, read_file_text
 from gateway.config.problem import WrongValue
 from gateway.config.reading.toml_text import TableText, file_text
 from gateway.config.values.address import Address, parse_address
@@ -25,10 +25,14 @@ class ImportedFileError(GatewayError):
 
 
 class Imported(NamedTuple):
-    """A config, and what of the old one is not in it: for each part where it stands, and why."""
+    """A config, and what of the old one is not in it: for each part where it stands, and why.
+
+    `notes` are for who imports it: what was taken for granted.
+    """
 
     text: str
     left_out: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def gather(comments: tuple[str, ...], parts: Iterable[Iterator[TableText]]) -> Imported:
@@ -58,6 +62,18 @@ def read_file(path: str) -> str:
     """
     try:
         return read_file_text(Path(path))
+    except UnreadableFile as wrong:
+        raise ImportedFileError(f"{path}: {wrong}") from None
+
+
+def read_bytes(path: str) -> bytes:
+    """Read a file that may be no UTF-8 text.
+
+    Raises:
+        ImportedFileError: it cannot be read.
+    """
+    try:
+        return read_file_bytes(Path(path))
     except UnreadableFile as wrong:
         raise ImportedFileError(f"{path}: {wrong}") from None
 

@@ -29,6 +29,19 @@ def read_file_text(path: Path) -> str:
     """Read the text of a config file, with the line ends of Unix, and no byte order mark.
 
     Raises:
+        UnreadableFile: it cannot be read.
+    """
+    try:
+        return read_file_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as wrong:
+        line = wrong.object.count(b"\n", 0, wrong.start) + 1
+        raise UnreadableFile("this line is not UTF-8 text", "save the file as UTF-8", line) from None
+
+
+def read_file_bytes(path: Path) -> bytes:
+    """Read a file of limited size.
+
+    Raises:
         UnreadableFile: it cannot be read. What is no file is not opened: a FIFO would never end.
     """
     try:
@@ -37,14 +50,11 @@ def read_file_text(path: Path) -> str:
             raise UnreadableFile(f"is {_NO_FILES[stat.filemode(mode)[0]]}, not a file", "name a file")
         with path.open("rb") as stream:
             content = stream.read(_MOST_BYTES + 1)
-        if len(content) > _MOST_BYTES:
-            raise UnreadableFile(f"has more than {_MOST_BYTES} bytes", "is it the right file?")
-        return content.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as wrong:
-        line = wrong.object.count(b"\n", 0, wrong.start) + 1
-        raise UnreadableFile("this line is not UTF-8 text", "save the file as UTF-8", line) from None
     except FileNotFoundError:
         raise UnreadableFile("there is no such file", "create it, or name another file") from None
     except OSError as wrong:
         remedy = f"sudo chmod 644 {path}" if isinstance(wrong, PermissionError) else ""
         raise UnreadableFile(f"cannot be read: {os.strerror(wrong.errno or 0)}", remedy) from None
+    if len(content) > _MOST_BYTES:
+        raise UnreadableFile(f"has more than {_MOST_BYTES} bytes", "is it the right file?")
+    return content

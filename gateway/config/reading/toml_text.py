@@ -3,9 +3,23 @@
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 #: What stands in a file for a value: text, a number, a truth value, and lists and tables of them.
-Value = str | int | bool | list["Value"] | dict[str, "Value"]
+Value = str | int | float | bool | list["Value"] | dict[str, "Value"]
+
+
+class Row(NamedTuple):
+    """A table in a list, and a comment behind it; without a table, a comment in its place."""
+
+    table: Mapping[str, Value] | None
+    comment: str = ""
+
+
+class Rows(NamedTuple):
+    """A list of tables, each on a line of its own."""
+
+    rows: tuple[Row, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,13 +27,13 @@ class TableText:
     """A table of a file. `heading` is written as it is; comments stand above it."""
 
     heading: str
-    keys: Mapping[str, Value] = field(default_factory=dict)
+    keys: Mapping[str, Value | Rows] = field(default_factory=dict)
     comments: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """Write the table as it stands in a file."""
         width = max(map(len, self.keys), default=0)
-        keys = [f"{key.ljust(width)} = {value_text(value)}" for key, value in self.keys.items()]
+        keys = [f"{key.ljust(width)} = {_text(value)}" for key, value in self.keys.items()]
         return "\n".join([*map(comment, self.comments), *([self.heading] if self.heading else []), *keys])
 
 
@@ -40,3 +54,15 @@ def value_text(value: Value) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(map(value_text, value)) + "]"
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _text(value: Value | Rows) -> str:
+    if isinstance(value, Rows):
+        return "\n".join(["[", *(f"  {_row_text(row)}" for row in value.rows), "]"])
+    return value_text(value)
+
+
+def _row_text(row: Row) -> str:
+    if row.table is None:
+        return comment(row.comment)
+    return f"{value_text(dict(row.table))},{f'  {comment(row.comment)}' if row.comment else ''}"

@@ -74,7 +74,7 @@ def test_every_client_may_write_as_before():
 
 def test_a_file_for_each_port_becomes_a_line_for_each():
     other = "device = /dev/serial/by-path/ttyS1\nport = 503\n"
-    text, left_out = imported(a=SAMPLE, b=other)
+    text, left_out, _ = imported(a=SAMPLE, b=other)
     assert left_out == ()
     assert [one.line for one in plan_of(text).listeners] == ["ttyS1", "ttyS1-2"]
     assert [one.line.name for one in plan_of(text).lines] == ["ttyS1", "ttyS1-2"]
@@ -89,14 +89,14 @@ def test_a_file_for_each_port_becomes_a_line_for_each():
     ],
 )
 def test_a_file_that_cannot_be_used_is_left_out_and_said(second, why):
-    text, left_out = imported(a=SAMPLE, b=second, c="device = /dev/ttyS3\nport = 505\n")
+    text, left_out, _ = imported(a=SAMPLE, b=second, c="device = /dev/ttyS3\nport = 505\n")
     assert left_out == (why,)
     assert f"\n# Left out: {why}\n" in text
     assert [line.port.port for line in plan_of(text).lines] == ["/dev/ttyS1", "/dev/ttyS3"]
 
 
 def test_a_file_that_cannot_be_used_takes_nothing_from_others():
-    text, left_out = imported(a="device = /dev/ttyS1\nport = 503\nmode = 7e1", b="device = /dev/ttyS1\nport = 503\n")
+    text, left_out, _ = imported(a="device = /dev/ttyS1\nport = 503\nmode = 7e1", b="device = /dev/ttyS1\nport = 503\n")
     assert left_out == ("a.conf:3: mode must be one such as 8N1",)
     assert [line.port.port for line in plan_of(text).lines] == ["/dev/ttyS1"]
 
@@ -126,7 +126,7 @@ USB = ["/dev/ttyUSB0", "/dev/ttyACM1", "/dev/serial/by-id/usb-FTDI_X-if00-port0"
     ],
 )
 def test_the_kernel_switches_the_direction_where_mbusd_did_and_a_driver_can(setting, device, rs485):
-    text, _ = imported(a=f"device = {device}\n{setting}\n")
+    text, _, _ = imported(a=f"device = {device}\n{setting}\n")
     (line,) = plan_of(text).lines
     assert line.port.rs485 == rs485
     assert ("# mbusd switched the direction of this USB adapter" in text) == (bool(setting) and device in USB)
@@ -140,7 +140,7 @@ def test_an_echo_is_stripped():
 
 
 def test_comments_behind_values_are_none_of_them():
-    text, _ = imported(a="speed = 9600 # slow\ndevice = /dev/ttyS2\t#2\nport=503 #\ntrx_sysfile = # none\n#a # b\n")
+    text, _, _ = imported(a="speed = 9600 # slow\ndevice = /dev/ttyS2\t#2\nport=503 #\ntrx_sysfile = # none\n#a # b\n")
     (listener,), (line,) = (plan := plan_of(text)).listeners, plan.lines
     assert (listener.port, line.port.port, line.port.baud) == (503, "/dev/ttyS2", 9600)
     assert "which is not known here" not in text

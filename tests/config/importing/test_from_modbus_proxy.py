@@ -78,7 +78,7 @@ def leads_to(plan: Plan) -> list[tuple[str, int, str, str]]:
 
 
 def test_a_device_becomes_an_upstream_with_a_listener_for_it():
-    text, left_out = imported(ONE)
+    text, left_out, _ = imported(ONE)
     plan = plan_of(text)
     (listener,), (upstream,) = plan.listeners, plan.upstreams
     assert (listener.scheme, listener.host, listener.port, listener.idle) == ("tcp", "0.0.0.0", 9000, 0.0)
@@ -91,7 +91,7 @@ def test_a_device_becomes_an_upstream_with_a_listener_for_it():
 @pytest.mark.parametrize("text", [ONE, TWO, REMAPPED, REMAPPED.replace("1: 0", "1: 2")])
 def test_nothing_is_left_to_mend(text):
     """No problem but that a unit has two numbers, as before, and no remark but that of a unit that is lost."""
-    written, left_out = imported(text)
+    written, left_out, _ = imported(text)
     problems = [one.what.partition(" already ")[0] for one in parse(written, port_trouble=lambda _: None).problems]
     assert problems == [f"unit {unit} behind the server" for unit in (2, 7) if f": {unit}\n" in text]
     assert left_out == ()
@@ -126,7 +126,7 @@ def test_unit_0_is_kept_if_another_unit_can_stand_for_it(remapped, unit0):
 
 def test_a_second_device_with_remapped_units_is_left_out_and_that_is_said():
     second = '- modbus: {url: 10.0.0.9}\n  listen: {bind: ":9009"}\n  unit_id_remapping: {1: 2}\nlogging:'
-    text, left_out = imported(REMAPPED.replace("logging:", second))
+    text, left_out, _ = imported(REMAPPED.replace("logging:", second))
     said = "p.yml: device 3: unit_id_remapping: a gateway can do that for one device only"
     assert left_out == (said,)
     assert f"\n# Left out: {said}\n" in text
@@ -134,7 +134,7 @@ def test_a_second_device_with_remapped_units_is_left_out_and_that_is_said():
 
 
 def test_what_is_no_modbus_tcp_becomes_a_line_with_a_listener_for_it():
-    text, left_out = imported(LINES)
+    text, left_out, _ = imported(LINES)
     plan = plan_of(text)
     assert leads_to(plan) == [
         ("rtu+tcp", 9000, "ttyUSB0", ""),
@@ -157,7 +157,7 @@ def test_what_is_no_modbus_tcp_becomes_a_line_with_a_listener_for_it():
 
 
 def test_units_of_a_line_are_remapped_too():
-    text, _ = imported(
+    text, _, _ = imported(
         'devices: [{modbus: {url: /dev/ttyS1}, listen: {bind: ":9000"}, unit_id_remapping: {1: 7, 200: 250}}]'
     )
     (line,) = plan_of(text).lines
@@ -177,7 +177,7 @@ def test_units_of_a_line_are_remapped_too():
     ],
 )
 def test_a_device_that_cannot_be_used_is_left_out_and_that_is_said(device, why):
-    text, left_out = imported(TWO + f"- {device}\n  listen: {{bind: ':9002'}}\n")
+    text, left_out, _ = imported(TWO + f"- {device}\n  listen: {{bind: ':9002'}}\n")
     assert left_out == (f"p.yml: device 3: {why}",)
     assert f"\n# Left out: p.yml: device 3: {why}\n" in text
     assert len(plan_of(text).listeners) == 2
@@ -185,7 +185,7 @@ def test_a_device_that_cannot_be_used_is_left_out_and_that_is_said(device, why):
 
 def test_what_is_not_known_is_said_at_its_place():
     device = 'modbus: {url: a, mode: x}\n  listen: {bind: ":1", tls: yes}\n  listeners: []\n'
-    text, _ = imported(f"extra: 1\ndevices:\n- {device}")
+    text, _, _ = imported(f"extra: 1\ndevices:\n- {device}")
     for key in ("extra", "mode", "tls", "listeners"):
         assert f"\n# modbus-proxy had {key}, which is not known here\n" in text
 
