@@ -20,6 +20,7 @@ from gateway.config.importing.imported import (
     listen_address,
     milliseconds,
 )
+from gateway.config.importing.yaml_text import parse_yaml
 from gateway.config.problem import WrongValue
 from gateway.config.reading.toml_text import TableText, Value
 from gateway.config.values.address import Address
@@ -34,10 +35,6 @@ _MAX_WAIT: Final = "1 min"
 #: Units on a line, and those that `unit0` may name.
 _ON_A_LINE: Final = range(FIRST_UNIT, LAST_UNIT + 1)
 _UNIT0: Final = frozenset({*_ON_A_LINE, HIGHEST_UNIT})
-_NO_LIBRARY: Final = (
-    "to read YAML, the library ruamel.yaml is needed. In a checkout: .venv/bin/pip install ruamel.yaml; with pipx: "
-    "pipx inject mbgw ruamel.yaml; the Debian package and the image have it. TOML and JSON need none"
-)
 #: What is spoken with the device over TCP, by the scheme of its url, and the schemes of serial ports.
 _OVER_TCP: Final[Mapping[str, str]] = {
     **dict.fromkeys(("tcp", "tcp+tcp"), "tcp"),
@@ -85,15 +82,7 @@ def _parsed(kind: str, text: str) -> Any:
         return tomllib.loads(text)
     if kind == ".json":
         return json.loads(text)
-    try:
-        from ruamel.yaml import YAML  # noqa: PLC0415 - an extra
-        from ruamel.yaml.error import YAMLError  # noqa: PLC0415
-    except ImportError:
-        raise ImportedFileError(_NO_LIBRARY) from None
-    try:
-        return YAML(typ="safe", pure=True).load(text)
-    except YAMLError as wrong:
-        raise ValueError(" ".join(str(wrong).split())) from None
+    return parse_yaml(text)
 
 
 def _tables(table: Any, where: str, taken: Taken, *, may_remap: bool) -> Iterator[TableText]:

@@ -1,0 +1,115 @@
+"""The keys of a table of Home Assistant. Which were read is remembered, so that the others can be told."""
+
+from collections.abc import Collection
+from decimal import Decimal, InvalidOperation
+from typing import Any, Final
+
+from gateway.config.importing.from_home_assistant.document import Documents
+from gateway.config.importing.imported import ImportedFileError
+from gateway.config.importing.yaml_text import Table
+
+_TRUE: Final = frozenset(("true", "yes", "on", "1"))
+_LARGEST_EXPONENT: Final = 300
+
+
+class Fields:
+    """Reads a table, whose tags lead to other `documents`. Each method raises ImportedFileError for a wrong value."""
+
+    def __init__(self, table: Table, documents: Documents) -> None:
+        self._table = table
+        self._documents = documents
+        self._read: set[str] = set()
+
+    @property
+    def where(self) -> str:
+        """Where the table stands."""
+        return self._table.where
+
+    def has(self, key: str) -> bool:
+        """Tell whether the table has this key, with or without a value."""
+        return key in self._table
+
+    def unread(self, without_meaning: Collection[str]) -> list[str]:
+        """List the keys that were not read, but for those that have no meaning here."""
+        return [key for key in self._table if key not in self._read and key not in without_meaning]
+
+    def value(self, key: str) -> Any:
+        """Return what stands there, whatever it is; None if there is nothing."""
+        self._read.add(key)
+        try:
+            return self._documents.follow(self._table.get(key))
+        except ImportedFileError as wrong:
+            raise ImportedFileError(f"{key}: {wrong}") from None
+
+    def text(self, key: str, usual: str) -> str:
+        """Return a text."""
+        value = self.value(key)
+        if isinstance(value, (dict, list)):
+            raise ImportedFileError(f"{key} must be text")
+        return usual if value is None else str(value)
+
+    def truth(self, key: str) -> bool:
+        """Return a truth value; false if there is none."""
+        return str(self.value(key)).lower() in _TRUE
+
+    def whole(self, key: str, usual: int | None = None) -> int:
+        """Return a whole number that is not negative; it must be there if none is usual."""
+        value = self.value(key)
+        return usual if value is None and usual is not None else whole(value, key)
+
+    def number(self, key: str) -> Decimal | None:
+        """Return a number, or None."""
+        value = self.value(key)
+        if value is None:
+            return None
+        try:
+            number = Decimal(str(value).strip())
+        except InvalidOperation:
+            number = Decimal("nan")
+        if not number.is_finite() or abs(number.adjusted()) > _LARGEST_EXPONENT:
+            raise ImportedFileError(f"{key} must be a number")
+        return number
+
+    def part(self, key: str) -> "Fields | None":
+        """Return the table that stands there, or None."""
+        value = self.value(key)
+        if value is None:
+            return None
+        if not isinstance(value, Table):
+            raise ImportedFileError(f"{key} must be a table")
+        return Fields(value, self._documents)
+
+    def rows(self, key: str) -> list[Any]:
+        """Return what is in the list that stands there; something alone is a list too."""
+        value = self.value(key)
+        return value if isinstance(value, list) else [] if value is None else [value]
+
+    def items(self) -> list[tuple[str, Any]]:
+        """List all keys and what stands there."""
+        return [(key, self.value(key)) for key in self._table]
+
+
+def fields_of(value: Any, documents: Documents) -> Fields:
+    """Read a table; its tag is followed.
+
+    Raises:
+        ImportedFileError: it is none.
+    """
+    table = documents.follow(value)
+    if not isinstance(table, Table):
+        raise ImportedFileError("this must be a table")
+    return Fields(table, documents)
+
+
+def whole(value: Any, key: str) -> int:
+    """Check that a value is a whole number that is not negative; it may be text.
+
+    Raises:
+        ImportedFileError: it is none.
+    """
+    if value is None:
+        raise ImportedFileError(f"it has no {key}")
+    text = str(value).strip()
+    if isinstance(value, bool) or not text.isascii() or not text.isdecimal() or len(text) > 20:
+        raise ImportedFileError(f"{key} must be a whole number")
+    return int(text)
