@@ -49,7 +49,7 @@ VERBS: Final[Mapping[str, str]] = {
     "profile": "list, show and add kinds of devices",
     "ports": "list the serial ports of this machine",
     "simulate": "run simulated devices on a virtual port, or behind a server",
-    "import": "turn the config of another program into one for the gateway",
+    "import": "turn the config of another program into one for the gateway, or a table of registers into a profile",
     "completion": "print a script that completes commands in a shell",
     "user": "manage the users of the web page",
     "certificates": "make certificates for tls:// and https://",

@@ -56,6 +56,8 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "import": (
         ("import mbusd /etc/mbusd/*.conf", "a config for all ports that mbusd serves"),
         ("import modbus-proxy modbus-proxy.yml", "a config with the same devices"),
+        ("import home-assistant configuration.yaml", "the devices and entities of its modbus: section"),
+        ("import csv registers.csv --name maker-kind", "a profile out of a table of registers"),
     ),
     "user": (
         ("user add anna --role operator", "a user of the web page; asks for the password"),

@@ -112,7 +112,7 @@ def test_a_shell_can_read_its_script(shell):
         ("modbus-gateway --", {"--help", "--version"}),
         ("modbus-gateway check --j", {"--json"}),
         ("modbus-gateway profile --mode a", {"ascii"}),
-        ("modbus-gateway import ", {"mbusd", "modbus-proxy"}),
+        ("modbus-gateway import ", {"mbusd", "modbus-proxy", "csv", "home-assistant"}),
         ("modbus-gateway ask tr", {"trace"}),
         ("modbus-gateway certificates rev", {"revoke"}),
         ("modbus-gateway user add --role ", {"viewer", "operator"}),

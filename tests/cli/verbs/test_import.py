@@ -81,3 +81,70 @@ def test_a_fifo_is_no_file_and_is_not_waited_for(tmp_path, capsys):
     os.mkfifo(fifo)
     assert main(["import", "mbusd", str(fifo)]) == 1
     assert f"{fifo}: is a FIFO, not a file" in capsys.readouterr().err
+
+
+def test_a_table_of_registers_becomes_a_profile_and_what_is_left_out_is_named(tmp_path, capsys):
+    file = tmp_path / "table.csv"
+    file.write_text("Name;Address;Type\nVoltage;1;U16\nPower;2;thing\n")
+    assert main(["import", "csv", str(file), "--name", "maker-kind"]) == 1
+    printed = capsys.readouterr()
+    text = printed.out + '[[line]]\nport = "/dev/ttyS0"\n'
+    (point,) = parse(text, port_trouble=lambda _: None).config.profile["maker-kind"].points
+    assert (point.name, point.holding) == ("voltage", (1, 1))
+    notes, errors = printed.err.splitlines()[:-1], printed.err.splitlines()[-1]
+    assert errors == f'modbus-gateway: error: left out: {file}: row 3: Power: "thing" is no known type'
+    assert all(note.startswith("modbus-gateway: note: ") for note in notes)
+
+
+def test_what_a_sheet_says_itself_needs_no_note(tmp_path, capsys):
+    file = tmp_path / "table.csv"
+    file.write_text("Name;Reference;Type\nVoltage;40002;U16\n")
+    assert main(["import", "csv", str(file), "--name", "maker-kind"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["csv", "a.csv"], "the profile needs a name"),
+        (["csv", "a.csv", "--name", "a b"], '"a b" is no name of a profile'),
+        (["csv", "a.csv", "b.csv", "--name", "a"], "csv has one file"),
+        (["home-assistant", "a.yaml", "b.yaml"], "home-assistant has one file"),
+        (["mbusd", "a.conf", "--name", "a"], "mbusd has no name"),
+    ],
+)
+def test_wrong_arguments_are_said(arguments, said, capsys):
+    assert main(["import", *arguments]) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"a;b\n1;2\n", b"x" * (1024 * 1024 + 1)])
+def test_what_is_no_table_is_said(content, tmp_path, capsys):
+    file = tmp_path / "table.csv"
+    file.write_bytes(content)
+    assert main(["import", "csv", str(file), "--name", "a"]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(f"modbus-gateway: error: {file}: ")
+
+
+def test_the_config_of_home_assistant_is_read_with_its_includes_and_secrets(tmp_path, capsys):
+    (tmp_path / "secrets.yaml").write_text("host: 10.0.0.1\n")
+    (tmp_path / "modbus.yaml").write_text(
+        "- {name: h, type: tcp, host: !secret host, port: 502, sensors: [{name: a, address: 1}, {name: b}]}\n"
+    )
+    file = tmp_path / "configuration.yaml"
+    file.write_text("modbus: !include modbus.yaml\nautomation: !include missing.yaml\n")
+    assert main(["import", "home-assistant", str(file)]) == 1
+    printed = capsys.readouterr()
+    assert printed.err == 'modbus-gateway: error: left out: modbus.yaml:1: sensor "b": it has no address\n'
+    loaded = parse(printed.out)
+    assert loaded.problems == ()
+    assert [str(each.to[0]) for each in loaded.config.upstream] == ["tcp://10.0.0.1:502"]
+
+
+def test_a_config_without_modbus_is_said(tmp_path, capsys):
+    file = tmp_path / "configuration.yaml"
+    file.write_text("automation: []\n")
+    assert main(["import", "home-assistant", str(file)]) == 1
+    assert capsys.readouterr().err == f"modbus-gateway: error: {file}: there is no modbus: in it\n"
