@@ -4,7 +4,7 @@
 - document     YAML with Home Assistant's tags, and where everything stands
 - fields       the keys of a table
 - hub, device  a connection as a line or an upstream, and what is behind it
-- entities     what it shows and switches, as points
+- kinds, entities, climate       what it shows and switches, as points
 - layout       data types, structures and swaps
 - publishing   the [mqtt] with which its entities come back
 

@@ -1,11 +1,11 @@
 """Entities of Home Assistant as points: as far as they are registers and coils."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from decimal import Decimal
 from typing import Any, Final, NamedTuple
 
 from gateway.config.importing.from_home_assistant.fields import Fields, whole
-from gateway.config.importing.from_home_assistant.layout import Layout, layout_of
+from gateway.config.importing.from_home_assistant.layout import layout_of
 from gateway.config.importing.imported import ImportedFileError
 from gateway.config.reading.toml_text import Value
 from gateway.modbus.codes import Area
@@ -20,7 +20,7 @@ _AREAS: Final[Mapping[str, Area]] = {
     "discrete_input": Area.DISCRETE,
     "discrete": Area.DISCRETE,
 }
-_REGISTERS: Final = (Area.HOLDING, Area.INPUT)
+REGISTERS: Final = (Area.HOLDING, Area.INPUT)
 #: Home Assistant lets a light be 0 to 100 % bright, and takes this number for none.
 _BRIGHTNESS: Final[Mapping[str, Value]] = {"unit": "%", "invalid": 0xFFFF, "min": 0, "max": 100}
 _MOST_VIRTUAL: Final = 2000
@@ -38,11 +38,11 @@ class Found(NamedTuple):
 def sensor(fields: Fields) -> Iterator[Found]:
     """Make the points of a sensor: one for each value in its registers."""
     area, address, layout = (
-        _area(fields, "input_type", Area.HOLDING, _REGISTERS),
+        area_in(fields, "input_type", Area.HOLDING, REGISTERS),
         fields.whole("address"),
         layout_of(fields),
     )
-    meaning = _meaning(fields, "scale", "offset") | _unit(fields.text("unit_of_measurement", "").strip())
+    meaning = meaning_of(fields, "scale", "offset") | _unit(fields.text("unit_of_measurement", "").strip())
     nan = fields.value("nan_value")
     if nan is not None:
         meaning |= {"invalid": _raw(nan)}
@@ -58,8 +58,8 @@ def sensor(fields: Fields) -> Iterator[Found]:
 
 def binary_sensor(fields: Fields) -> Iterator[Found]:
     """Make the points of a binary sensor: coils, inputs, or the lowest bits of registers."""
-    area, address = _area(fields, "input_type", Area.COILS, tuple(Area)), fields.whole("address")
-    bit: dict[str, Value] = {"bit": 0} if area in _REGISTERS else {}
+    area, address = area_in(fields, "input_type", Area.COILS, tuple(Area)), fields.whole("address")
+    bit: dict[str, Value] = {"bit": 0} if area in REGISTERS else {}
     for virtual in range(_virtual(fields) + 1):
         yield Found(f"-{virtual}" if virtual else "", {area: address + virtual} | bit)
 
@@ -67,10 +67,10 @@ def binary_sensor(fields: Fields) -> Iterator[Found]:
 def switch(fields: Fields) -> Iterator[Found]:
     """Make the points of a switch, a light or a fan: what is commanded, and what is read back if that is elsewhere."""
     write_type, address = fields.text("write_type", "holding"), fields.whole("address")
-    area = _area(fields, "write_type", Area.HOLDING, (Area.HOLDING, Area.COILS))
+    area = area_in(fields, "write_type", Area.HOLDING, (Area.HOLDING, Area.COILS))
     on, off = fields.whole("command_on", 1), fields.whole("command_off", 0)
-    commands = _labelled(area, {"on": [on], "off": [off]})
-    command = _writing(is_plural=write_type.endswith("s"))
+    commands = labelled(area, {"on": [on], "off": [off]})
+    command = writing_keys(is_plural=write_type.endswith("s"))
     if not fields.has("verify"):
         yield Found("", {area: address} | commands | command | {"write": "only"}, _NOT_READ_BACK)
     else:
@@ -88,100 +88,32 @@ def switch(fields: Fields) -> Iterator[Found]:
 def cover(fields: Fields) -> Iterator[Found]:
     """Make the points of a cover: its command, and its state if that is elsewhere."""
     old = next((key for key in ("coil", "register") if fields.has(key)), "")  # before 2021.5
-    area = Area.COILS if old == "coil" else _area(fields, "input_type", Area.HOLDING, (Area.HOLDING, Area.COILS))
+    area = Area.COILS if old == "coil" else area_in(fields, "input_type", Area.HOLDING, (Area.HOLDING, Area.COILS))
     address = fields.whole(old or "address")
     usual = {"closed": 0, "open": 1, "opening": 2, "closing": 3}
     states = {state: [fields.whole(f"state_{state}", number)] for state, number in usual.items()}
     ends = states if area is Area.HOLDING else {"closed": [0], "open": [1]}
     if not fields.has("status_register"):
-        yield Found("", {area: address} | _labelled(area, ends) | _writing())
+        yield Found("", {area: address} | labelled(area, ends) | writing_keys())
         return
-    status = _area(fields, "status_register_type", Area.HOLDING, _REGISTERS)
-    yield Found("", {status: fields.whole("status_register")} | _labelled(status, states))
+    status = area_in(fields, "status_register_type", Area.HOLDING, REGISTERS)
+    yield Found("", {status: fields.whole("status_register")} | labelled(status, states))
     commands = {state: ends[state] for state in ("open", "closed")}
-    yield Found("-command", {area: address} | _labelled(area, commands) | _writing() | {"write": "only"})
-
-
-def climate(fields: Fields) -> Iterator[Found]:
-    """Make the points of a thermostat: its temperatures, modes and switches."""
-    key, kind = ("address", "input_type")
-    if not fields.has(key):  # before 2021.5
-        key, kind = ("current_temp_register", "current_temp_register_type")
-    area, address = _area(fields, kind, Area.HOLDING, _REGISTERS), fields.whole(key)
-    layout = layout_of(fields)
-    unit: dict[str, Value] = {"unit": "°F" if fields.text("temperature_unit", "C").upper() == "F" else "°C"}
-    current = layout.parts[0]
-    meaning = _meaning(fields, "current_temp_scale", "current_temp_offset")
-    yield Found("-temperature", {area: address + current.register} | current.keys | meaning | unit)
-    yield from _setpoints(fields, layout, unit)
-    yield from _modes(fields)
-
-
-def _setpoints(fields: Fields, layout: Layout, unit: dict[str, Value]) -> Iterator[Found]:
-    """Make a point for the setpoint, or for each of several modes that have one of their own."""
-    keys = layout.parts[0].keys | _meaning(fields, "target_temp_scale", "target_temp_offset") | unit
-    for key, bound in (("min", "min_temp"), ("max", "max_temp")):
-        limit = fields.number(bound)
-        keys |= {} if limit is None else {key: plain(limit)}
-    keys |= _writing(is_plural=fields.truth("target_temp_write_registers") and layout.registers == 1)
-    modes = ("auto", "cool", "dry", "fan-only", "heat", "heat-cool", "off")
-    registers = [whole(each, "target_temp_register") for each in fields.rows("target_temp_register")]
-    if len(set(registers)) == 1:
-        yield Found("-setpoint", {Area.HOLDING: registers[0]} | keys)
-        return
-    if len(registers) != len(modes):
-        raise ImportedFileError("target_temp_register must be one register, or one for each of seven modes")
-    for register in dict.fromkeys(registers):
-        mode = modes[registers.index(register)]
-        yield Found(f"-setpoint-{mode}", {Area.HOLDING: register} | keys)
-
-
-def _modes(fields: Fields) -> Iterator[Found]:
-    """Make the points for the modes of a thermostat."""
-    if fields.has("hvac_onoff_coil"):
-        yield Found("-on", {Area.COILS: fields.whole("hvac_onoff_coil")} | _writing())
-    if fields.has("hvac_onoff_register"):
-        labels = {"on": [fields.whole("hvac_on_value", 1)], "off": [fields.whole("hvac_off_value", 0)]}
-        writing = _writing(is_plural=fields.truth("write_registers"))
-        register = fields.whole("hvac_onoff_register")
-        yield Found("-on", {Area.HOLDING: register} | _labelled(Area.HOLDING, labels) | writing)
-    for key, name, prefix in (
-        ("hvac_mode_register", "mode", "state_"),
-        ("fan_mode_register", "fan", "state_fan_"),
-        ("swing_mode_register", "swing", "swing_mode_state_"),
-        ("hvac_action_register", "action", "action_"),
-    ):
-        table = fields.part(key)
-        if table is not None:
-            yield Found(f"-{name}", _mode(table, prefix, can_write=name != "action"))
-
-
-def _mode(table: Fields, prefix: str, *, can_write: bool) -> dict[str, Value]:
-    """Make the keys for a register whose numbers are modes. An address in a list is written with function 16."""
-    area = _area(table, "input_type", Area.HOLDING, _REGISTERS)
-    (address,) = table.rows("address")[:1] or [None]
-    values = table.part("values")
-    modes = {
-        mode.removeprefix(prefix): [whole(each, mode) for each in (numbers if isinstance(numbers, list) else [numbers])]
-        for mode, numbers in (values.items() if values else [])
-    }
-    is_plural = isinstance(table.value("address"), list) or table.truth("write_registers")
-    writing = _writing(is_plural=is_plural) if can_write else {}
-    return {area: whole(address, "address")} | _labelled(area, modes) | writing
+    yield Found("-command", {area: address} | labelled(area, commands) | writing_keys() | {"write": "only"})
 
 
 def _verified(
     verify: Fields, area: Area, address: int, commands: tuple[int, int], command: dict[str, Value]
 ) -> Iterator[Found]:
     """Make one point if what is read back is what is written, at another address perhaps; else one for each."""
-    at, read = verify.whole("address", address), _area(verify, "input_type", area, tuple(Area))
+    at, read = verify.whole("address", address), area_in(verify, "input_type", area, tuple(Area))
     on, off = (_numbers(verify, key, usual) for key, usual in (("state_on", commands[0]), ("state_off", commands[1])))
-    states = _labelled(read, {"on": on, "off": off})
+    states = labelled(read, {"on": on, "off": off})
     if read is area and (on, off) == ([commands[0]], [commands[1]]):
         yield Found("", {area: at} | states | command | ({} if at == address else {"write_at": address}))
         return
     yield Found("", {read: at} | states)
-    labels = _labelled(area, {"on": [commands[0]], "off": [commands[1]]})
+    labels = labelled(area, {"on": [commands[0]], "off": [commands[1]]})
     yield Found("-command", {area: address} | labels | command | {"write": "only"})
 
 
@@ -189,21 +121,27 @@ def _numbers(fields: Fields, key: str, usual: int) -> list[int]:
     return [whole(each, key) for each in fields.rows(key)] or [usual]
 
 
-def _labelled(area: Area, texts: Mapping[str, list[int]]) -> dict[str, Value]:
+def labelled(area: Area, texts: Mapping[str, list[int]]) -> dict[str, Value]:
     """Make labels. A text that several numbers have gets the number behind it; on and off of a bit need none."""
     labels: dict[str, Value] = {}
     for text, numbers in texts.items():
         for index, number in enumerate(numbers):
             labels.setdefault(str(number), f"{text} ({number})" if index else text)
-    is_plain = area not in _REGISTERS and (labels.get("1"), labels.get("0")) == ("on", "off")
+    is_plain = area not in REGISTERS and (labels.get("1"), labels.get("0")) == ("on", "off")
     return {} if is_plain or not labels else {"labels": labels}
 
 
-def _writing(*, is_plural: bool = False) -> dict[str, Value]:
+def writing_keys(*, is_plural: bool = False) -> dict[str, Value]:
+    """Make the keys for a point that is written, with `is_plural` by functions 15 and 16."""
     return {"write": True, "write_function": "multiple"} if is_plural else {"write": True}
 
 
-def _area(fields: Fields, key: str, usual: Area, known: tuple[Area, ...]) -> Area:
+def area_in(fields: Fields, key: str, usual: Area, known: tuple[Area, ...]) -> Area:
+    """Return the area that a key names.
+
+    Raises:
+        ImportedFileError: it is not one of those that are possible there.
+    """
     text = fields.text(key, "")
     area = _AREAS.get(text) if text else usual
     if area not in known:
@@ -211,7 +149,7 @@ def _area(fields: Fields, key: str, usual: Area, known: tuple[Area, ...]) -> Are
     return area
 
 
-def _meaning(fields: Fields, scale_key: str, offset_key: str) -> dict[str, Value]:
+def meaning_of(fields: Fields, scale_key: str, offset_key: str) -> dict[str, Value]:
     """Make the keys for scale, offset and decimals; those for one temperature stand in place of those for both."""
     scale = fields.number(scale_key) or fields.number("scale")
     offset = fields.number(offset_key) or fields.number("offset")
@@ -254,15 +192,3 @@ def _clamped(fields: Fields) -> str:
 def plain(number: Decimal) -> Value:
     """Write a number as a config has it: whole if it is."""
     return int(number) if number == number.to_integral_value() else float(number)
-
-
-#: The entities of each key of a connection, and how one of them becomes points.
-KINDS: Final[Mapping[str, tuple[str, Callable[[Fields], Iterator[Found]]]]] = {
-    "sensors": ("sensor", sensor),
-    "binary_sensors": ("binary sensor", binary_sensor),
-    "switches": ("switch", switch),
-    "lights": ("light", switch),
-    "fans": ("fan", switch),
-    "covers": ("cover", cover),
-    "climates": ("climate", climate),
-}

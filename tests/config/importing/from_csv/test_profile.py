@@ -153,6 +153,7 @@ def test_a_page_of_a_manual_as_it_was_typed():
         ("Name;Address;Values", "a;7;0 - off / 1 - on / 0x10 - fault", {"labels": {0: "off", 1: "on", 16: "fault"}}),
         ("Name;Address;Values", 'a;7;"{""0"": ""off"", ""1"": ""on""}"', {"labels": {0: "off", 1: "on"}}),
         ("Name;Address;Values", "a;7;0-100", {"labels": {}}),
+        ("Name;Address;Values", f"a;7;{'1:a' * 40_000}", {"labels": {}}),  # too long to look for labels in it
         ("Name;Address;Access;Min;Max", "a;7;RW;5;35", {"write": "yes", "minimum": 5, "maximum": 35}),
         ("Name;Address;Access", "a;7;W", {"write": "only"}),
         ("Name;Address;FC", "a;7;03/06", {"write": "yes", "write_function": "auto"}),
@@ -223,6 +224,12 @@ def test_a_row_that_is_not_understood_is_a_comment_at_its_place(heading, row, wh
     said = refusal(heading, row)
     assert said.startswith("table.csv: row 2: a: ")
     assert why in said
+
+
+def test_several_rows_that_only_the_checks_refuse_are_left_out_and_no_others():
+    profile = imported("Name;Address;Type\na;65535;U32\nb;1;U32\nc;65535;float\nd;2;U16\n")
+    assert [why.split(": ")[2] for why in profile.left_out] == ["a", "c"]
+    assert [each.name for each in points_in(profile.text)] == ["b", "d"]
 
 
 def test_titles_reserved_registers_and_repeated_headings_are_no_points_and_no_errors():
