@@ -69,6 +69,8 @@ class Documents:
                 raise ImportedFileError(f"more than {_MOST_FILES} files are included")
             try:
                 self._loaded[file] = parse_located_yaml(self.read(file), file.rpartition("/")[2])
-            except (ValueError, RecursionError) as wrong:
+            except ValueError as wrong:
                 raise ImportedFileError(f"{file}: {wrong}") from None
+            except RecursionError:
+                raise ImportedFileError(f"{file}: is nested too deeply") from None
         return self._loaded[file]

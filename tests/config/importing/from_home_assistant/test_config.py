@@ -463,6 +463,11 @@ def test_a_file_of_which_nothing_can_be_used_is_an_error_that_names_it(text):
         imported(text)
 
 
+def test_what_is_nested_too_deeply_is_said():
+    with pytest.raises(ImportedFileError, match=r"c\.yaml: is nested too deeply"):
+        imported(f"modbus: {'[' * 5000}{']' * 5000}")
+
+
 def test_anchors_and_merges_are_followed_and_what_grows_by_them_is_limited():
     sensors = "[&a {name: a, address: 1, scale: 2}, {<<: *a, name: b, address: 2}]"
     text = section(f"{{name: h, type: tcp, host: 10.0.0.1, port: 502, sensors: {sensors}}}")
