@@ -1,4 +1,4 @@
-"""An energy meter and a solar inverter, as shipped profiles describe them, and a relay board on one RTU line."""
+"""An energy meter, a solar inverter and a relay board on one RTU line, as shipped profiles describe them."""
 
 import asyncio
 
@@ -18,12 +18,8 @@ port    = "/dev/cabinet"
 devices = [
   { unit = 1, name = "meter",    profile = "eastron-sdm630" },
   { unit = 2, name = "inverter", profile = "growatt-mid" },
-  { unit = 3, name = "relays",   profile = "relay-board" },
+  { unit = 3, name = "relays",   profile = "waveshare-relay-d" },
 ]
-
-[profile.relay-board]
-coil_values = "any"
-points = [{ name = "relay-*", coils = "0-7", first = 1, write = true }]
 """
 PROFILES = {"meter": "eastron-sdm630", "inverter": "growatt-mid"}
 
@@ -88,3 +84,13 @@ async def test_an_inverter_that_falls_asleep_disturbs_neither_of_the_others() ->
             await asleep
         assert await of_meter == expected
         assert board.coils[0]
+
+
+@pytest.mark.parametrize(("unit", "points", "requests"), [("meter", 83, 4), ("inverter", 39, 1)])
+async def test_many_points_are_few_requests(unit: str, points: int, requests: int) -> None:
+    """Without the gaps that their profiles allow it would be 15 and 8."""
+    async with gateway_bench(CONFIG) as bench:
+        meter, inverter, _ = attach(bench)
+        asked = {"meter": meter, "inverter": inverter}[unit]
+        fill(asked, PROFILES[unit])
+        assert (len(await read(bench, unit)), len(asked.heard)) == (points, requests)
