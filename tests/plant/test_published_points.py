@@ -3,6 +3,8 @@
 import asyncio
 import json
 
+import pytest
+
 from gateway.events import WriteAudit
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode
 from kit.broker import FakeBroker
@@ -47,6 +49,7 @@ write   = true
 publish = [{{ device = "chiller", every = "5 s" }}]
 """
 MASKING = CONFIG.replace("FUNCTIONS", "[3, 4, 6, 16, 22]")
+TURNING = CONFIG.replace("FUNCTIONS", "[3, 4, 6]")
 CHILLER = "modbus/plant/chiller"
 
 
@@ -124,19 +127,24 @@ async def test_the_alarms_of_a_status_word_are_read_with_one_request():
         assert reads.count("0300140001") == 1
 
 
-async def test_an_alarm_that_is_written_leaves_the_others_alone():
-    async with gateway_bench(MASKING) as bench:
+@pytest.mark.parametrize(("config", "pdus"), [
+    (MASKING, ["160014fffd0000", "160014fffe0001"]),
+    (TURNING, ["0600148000", "0600148001"]),
+], ids=["22", "a read and a write"])  # fmt: skip
+async def test_an_alarm_that_is_written_leaves_the_others_alone(config, pdus):
+    async with gateway_bench(config) as bench:
         chiller, broker = await begun(bench)
         assert await wrote(broker, "alarm-1", "ok") == "ok"
         assert await wrote(broker, "alarm-0", "1") == "ok"
         assert chiller.holding[20] == 0b1000_0000_0000_0001
-        assert written(chiller) == ["160014fffd0000", "160014fffe0001"]
+        assert written(chiller) == pdus
         told = kept(broker)
         assert {name for name, value in told.items() if value == "alarm"} == {"alarm-0", "alarm-15"}, "read again soon"
 
 
-async def test_some_bits_of_a_register_are_a_number_of_their_own():
-    async with gateway_bench(MASKING) as bench:
+@pytest.mark.parametrize("config", [MASKING, TURNING], ids=["22", "a read and a write"])
+async def test_some_bits_of_a_register_are_a_number_of_their_own(config):
+    async with gateway_bench(config) as bench:
         chiller, broker = await begun(bench)
         assert await wrote(broker, "stage", "5") == "ok"
         assert chiller.holding[6] == 0b1010_0000_0101_0101
