@@ -72,8 +72,8 @@ class Scan:
         self._baud = line.driver.line.settings.timing.baud
         self._now = loop.time
         self._of = len(units)
-        answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=limit)
-        self._units = [ScannedUnit(unit, answer_time, loop.time) for unit in units]
+        self._answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=limit)
+        self._units = [ScannedUnit(unit, self._answer_time, loop.time) for unit in units]
         #: How often each unit was garbled.
         self._garbled: dict[ScannedUnit, int] = {}
         self._windows_end = 0.0
@@ -128,10 +128,9 @@ class Scan:
             return Found(unit.unit, "garbled", baud=self._baud)
         frame, elapsed = unit.heard[0]
         code = frame.pdu[1] if frame.pdu[0] & EXCEPTION_BIT else None
-        there = ScannedUnit(frame.unit, unit.answer_time, self._now)
         names, models = Recognised()
-        if there.unit != BROADCAST_UNIT:
-            names, models = await self._recognise(there, {_first_question(unit): frame.pdu})
+        if frame.unit != BROADCAST_UNIT:
+            names, models = await self._recognise(frame.unit, {_first_question(unit): frame.pdu})
         return Found(
             unit.unit,
             "answers" if code is None else "exception",
@@ -143,7 +142,7 @@ class Scan:
             tuple(SunSpecModel(model.model, model.address) for model in models),
         )
 
-    async def _recognise(self, unit: ScannedUnit, answers: dict[bytes, bytes | None]) -> Recognised:
+    async def _recognise(self, unit: int, answers: dict[bytes, bytes | None]) -> Recognised:
         """Recognise a unit by what tells its kind, or by its signs. `answers` holds known answers by read."""
         steps = recognise(self._kinds)
         try:
@@ -154,28 +153,28 @@ class Scan:
             found: Recognised = end.value
         return found if found.names else found._replace(names=(await self._profile_of(unit, answers),))
 
-    async def _profile_of(self, unit: ScannedUnit, answers: dict[bytes, bytes | None]) -> str:
+    async def _profile_of(self, unit: int, answers: dict[bytes, bytes | None]) -> str:
         """Return the first profile whose signs all fit."""
         for profile, signs in SIGNS[self._line.plan.line.timing.mode].items():
             for sign in signs:
                 pdu = await self._answer_once(unit, sign.question, answers)
-                if pdu is None or not sign.fits(pdu, unit.unit):
+                if pdu is None or not sign.fits(pdu, unit):
                     break
             else:
                 return profile
         return OTHERS
 
-    async def _answer_once(self, unit: ScannedUnit, pdu: bytes, answers: dict[bytes, bytes | None]) -> bytes | None:
+    async def _answer_once(self, unit: int, pdu: bytes, answers: dict[bytes, bytes | None]) -> bytes | None:
         """Return what the unit answers, and answered before; None for silence."""
         if pdu not in answers:
             answers[pdu] = await self._answer(unit, pdu)
         return answers[pdu]
 
-    async def _answer(self, unit: ScannedUnit, pdu: bytes) -> bytes | None:
-        """Return what the unit answers in time, if anything."""
-        unit.heard.clear()
-        await self._ask(unit, pdu)
-        return unit.heard[0][0].pdu if unit.heard else None
+    async def _answer(self, unit: int, pdu: bytes) -> bytes | None:
+        """Return what the unit answers in time, if anything; a late answer to an earlier question is none."""
+        asked = ScannedUnit(unit, self._answer_time, self._now)
+        await self._ask(asked, pdu)
+        return asked.heard[0][0].pdu if asked.heard else None
 
     async def _ask(self, unit: ScannedUnit, pdu: bytes, *, awaits_second: bool = False) -> RequestError | None:
         """Send a read when the line is idle. What comes is in `unit.heard`; return the error if no good answer came.

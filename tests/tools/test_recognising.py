@@ -12,6 +12,7 @@ from gateway.simulator.generic import Generic
 from gateway.simulator.profiled import Profiled
 from gateway.simulator.weigher import Weigher
 from kit.asking import answers
+from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
 LINE = '[[line]]\nname = "hall"\nport = "/dev/hall"\ndevices = [{ unit = 1, profile = "meter" }]\n'
@@ -109,3 +110,16 @@ async def test_kinds_of_the_other_mode_are_not_looked_for(config):
 async def test_without_a_config_file_the_shipped_kinds_are_looked_for(tmp_path):
     found, _ = await scanned(tmp_path / "gateway.toml", "3", device(3, "small"))
     assert found[3].profile == "generic"
+
+
+async def test_a_late_answer_to_one_question_is_none_to_the_next(tmp_path):
+    config = tmp_path / "gateway.toml"
+    config.write_text("".join(f"[profile.at-{at}]\nidentity = {{ holding = {at}, equals = 7 }}\n" for at in (10, 11)))
+    late = SimulatedDevice(3, delay=0.6)
+    late.holding[10] = 7
+    async with gateway_bench(LINE.replace('"meter"', '"generic"')) as bench:
+        bench.attach("hall", SimulatedLine("rtu", late))
+        request = {"verb": "scan", "line": "hall", "units": "3"}
+        *_, last = await answers(bench.running, request, reloader=SimpleNamespace(file=config))
+    assert [(each.result, each.profile) for each in last["found"]] == [("answers", "generic")]
+    assert {bytes((3, 0, 10, 0, 1)), bytes((3, 0, 11, 0, 1))} <= {frame.pdu for frame in late.heard}
