@@ -14,7 +14,7 @@ from gateway.timing.table import Point, TimingTable
 
 
 def builtin_profile(name: str) -> Profile:
-    """Read the built-in profile `name`, with the same result as `gateway.config`."""
+    """Read the built-in profile `name`, with the same result as `gateway.config`, but without its points."""
     table = tomllib.loads(shipped_text(name) or "")["profile"][name]
     functions = table.get("functions")
     points: dict[int, list[Point]] = {}
