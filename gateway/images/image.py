@@ -65,7 +65,8 @@ class Image:
         self.counts = ImageCounts()
         self.last_writes = LastWrites()
         self.diagnostics = diagnostics or Diagnostics()
-        self._profile = replace(settings.profile, any_coil=False)  # a coil of an image is on or off
+        # A coil of an image is on or off, and its registers have two bytes.
+        self._profile = replace(settings.profile, any_coil=False, wide={})
         self._emit = emit
         self._ring = ring or Ring()
         identity = Identity(settings.name, product)

@@ -173,7 +173,7 @@ class Mirror:
         """
         asked = self.settings.profile.check(pdu)
         span = cast("Span", asked.read)
-        if not self._polling.has(span):
+        if not self._polling.has(span) or self.settings.profile.has_wide(span):
             raise IllegalDataAddress(f"{self.settings.name} does not poll all of {span.area} {span.addresses}")
         if row.writes is None:
             row.writes = self._polling.writes

@@ -145,8 +145,10 @@ class Polling:
         self._poller = poller
         self._emit = emit
         self._tables = make_tables(settings.areas, {})
-        polls = joined(settings.polls, ReadRules.of(settings.profile), device.holes)
-        self._ranges = [PolledRange(poll, due_at=0.0) for poll in polls]
+        #: Tables have no registers of four bytes.
+        polls = [poll for poll in settings.polls if not settings.profile.has_wide(poll.span)]
+        ranges = joined(polls, ReadRules.of(settings.profile), device.holes)
+        self._ranges = [PolledRange(poll, due_at=0.0) for poll in ranges]
         self._polls: dict[Request, PolledRange] = {}
 
     def has(self, span: Span) -> bool:

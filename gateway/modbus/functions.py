@@ -39,17 +39,18 @@ class Items:
     """Up to `most` items of one area in a request.
 
     Their address is at byte `at`, followed by their quantity if there can be several. Their values begin at byte
-    `values_at`; 0 if the request has none.
+    `values_at`; 0 if the request has none. A register has `width` bytes.
     """
 
     area: Area
     most: int
     at: int = 1
     values_at: int = 0
+    width: int = 2
 
     def byte_count(self, count: int) -> int:
-        """Compute the bytes of `count` items: two per register, one per eight coils or inputs."""
-        return 2 * count if self.area in (Area.HOLDING, Area.INPUT) else (count + 7) // 8
+        """Compute the bytes of `count` items: `width` per register, one per eight coils or inputs."""
+        return self.width * count if self.area in (Area.HOLDING, Area.INPUT) else (count + 7) // 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +177,17 @@ READERS: Final = {row.reads.area: (row.code, row.reads.most) for row in _ROWS if
 
 #: Function 05 for devices that accept other values too: relay boards that toggle or pulse.
 ANY_COIL: Final = replace(FUNCTIONS[Code.WRITE_SINGLE_COIL], rules={})
+
+#: The functions for registers of four bytes, as Enron and others have them; no specification has others for these.
+WIDE: Final[Mapping[int, Function]] = {
+    Code.READ_HOLDING_REGISTERS: replace(
+        FUNCTIONS[Code.READ_HOLDING_REGISTERS], reads=Items(Area.HOLDING, 62, width=4)
+    ),
+    Code.READ_INPUT_REGISTERS: replace(FUNCTIONS[Code.READ_INPUT_REGISTERS], reads=Items(Area.INPUT, 62, width=4)),
+    Code.WRITE_MULTIPLE_REGISTERS: replace(
+        FUNCTIONS[Code.WRITE_MULTIPLE_REGISTERS], writes=Items(Area.HOLDING, 61, values_at=6, width=4)
+    ),
+}
 
 _UNKNOWN: Final = Function(0, "5", "write", any_size(1), any_size(1))
 #: An exception response, of two bytes (A 7). No request has such a code.

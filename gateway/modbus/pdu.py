@@ -1,11 +1,12 @@
 """Protocol data units: the meaning of a request and the form of its response, by the table in `functions`."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.errors import IllegalFunction, RequestError
+from gateway.errors import IllegalDataValue, IllegalFunction, RequestError
 from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
-from gateway.modbus.functions import ALL, ANY_COIL, Function, Items, request_size, response_size, row_of
+from gateway.modbus.functions import ALL, ANY_COIL, WIDE, Function, Items, request_size, response_size, row_of
 from gateway.modbus.shapes import need
 
 #: The most parsed requests that are cached.
@@ -109,12 +110,38 @@ def parse_request(pdu: bytes) -> RequestPdu:
 
 
 def parse_sent(pdu: bytes) -> RequestPdu:
-    """Parse a request PDU that some device may accept: function 05 may have any value.
+    """Parse a request PDU that some device may accept: 05 may have any value, 16 may write registers of four bytes.
 
     Raises:
         RequestError: as parse_request.
     """
-    return _parse(pdu, ANY_COIL) if pdu[0] == FunctionCode.WRITE_SINGLE_COIL else parse_request(pdu)
+    if pdu[0] == FunctionCode.WRITE_SINGLE_COIL:
+        return _parse(pdu, ANY_COIL)
+    try:
+        return parse_request(pdu)
+    except IllegalDataValue:
+        if pdu[0] != FunctionCode.WRITE_MULTIPLE_REGISTERS:
+            raise
+        return parse_wide(pdu)
+
+
+def parse_wide(pdu: bytes) -> RequestPdu:
+    """Parse a request PDU of function 03, 04 or 16 for registers of four bytes.
+
+    Raises:
+        IllegalDataValue: length, quantity or byte count are not those of such registers.
+    """
+    return _parse(pdu, WIDE[pdu[0]])
+
+
+def spans_of(pdu: bytes) -> Iterator[Span]:
+    """Yield the items that a request PDU reads and writes, as far as it tells them; its structure is not checked."""
+    row = row_of(pdu)
+    for items in (row.reads, row.writes):
+        if items is not None and len(pdu) >= items.at + (4 if items.most > 1 else 2):
+            at = items.at
+            count = pdu[at + 2] << 8 | pdu[at + 3] if items.most > 1 else 1
+            yield Span(items.area, pdu[at] << 8 | pdu[at + 1], count)
 
 
 def parse_anew(pdu: bytes) -> RequestPdu:

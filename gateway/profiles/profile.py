@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction
-from gateway.modbus.codes import Area
-from gateway.modbus.functions import BROADCAST_FUNCTIONS
-from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent
+from gateway.modbus.codes import Area, FunctionCode
+from gateway.modbus.functions import BROADCAST_FUNCTIONS, WIDE
+from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent, parse_wide, spans_of
 from gateway.profiles.identity import Identity
 from gateway.registers.items import REGISTER, WIDE_REGISTER
 from gateway.registers.masks import read_before, write_after
@@ -56,12 +56,15 @@ class Profile:
         """
         if not self.knows(pdu[0]):
             raise IllegalFunction(f"profile {self.name} has no function {pdu[0]}")
-        try:
-            asked = parse_request(pdu)
-        except IllegalDataValue:
-            if not self.any_coil:
-                raise
-            asked = parse_sent(pdu)
+        if self.wide and self._is_for_wide(pdu):
+            asked = parse_wide(pdu)
+        else:
+            try:
+                asked = parse_request(pdu)
+            except IllegalDataValue:
+                if not self.any_coil or pdu[0] != FunctionCode.WRITE_SINGLE_COIL:
+                    raise
+                asked = parse_sent(pdu)
         limit = self.limits.get(asked.function)
         if limit is not None and asked.items > limit:
             raise IllegalDataValue(f"profile {self.name} allows {limit} items of function {asked.function}")
@@ -80,6 +83,10 @@ class Profile:
             self.check(part)
         return asked
 
+    def has_wide(self, span: Span) -> bool:
+        """Tell whether one of the items has four bytes."""
+        return any(first < span.end and span.start <= last for first, last in self.wide.get(span.area, ()))
+
     def names(self, function: int) -> bool:
         """Tell whether the profile says that the device has this function."""
         return self.functions is not None and function in self.functions
@@ -92,6 +99,22 @@ class Profile:
     def broadcasts(self) -> frozenset[int]:
         """The functions that the device executes as broadcasts."""
         return BROADCAST_FUNCTIONS if self.functions is None else BROADCAST_FUNCTIONS & self.functions
+
+    def _is_for_wide(self, pdu: bytes) -> bool:
+        """Tell whether a request is for registers of four bytes: all of them are, and it is 03, 04 or 16.
+
+        Raises:
+            IllegalFunction: another function does not know such registers.
+            IllegalDataAddress: only some of the registers have four bytes.
+        """
+        span = next((span for span in spans_of(pdu) if self.has_wide(span)), None)
+        if span is None:
+            return False
+        if pdu[0] not in WIDE:
+            raise IllegalFunction(f"function {pdu[0]} is not for registers of four bytes such as {span.addresses}")
+        if not covers(self.wide[span.area], span):
+            raise IllegalDataAddress(f"only some of {span.area} {span.addresses} have four bytes")
+        return True
 
     def _check_addresses(self, asked: RequestPdu) -> None:
         for span in (asked.read, asked.write):

@@ -9,7 +9,7 @@ from typing import Final
 from gateway.errors import RequestError
 from gateway.modbus.codes import EXCEPTION_BIT, FunctionCode
 from gateway.modbus.pdu import RequestPdu, Span, parse_sent
-from gateway.registers.items import has_bits, reference, unpack_bits
+from gateway.registers.items import REGISTER, WIDE_REGISTER, has_bits, reference, unpack_bits
 
 #: The names of the functions and exceptions in the standard.
 FUNCTIONS: Final[Mapping[int, str]] = {
@@ -127,6 +127,7 @@ def _values(span: Span, data: bytes, word: Word) -> str:
     if has_bits(span.area):
         values = list(unpack_bits(data, min(span.count, 8 * len(data))))
     else:
-        values = [int.from_bytes(data[at : at + 2]) for at in range(0, len(data), 2)]
+        size = WIDE_REGISTER if len(data) == WIDE_REGISTER * span.count else REGISTER
+        values = [int.from_bytes(data[at : at + size]) for at in range(0, len(data), size)]
     shown = " ".join(map(str, values[:_MOST]))
     return f"{shown} {word('and')} {len(values) - _MOST} {word('more')}" if len(values) > _MOST else shown

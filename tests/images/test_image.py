@@ -231,3 +231,9 @@ def test_the_repr_is_a_status_line():
     counted = image(holding=((0, 3),))
     ask(counted, "03 0004 0001")
     assert repr(counted) == "<Image shift-data unit=10 requests=1 exceptions=1>"
+
+
+def test_an_image_has_no_registers_of_four_bytes() -> None:
+    enron = image(Profile("enron", wide={Area.HOLDING: ((0, 9),)}), holding=((0, 9),))
+    assert ask(enron, "03 0000 0002") == "03 04 00 00 00 00"
+    assert ask(enron, "10 0000 0001 04 01020304") == "90 03"

@@ -603,3 +603,13 @@ def test_a_write_elsewhere_may_have_changed_the_values_too_so_that_they_are_poll
     assert bench.at(1.0) == ["03 00 00 00 01"]
     bench.answers(SIX)
     assert client.ask() == [SIX]
+
+
+def test_registers_of_four_bytes_are_not_polled_and_not_read() -> None:
+    profile = Profile("enron", wide={Area.HOLDING: ((4, 7),)})
+    bench = Bench(Poll(Area.HOLDING, 0, 1, 0.5), Poll(Area.HOLDING, 4, 5, 0.5), profile=profile)
+    assert bench.at(0.0) == ["03 00 00 00 02"]
+    bench.answers("03 04 00 05 00 06")
+    client = Client(bench)
+    assert client.ask("03 0004 0001") == ["83 02"]
+    assert client.ask("03 0000 0002") == ["03 04 00 05 00 06"]

@@ -16,6 +16,7 @@ from gateway.trace.pdus import frame_in_words, request_in_words, response_in_wor
         ("05 00 AC 55 00", "write coils 172 (00173): 5500"),
         ("06 00 87 03 9E", "write holding 135 (40136): 926"),
         ("10 00 01 00 02 04 00 0A 01 02", "write holding 1-2 (40002-40003): 10 258"),
+        ("10 13 88 00 01 04 00 01 00 00", "write holding 5000 (45001): 65536"),
         ("0F 00 13 00 0A 02 CD 01", "write coils 19-28 (00020-00029): 1 0 1 1 0 0 1 1 1 0"),
         ("16 00 04 00 F2 00 25", "write holding 4 (40005)"),
         (
@@ -36,6 +37,7 @@ def test_a_request(request_pdu: str, words: str) -> None:
     ("request_pdu", "response", "words"),
     [
         ("03 00 00 00 02", "03 04 45 9C 3D 51", "17820 15697"),
+        ("03 13 88 00 02", "03 08 00 01 00 00 00 00 00 02", "65536 2"),
         ("01 00 00 00 03", "01 01 05", "1 0 1"),
         ("06 00 87 03 9E", "06 00 87 03 9E", "written"),
         ("03 00 00 00 02", "83 02", "exception 02, illegal data address"),
