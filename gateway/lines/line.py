@@ -6,6 +6,7 @@
 | idle      | a request can be sent                   | awaiting  | it is written                                     |
 | idle      | a broadcast can be sent                 | idle      | it is written; the turnaround silence begins      |
 | awaiting  | the response                            | idle      | the client gets it                                |
+| awaiting  | that to the read of a write to bits     | idle      | the write is sent next                            |
 | awaiting  | the limit, an ambiguous response        | idle      | a late window opens; 0B, or at the limit a read   |
 |           |                                         |           | waits for its repeat                              |
 | awaiting  | the limit, to a read that may have to   | repeating |                                                   |

@@ -7,6 +7,7 @@ Turns and equal reads are up to `queue`, a connection that is closed while nobod
 | under way           | one request                               | `in_flight`, of one client to one unit one    |
 | whose a response is | `attribution` finds out                   | its identifier says                           |
 | late responses      | forbid requests for a while (`ledger`)    | keep their identifiers taken (`in_flight`)    |
+| a write to bits     | its write is next after its read          | and nothing else to the unit meanwhile        |
 | a read is repeated  | at once after damage; after silence when  | at once, before all that waits                |
 |                     | its late window has ended                 |                                               |
 """

@@ -39,7 +39,7 @@ class Upstream:
     """One connection to another server and its transactions.
 
     A client's requests to one unit are sent one at a time, so that they keep their order. So are all requests to a unit
-    that has failed, until it responds.
+    that has failed, until it responds, or while bits are written there by a read and a write.
     """
 
     def __init__(self, settings: UpstreamSettings, emit: Emit, ring: Ring | None = None) -> None:
