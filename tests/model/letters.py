@@ -260,6 +260,8 @@ LETTERS: Final[dict[str, Letter]] = {
     "read from other unit": _asks("b", 3, "03 00 10 00 01"),
     "read, then other read": _asks("a", 1, "03 00 10 00 01", "other read"),
     "other write": _asks("b", 1, "06 00 31 00 00"),
+    "bits": _asks("a", 1, "16 00 40 FF 0F 00 A0"),
+    "other bits": _asks("b", 1, "16 00 41 FF FE 00 01"),
     "switch": _asks("a", 1, "05 00 30 FF 00"),
     "read coils": _asks("a", 1, "01 00 20 00 18"),
     "read coils further on": _asks("b", 1, "01 03 10 00 18"),

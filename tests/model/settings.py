@@ -61,6 +61,10 @@ ALPHABETS: Final[dict[str, tuple[str, ...]]] = {
         "read", "read from other unit", "move", "move back", "other unit moves there", "other unit takes its place",
         "answer", "newest answer", "exception", "answer lost", "silence", "limit", "window", "reload",
     ),
+    "bits": (
+        "bits", "other bits", "write", "answer", "newest answer", "exception", "answer with wrong check sum",
+        "foreign write", "client leaves", "port lost", "port back", "finish", "silence", "limit", "window",
+    ),
     "rest": (
         "read", "other read", "read from other unit", "answer", "exception", "answer with wrong check sum", "noise",
         "silence", "limit", "window", "rest", "port lost", "port back",

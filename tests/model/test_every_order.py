@@ -7,9 +7,11 @@ import pytest
 
 from gateway.devices.addresses import Whereabouts
 from gateway.lines.attribution import Attribution
+from gateway.lines.bits import BitsTransaction
 from gateway.lines.exchange import Exchange
 from gateway.lines.ledger import Ledger
 from gateway.lines.line import Line
+from gateway.lines.queue import WaitingQueue
 from gateway.lines.transaction import Transaction
 from gateway.modbus.scan import Expected, Token
 from gateway.modbus.scan_rtu import RtuScanner
@@ -227,6 +229,19 @@ def test_a_write_that_is_repeated(monkeypatch) -> None:
 
     monkeypatch.setattr(Line, "_may_repeat", may_repeat)
     assert "a write is sent again" in finds("write", 1).wrong[0]
+
+
+@pytest.mark.interpreted
+def test_something_between_the_read_and_the_write_of_bits(monkeypatch) -> None:
+    monkeypatch.setattr(WaitingQueue, "take_following", lambda queue: None)
+    assert "something else than the read" in finds("bits, other bits, answer, silence", 5).wrong[0]
+
+
+@pytest.mark.interpreted
+def test_a_write_of_bits_into_the_late_window_of_another_write(monkeypatch) -> None:
+    """The exception of the late one is taken for its own."""
+    monkeypatch.setattr(BitsTransaction, "resembles", lambda waiting, earlier: earlier.function == 3)
+    assert LIE in finds("write, bits, answer, newest answer, exception, silence, limit", 6).wrong[0]
 
 
 @pytest.mark.interpreted

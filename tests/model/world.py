@@ -5,12 +5,13 @@ It is driven through its public side only: `submit` of its devices, `received`, 
 
 - Each request is answered once, in time, with its own answer or with an exception that says the truth.
 - No two devices come to have one address.
-- No write goes out twice. Nothing goes out that nobody asks for, nor before the line was silent, nor while the answer
-  to the last request may come in time.
+- No write goes out twice. That of a register whose bits are written follows the read of it, and has what was read.
+- Nothing goes out that nobody asks for, nor before the line was silent, nor while the answer to the last request may
+  come in time.
 - Every wait ends.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,10 +21,11 @@ from gateway.devices.quirks import MovableDevice
 from gateway.events import EchoHeard, Event
 from gateway.lines.line import Line
 from gateway.lines.settings import LineSettings
-from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, FunctionCode
 from gateway.modbus.pdu import parse_request
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.profiles.profile import Profile
+from gateway.registers.masks import read_before, write_after
 from gateway.request import Caller, Request
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
@@ -40,8 +42,11 @@ A_MOMENT: Final = 1e-6
 #: What the gateway answers itself: to what it has not sent, and to anything.
 _NOT_SENT: Final = (0x06, 0x0A)
 _NO_ANSWER: Final = 0x0B
-#: And to a change of an address that another device may have.
+#: And to a change of an address that another device may have; to a write to bits while another client may be there.
 _REFUSED: Final = 0x03
+_SHARED: Final = 0x04
+#: The function that writes a register whose bits are written.
+_WRITE: Final = 0x06
 #: So often a line may be woken while time passes.
 _WAKES: Final = 1000
 
@@ -81,16 +86,32 @@ class Question:
         self.asked_at = world.now
         self.is_gone = False
         self.answers: list[bytes | None] = []
-        #: How often it may have been sent, and whether it was: equal reads look alike on the wire.
+        #: How often it may have been written, and whether it was sent: equal reads look alike on the wire.
         self.sent = 0
         self.was_sent = False
         self._world = world
         self._then = then
 
     @property
-    def only_reads(self) -> bool:
-        """Whether it may be sent more than once."""
-        return parse_request(self.pdu).only_reads
+    def is_of_bits(self) -> bool:
+        """Whether it is a write to bits, which is sent as a read and a write."""
+        return self.pdu[0] == FunctionCode.MASK_WRITE_REGISTER
+
+    def may_be_sent_as(self, pdu: bytes, answers: Iterable[tuple[bytes, bytes]]) -> bool:
+        """Whether it may go out as this PDU, by the answers that it had so far, each with what was sent."""
+        if not self.is_of_bits:
+            return pdu == self.pdu
+        read = read_before(self.pdu)
+        values = [int.from_bytes(answer[2:]) for sent, answer in answers if sent == read and answer[0] == read[0]]
+        return pdu == read or (bool(values) and pdu == write_after(self.pdu, values[-1], _WRITE))
+
+    def answer_for(self, sent: bytes, pdu: bytes) -> bytes | None:
+        """What the client gets when this comes for what was sent; None if that is no answer."""
+        if not self.is_of_bits:
+            return pdu
+        if pdu[0] & EXCEPTION_BIT:
+            return bytes((self.pdu[0] | EXCEPTION_BIT, pdu[1]))
+        return self.pdu if sent[0] == _WRITE else None
 
     @property
     def is_answered(self) -> bool:
@@ -128,6 +149,8 @@ class World:
         self.echo = b""
         #: What has come and is read only together with what comes next; None if nothing is held back.
         self.held: bytes | None = None
+        #: What was written last.
+        self.written: tuple[int, bytes] | None = None
         #: The shape of the last answer, and its frame.
         self.last: tuple[tuple[int, int], bytes] | None = None
         self.is_up = False
@@ -187,7 +210,9 @@ class World:
             pdu = next(each for value in range(256) if (each := pdu[:-1] + bytes((value,))) not in taken)
         question = Question(self, client, unit, pdu, then)
         self.open.append(question)
-        (self.devices.get(unit) or self.everyone).submit(Request(unit, pdu, question, self.now), self.now)
+        request = Request(unit, pdu, question, self.now)
+        request.in_one_turn = _WRITE if question.is_of_bits else 0
+        (self.devices.get(unit) or self.everyone).submit(request, self.now)
 
     def hear(self, data: bytes = b"", *, damaged: bool = False) -> None:
         """The line delivers this, and before it the echo of what was sent."""
@@ -291,21 +316,39 @@ class World:
             return "no answer, though its client is there" if question.is_answered and not question.is_gone else ""
         if pdu[0] & EXCEPTION_BIT and pdu[1] in _NOT_SENT:
             return "but it was sent" if question.was_sent and not question.is_gone else ""
-        is_refused = self.setting.moves and question.pdu.startswith(MOVE) and not question.was_sent
-        if pdu[0] & EXCEPTION_BIT and (pdu[1] == _NO_ANSWER or (is_refused and pdu[1] == _REFUSED)):
+        if pdu[0] & EXCEPTION_BIT and self._may_refuse(question, pdu[1]):
             return ""
         its_own = [
-            pdu
+            question.answer_for(asking.pdu, pdu)
             for asking in self.wire.askings
             if question in asking.questions and asking.device == question.unit
             for pdu in asking.delivered
         ]
         return "" if pdu in its_own else "that is not the answer to it"
 
+    def _may_refuse(self, question: Question, code: int) -> bool:
+        """Whether the gateway may answer with this exception, whether or not it has sent anything."""
+        if code == _REFUSED:
+            return self.setting.moves and question.pdu.startswith(MOVE) and not question.was_sent
+        if code == _SHARED:
+            return question.is_of_bits and not question.sent and self.now < self.wire.is_shared_until
+        return code == _NO_ANSWER
+
     def _write(self, data: bytes) -> None:
         self._tell(f"    >> {data.hex(' ')}")
         unit, pdu = self.wire.decoded(data)
-        questions = [each for each in self.open if each.pdu == pdu and unit == self._address(each.unit)]
+        answers = [
+            (each, (asking.pdu, one))
+            for asking in self.wire.askings
+            for each in asking.questions
+            for one in asking.delivered
+        ]
+        questions = [
+            each
+            for each in self.open
+            if unit == self._address(each.unit)
+            and each.may_be_sent_as(pdu, [answer for question, answer in answers if question is each])
+        ]
         if not self.is_up:
             self.wrong.append("sent through a port that has gone")
         if not questions:
@@ -314,10 +357,14 @@ class World:
             self.wrong.append(f"sent {self._silent_at - self.now:.6f} s before the silence is over")
         if self.sent is not None and self.sent.is_owed and self.now < self.sent.fails_at - A_MOMENT:
             self.wrong.append("sent while the answer to the last request is still awaited")
+        is_write = not parse_request(pdu).only_reads
+        if is_write and any(each.is_of_bits and self.written != (unit, read_before(each.pdu)) for each in questions):
+            self.wrong.append("sent after something else than the read of its register")
+        self.written = unit, pdu
         for question in questions:
-            question.sent += 1
+            question.sent += is_write
             question.was_sent = question.was_sent or len(questions) == 1
-            if question.sent > 1 and not question.only_reads:
+            if question.sent > 1:
                 self.wrong.append(f"a write is sent again: {question}")
         asking = self.wire.asked(data, questions, self.now)
         settings, is_answered = self.setting.line, any(question.is_answered for question in questions)
