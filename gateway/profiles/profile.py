@@ -56,15 +56,12 @@ class Profile:
         """
         if not self.knows(pdu[0]):
             raise IllegalFunction(f"profile {self.name} has no function {pdu[0]}")
-        if self.wide and self._is_for_wide(pdu):
-            asked = parse_wide(pdu)
-        else:
-            try:
-                asked = parse_request(pdu)
-            except IllegalDataValue:
-                if not self.any_coil or pdu[0] != FunctionCode.WRITE_SINGLE_COIL:
-                    raise
-                asked = parse_sent(pdu)
+        try:
+            asked = parse_wide(pdu) if self.wide and self._is_for_wide(pdu) else parse_request(pdu)
+        except IllegalDataValue:
+            if not self.any_coil or pdu[0] != FunctionCode.WRITE_SINGLE_COIL:
+                raise
+            asked = parse_sent(pdu)
         limit = self.limits.get(asked.function)
         if limit is not None and asked.items > limit:
             raise IllegalDataValue(f"profile {self.name} allows {limit} items of function {asked.function}")

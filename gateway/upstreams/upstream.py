@@ -56,6 +56,8 @@ class Upstream:
         self._is_looking = False
         self._silent_at = 0.0
         self._failed_at: dict[Destination, float] = {}
+        #: Writes that should have followed reads, and have no connection.
+        self._cut_off: list[Transaction] = []
 
     def port_up(self, send: Send, now: float, look: Look = see_nothing) -> None:
         """Use `send` from now on: the connection is open. The next `tick` sends waiting requests.
@@ -131,7 +133,6 @@ class Upstream:
         """
         self.silences = 0
         taken: list[tuple[Transaction, bytes]] = []
-        cut_off: list[Transaction] = []
         try:
             for frame in frames:
                 answered = self._sent.take(frame, now)
@@ -143,12 +144,14 @@ class Upstream:
                     taken.append((answered, frame.pdu))
                     following = answered.following(frame.pdu)
                     if following is not None:
-                        self._follow(following, cut_off)
+                        self._follow(following)
             self._go_on(now)
         finally:
             for transaction, pdu in taken:
                 transaction.respond(pdu, now)
-            self._waiting.fail_unsent(cut_off, now)
+            if self._cut_off:
+                cut_off, self._cut_off = self._cut_off, []
+                self._waiting.fail_unsent(cut_off, now)
 
     def unsent(self, identifier: int, now: float) -> None:
         """Fail the request with this identifier, which was not delivered, with 0A; do nothing if it has ended."""
@@ -254,10 +257,10 @@ class Upstream:
         else:
             self._go_on(now)
 
-    def _follow(self, following: Transaction, cut_off: list[Transaction]) -> None:
-        """Have the write sent that follows a read, before all that waits; without a connection it is `cut_off`."""
+    def _follow(self, following: Transaction) -> None:
+        """Have the write sent that follows a read, before all that waits; without a connection it fails."""
         if self._connection.send is None and not self.is_closed:
-            cut_off.append(following)
+            self._cut_off.append(following)
             return
         following.gives_up_at = inf  # as in `_give_up`
         self._queue.put_back(following)
