@@ -16,6 +16,8 @@ from gateway.registers.items import MANUAL_BASES, WRITERS, has_bits, reference
 
 #: The text of an empty cell.
 _NOTHING: Final = "-"
+#: So many registers of a text are shown.
+_MOST_SHOWN: Final = 8
 
 
 def table(readings: Sequence[Reading], time: str = "") -> str:
@@ -99,8 +101,14 @@ def _cells(reading: Reading) -> dict[str, str]:
         "AREA": place.area,
         "ADDRESS": f"{place.start}{point.bits_shown}",
         "REFERENCE": f"{reference(place.area, place.start)}{point.bits_shown}",
-        "HEX": " ".join(f"{register:0{2 * point.width}X}" for register in reading.registers) or _NOTHING,
+        "HEX": _registers(reading) or _NOTHING,
     }
+
+
+def _registers(reading: Reading) -> str:
+    """Show registers in hexadecimal, of a long text the first ones."""
+    shown = [f"{register:0{2 * reading.point.width}X}" for register in reading.registers]
+    return " ".join(shown if len(shown) <= _MOST_SHOWN else [*shown[:_MOST_SHOWN], "…"])
 
 
 def _called(unit: Unit) -> str:

@@ -8,10 +8,12 @@ import pytest
 
 from gateway.cli.main import main
 from gateway.cli.units import on_unit
+from gateway.cli.units.values import table
 from gateway.errors import GatewayError
 from gateway.modbus.codes import Area
 from gateway.operator.answers.unit import RequestAnswer
 from gateway.profiles.point import Point
+from gateway.profiles.reading import Reading
 from kit.control import FakeDaemon
 
 POINTS = (
@@ -338,3 +340,10 @@ def test_registers_of_four_bytes_are_told_whole(monkeypatch, capsys):
     )
     assert main(["read", "41", "input", "0-1"]) == 1
     assert "the response carries 8 bytes, and 4 were asked for" in capsys.readouterr().err
+
+
+def test_of_a_long_text_the_first_registers_are_shown():
+    point = Point("maker", Area.HOLDING, 0, "string", count=9)
+    shown = table([Reading(point, b"AB" * 9)]).splitlines()[1]
+    assert shown.endswith(" 4142 4142 4142 4142 4142 4142 4142 4142 …")
+    assert table([Reading(point, b"AB" * 9)]).count("4142") == 8
