@@ -6,6 +6,7 @@ import pytest
 
 from gateway.control.server import carry_out
 from gateway.errors import DoesNotFit, ExceptionReceived, Malformed, NotPermitted, WrongQuestion
+from gateway.modbus.rtu import with_crc
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.requests import AT_CONTROL
@@ -129,3 +130,20 @@ async def test_lines_and_units_are_told(bench):
     assert (await ask(bench.running, "unit-status", unit=46))["unit"].status.line == "hall"
     with pytest.raises(WrongQuestion, match="there is no line yard"):
         await ask(bench.running, "line", name="yard")
+
+
+async def test_registers_of_four_bytes_are_read_and_written_by_address():
+    """As a flow computer has them: one register is one number of 32 bits."""
+    wide = CONFIG.replace('as = 46, name = "press", ', 'as = 46, name = "press", profile = "flow", ')
+    async with gateway_bench(wide + '[profile.flow]\nwide = { holding = "100-119" }\n') as bench:
+        device = SimulatedDevice(6)
+        device.script.extend([[(0.01, with_crc(bytes.fromhex("06 03 08 00 01 11 70 BF 80 00 00")))]] * 2)
+        bench.attach("hall", SimulatedLine("rtu", device))
+        place = {"unit": 46, "area": "holding", "start": 100, "end": 101}
+        told = (await ask(bench.running, "read", **place))["values"]
+        assert [(each.address, each.value) for each in told] == [(100, 70000), (101, 0xBF800000)]
+        told = (await ask(bench.running, "read", **place, type="float32"))["values"]
+        assert told[1].value == -1.0
+        device.script.append([(0.01, with_crc(bytes.fromhex("06 10 00 65 00 01")))])
+        await ask(bench.running, "write", **{**place, "start": 101}, values=[70000])
+        assert device.heard[-1].pdu == bytes.fromhex("10 00 65 00 01 04 00 01 11 70")

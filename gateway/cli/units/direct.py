@@ -29,14 +29,15 @@ from gateway.config.values.port import DEVICE_SERVER_MODES, parse_port
 from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
 from gateway.modbus.explain import Mode, explain
-from gateway.modbus.pdu import parse_request
+from gateway.modbus.pdu import RequestPdu, parse_request, parse_wide, spans_of
 from gateway.operator.values import Answer, Step
 from gateway.ports.opener import open_blocking
 from gateway.ports.port import SerialSettings
 from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
-from gateway.profiles.profile import Range
+from gateway.profiles.profile import Range, width_at
 from gateway.profiles.read_rules import NO_RULES, ReadRules
+from gateway.registers.items import WIDE_REGISTER
 
 #: The usual time limit in seconds, and that of a server: a gateway lets requests wait, and waits for slow devices.
 _TIMEOUT: Final = 1.0
@@ -97,7 +98,7 @@ class DirectUnit:
             answer = bytes((response.function_code, *response.encode()))
         except (ModbusException, OSError, ValueError) as wrong:
             raise NoResponseError(f"unit {self.number}: {self._what_came(pdu)}; {self._advice}") from wrong
-        if not parse_request(pdu).accepts(answer):
+        if not self._parsed(pdu).accepts(answer):
             came = f"{answer.hex(' ').upper()} ({self._what_came(pdu)})"
             raise NoResponseError(f"unit {self.number}: this is not the response to this request: {came}")
         frames = self._frames
@@ -109,7 +110,12 @@ class DirectUnit:
         if not came:
             return "no response"
         unknown = "what came is no response" if self._framing == "tcp" else "the response is damaged"
-        return explain(parse_request(pdu), self.number, came, self._framing) or unknown
+        return explain(self._parsed(pdu), self.number, came, self._framing) or unknown
+
+    def _parsed(self, pdu: bytes) -> RequestPdu:
+        """Parse a request; it is for registers of four bytes where the profile says so."""
+        is_wide = any(width_at(self.wide, span) == WIDE_REGISTER for span in spans_of(pdu))
+        return parse_wide(pdu) if is_wide else parse_request(pdu)
 
 
 class _Place:

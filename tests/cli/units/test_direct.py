@@ -26,9 +26,10 @@ class Echo:
         return self._rest
 
 
-def asked(request: str, answer: str) -> tuple[list[str], bytes]:
+def asked(request: str, answer: str, wide=()) -> tuple[list[str], bytes]:
     client = Echo(answer)
     place = _Place(argparse.Namespace(mode=None, tcp="there", timeout=None))
+    place.wide = dict(wide)
     unit = DirectUnit(client, 3, (), place)
     return client.sent, unit.ask(Step(bytes.fromhex(request))).pdu
 
@@ -45,6 +46,20 @@ def asked(request: str, answer: str) -> tuple[list[str], bytes]:
 def test_a_request_is_sent_as_it_is(request_pdu, response):
     sent, answer = asked(request_pdu, response)
     assert (sent, answer) == ([request_pdu], bytes.fromhex(response))
+
+
+@pytest.mark.parametrize(
+    ("request_pdu", "response"),
+    [
+        ("03 13 88 00 02", "03 08 00 01 11 70 00 01 11 71"),
+        ("10 13 88 00 01 04 00 01 11 70", "10 13 88 00 01"),
+    ],
+)
+def test_registers_of_four_bytes_have_four_in_both_directions(request_pdu, response):
+    wide = {"holding": ((5000, 5999),)}
+    assert asked(request_pdu, response, wide) == ([request_pdu], bytes.fromhex(response))
+    with pytest.raises(NoResponseError, match="this is not the response"):
+        asked("03 13 88 00 02", "03 04 00 01 11 70", wide)
 
 
 def test_a_response_that_does_not_fit_is_none():
