@@ -1,14 +1,8 @@
-"""Function 22: some bits of a holding register, `(register AND and_mask) OR (or_mask AND NOT and_mask)` (A 6.16)."""
+"""Function 22 (A 6.16), and a read and a write that do the same: `(register AND and_mask) OR (or_mask AND NOT and_mask)`."""
 
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import Span
 from gateway.registers.items import read_request
-
-
-def mask_request(address: int, mask: int, bits: int) -> bytes:
-    """Make the request PDU that sets the bits of a register that are 1 in `mask` to those of `bits`."""
-    words = b"".join(word.to_bytes(2, "big") for word in (address, mask ^ 0xFFFF, bits & mask))
-    return bytes((FunctionCode.MASK_WRITE_REGISTER,)) + words
 
 
 def masked(pdu: bytes, before: int) -> int:
