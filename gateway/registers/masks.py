@@ -1,4 +1,4 @@
-"""Function 22 (A 6.16), and a read and a write that do the same: `(register AND and_mask) OR (or_mask AND NOT and_mask)`."""
+"""Function 22 (A 6.16): `(register AND and_mask) OR (or_mask AND NOT and_mask)`; a read and a write that do it too."""
 
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import Span
