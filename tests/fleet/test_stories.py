@@ -8,6 +8,7 @@ from itertools import chain
 import pytest
 
 from gateway.config.plan.settings import Plan
+from gateway.errors import ExceptionReceived
 from gateway.events import AccessDenied, WriteAudit
 from gateway.fleet import link
 from gateway.fleet.headers import MOST_HOPS
@@ -659,3 +660,22 @@ async def test_sites_that_mirror_each_other_pass_a_write_on_only_so_often(nats):
         await asyncio.sleep(20.0)
     writes = [sent for sent in nats.sent if ".unit." in sent.subject and sent.body[:1] == b"\x06"]
     assert len(writes) == MOST_HOPS + 1, "the last one is refused"
+
+
+WITH_BITS = DESCRIBED.replace('name = "weight", holding = 5', 'name = "lamp", holding = 5, bit = 3')
+MASKS = "[profile.masks]\nfunctions = [3, 6, 22]\n"
+
+
+async def test_bits_of_another_site_need_function_22(nats):
+    """Clients there could write between a read and a write."""
+    async with sites(WITH_BITS, OWNER + WRITERS) as (a, b):
+        silo, _ = on_line(b)
+        with pytest.raises(ExceptionReceived, match="clients of the other site"):
+            await ask(a.running, "write-point", unit="silo-41", name="lamp", values=[1])
+        assert silo.heard == []
+    masks = WITH_BITS.replace('to = "fleet://b"', 'to = "fleet://b"\nprofile = "masks"') + MASKS
+    async with sites(masks, OWNER + WRITERS) as (a, b):
+        silo, _ = on_line(b)
+        await ask(a.running, "write-point", unit="silo-41", name="lamp", values=[1])
+        assert silo.holding[5] == 8
+        assert silo.heard[-1].pdu.hex(" ").upper() == "16 00 05 FF F7 00 08"
