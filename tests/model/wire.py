@@ -117,8 +117,7 @@ class Wire:
         self._writes_of_others = 0
         #: When another client can have sent what we have sent last.
         self._copied_at: dict[tuple[int, bytes], float] = {}
-        #: Until when another client may be there.
-        self.is_shared_until = 0.0
+        self._is_shared_until = 0.0
         #: Other clients' requests without an answer that was heard whole, and what looks like one.
         self._unanswered: set[tuple[int, bytes]] = set()
         #: Our requests whose answer came damaged: until when the gateway may await it.
@@ -139,7 +138,7 @@ class Wire:
         looks_like_answer = pdu[0] == FunctionCode.WRITE_SINGLE_COIL and asked in awaited
         if now < self._copied_at.get(asked, 0.0):
             return False
-        if pdu.startswith(_TWOFOLD) and now >= self.is_shared_until:
+        if pdu.startswith(_TWOFOLD) and now >= self._is_shared_until:
             looks_like_answer = (unit, pdu[0]) in {(each, other[0]) for each, other in awaited}
         return not looks_like_answer and sum(each.is_owed and not each.is_ours for each in self.askings) < _OTHERS
 
@@ -157,7 +156,7 @@ class Wire:
             pdu = pdu[:-1] + bytes((self._writes_of_others,))
         self._unanswered.add((unit, pdu))
         if not pdu.startswith(_TWOFOLD):
-            self.is_shared_until = now + _SHARED
+            self._is_shared_until = now + _SHARED
         only_reads = parse_request(pdu).only_reads
         ours = [each for each in self.askings if each.is_ours and (each.is_owed or only_reads)]
         same = [each for each in ours if (each.unit, each.pdu) == (unit, pdu)]

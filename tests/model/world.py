@@ -330,8 +330,8 @@ class World:
         """Whether the gateway may answer with this exception, whether or not it has sent anything."""
         if code == _REFUSED:
             return self.setting.moves and question.pdu.startswith(MOVE) and not question.was_sent
-        if code == _SHARED:
-            return question.is_of_bits and not question.sent and self.now < self.wire.is_shared_until
+        if code == _SHARED:  # it may suspect another client where a damaged frame was heard
+            return question.is_of_bits and not question.sent and self.line.ledger.other_client is not None
         return code == _NO_ANSWER
 
     def _write(self, data: bytes) -> None:
