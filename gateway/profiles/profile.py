@@ -8,6 +8,7 @@ from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import BROADCAST_FUNCTIONS, WIDE
 from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent, parse_wide, spans_of
 from gateway.profiles.identity import Identity
+from gateway.registers.items import REGISTER, WIDE_REGISTER
 from gateway.registers.masks import read_before, write_after
 from gateway.timing.table import TimingTable
 
@@ -23,7 +24,7 @@ class Profile:
     area that is not named has all. `idle_chars` is the silence that ends a frame for this device. With `any_coil`, 05
     may have other values than FF00 and 0000. `quirks` are its other deviations from the protocol. It sleeps after
     `wake` seconds without a request; 0 for never. Registers in `wide` have four bytes. Points are read together over
-    gaps of at most `max_gap` addresses.
+    gaps of at most `max_gap` addresses, none of them `only_written`.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Profile:
     wake: float = 0.0
     wide: Mapping[Area, tuple[Range, ...]] = field(default_factory=dict)
     max_gap: int = 0
+    only_written: tuple[Span, ...] = ()
     identity: Identity | None = None
 
     def check(self, pdu: bytes) -> RequestPdu:
@@ -54,15 +56,12 @@ class Profile:
         """
         if not self.knows(pdu[0]):
             raise IllegalFunction(f"profile {self.name} has no function {pdu[0]}")
-        if self.wide and self._is_for_wide(pdu):
-            asked = parse_wide(pdu)
-        else:
-            try:
-                asked = parse_request(pdu)
-            except IllegalDataValue:
-                if not self.any_coil or pdu[0] != FunctionCode.WRITE_SINGLE_COIL:
-                    raise
-                asked = parse_sent(pdu)
+        try:
+            asked = parse_wide(pdu) if self.wide and self._is_for_wide(pdu) else parse_request(pdu)
+        except IllegalDataValue:
+            if not self.any_coil or pdu[0] != FunctionCode.WRITE_SINGLE_COIL:
+                raise
+            asked = parse_sent(pdu)
         limit = self.limits.get(asked.function)
         if limit is not None and asked.items > limit:
             raise IllegalDataValue(f"profile {self.name} allows {limit} items of function {asked.function}")
@@ -118,6 +117,14 @@ class Profile:
         for span in (asked.read, asked.write):
             if span is not None and not covers(self.areas.get(span.area), span):
                 raise IllegalDataAddress(f"profile {self.name} has no {span.area} {span.addresses}")
+
+
+def width_at(wide: Mapping[str, tuple[Range, ...]], span: Span) -> int | None:
+    """Return how many bytes the registers of a span have, of which `wide` ones have four; None if some have two."""
+    ranges = wide.get(span.area, ())
+    if covers(ranges, span):
+        return WIDE_REGISTER
+    return None if any(first < span.end and span.start <= last for first, last in ranges) else REGISTER
 
 
 def covers(ranges: tuple[Range, ...] | None, span: Span) -> bool:

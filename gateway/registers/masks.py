@@ -5,6 +5,12 @@ from gateway.modbus.pdu import Span
 from gateway.registers.items import read_request
 
 
+def mask_request(address: int, mask: int, bits: int) -> bytes:
+    """Make the request PDU that sets the bits of a register that are 1 in `mask` to those of `bits`."""
+    words = b"".join(word.to_bytes(2, "big") for word in (address, mask ^ 0xFFFF, bits & mask))
+    return bytes((FunctionCode.MASK_WRITE_REGISTER,)) + words
+
+
 def masked(pdu: bytes, before: int) -> int:
     """Compute what a request PDU makes of a register that holds `before`."""
     and_mask, or_mask = int.from_bytes(pdu[3:5], "big"), int.from_bytes(pdu[5:7], "big")

@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.modbus.pdu import parse_request
-from gateway.registers.items import mask_request
-from gateway.registers.masks import masked, read_before, write_after
+from gateway.registers.masks import mask_request, masked, read_before, write_after
 
 WORDS = st.integers(0, 0xFFFF)
 
@@ -18,14 +17,14 @@ def test_the_example_of_the_specification() -> None:
 
 @given(WORDS, WORDS, WORDS, WORDS)
 def test_only_the_bits_of_the_mask_change(address: int, mask: int, bits: int, before: int) -> None:
-    pdu = mask_request(address, mask.to_bytes(2), bits.to_bytes(2))
+    pdu = mask_request(address, mask, bits)
     assert parse_request(pdu).write.start == address
     assert masked(pdu, before) == (before & ~mask) | (bits & mask)
 
 
 @pytest.mark.parametrize(("function", "written"), [(6, "06 12 34 00 F5"), (16, "10 12 34 00 01 02 00 F5")])
 def test_a_read_and_a_write_do_the_same(function: int, written: str) -> None:
-    pdu = mask_request(0x1234, b"\x00\x0f", b"\x00\x05")
+    pdu = mask_request(0x1234, 0x000F, 0x0005)
     assert read_before(pdu) == bytes.fromhex("03 12 34 00 01")
     assert write_after(pdu, 0x00FA, function) == bytes.fromhex(written)
     parse_request(write_after(pdu, 0x00FA, function))

@@ -13,7 +13,7 @@ from typing import Final
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 from gateway.modbus.pdu import RequestPdu
-from gateway.registers.items import mask_request
+from gateway.registers.masks import mask_request
 from gateway.request import Caller, Request
 from gateway.routing.router import Router
 from kit.faulty import EXCEPTION_CODES, FaultyDevice
@@ -138,7 +138,7 @@ async def keep_writing_bits(
             world.tally.complain(f"at {now:.6f} s bit {bit} of register {register} of {unit} is lost")
         wish = Wish(register, mask, dice.choice((0, mask)))
         device.wish(wish)
-        pdu = mask_request(register, mask.to_bytes(2), wish.bits.to_bytes(2))
+        pdu = mask_request(register, mask, wish.bits)
         response = await _ask(world, router, name, unit, pdu, dice.choice((6, 16)))
         known, known_at = None, world.loop.time()
         if response == pdu:
