@@ -205,11 +205,14 @@ def test_bits_show_what_the_whole_register_says():
 
 def test_registers_of_four_bytes():
     text = 'wide = { holding = "5000-5999" }\npoints = [{ name = "a", holding = 5000, type = "float32", unit = "V" }]'
-    meter = kind(text)
-    device = Profiled(1, meter, {"a": "230.5"})
-    assert device.items(Span(Area.HOLDING, 5000, 2)) == bytes.fromhex("43668000 00000000")
-    device.put(Span(Area.HOLDING, 5000, 1), bytes.fromhex("41200000"))
-    assert meter.points[0].value(device.items(meter.points[0].span)) == 10
+    device = Profiled(1, kind(text), {"a": "230.5"})
+    (point,) = device.kind.points
+    assert asked(device, "03 1388 0002") == "03 08 43 66 80 00 00 00 00 00"
+    assert asked(device, "10 1388 0001 04 41200000") == "10 13 88 00 01"
+    assert point.value(device.items(point.span)) == 10
+    assert asked(device, "06 1388 0001") == "86 01"
+    assert asked(device, "03 1387 0002") == "83 02"
+    assert asked(device, "03 1387 0001") == "03 02 00 00"
 
 
 def test_a_put_outside_its_addresses_is_an_error():
