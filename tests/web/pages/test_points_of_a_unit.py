@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from gateway.modbus.rtu import with_crc
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.markup import Markup
@@ -184,7 +185,8 @@ async def test_programs_are_told_the_bits_and_that_there_is_no_value(anna, devic
     assert "bits" not in values["limit"]
 
 
-async def test_the_grid_of_an_image_names_the_bits_of_a_register(anna):
+async def test_the_grid_of_an_image_names_the_bits_of_a_register(bench, anna):
+    await bench.inner.client().asks(200, "10 00 04 00 02 04 00 7B FF FF")
     page = (await anna.get("/images/copy")).text
     assert re.search(r'<td data-at="8"[^>]*title="pump \.3, mode \.4-6, step \.8-15"', page)
     assert re.search(r'<td data-at="7"(?![^>]*title)', page)
@@ -193,3 +195,21 @@ async def test_the_grid_of_an_image_names_the_bits_of_a_register(anna):
     page = (await anna.get("/images/copy")).text
     assert re.search(r'<td data-at="8"[^>]*title="pump \.3, mode \.4-6, step \.8-15 · web:anna@127.0.0.1">32<', page)
     assert rows(page)["mode"] == ["holding 8.4-6 (40009.4-6)", "eco", ""]
+    assert rows(page)["power"] == ["holding 4 (40005)", "12.3", "W"]
+
+
+async def test_values_by_address_are_in_registers_of_four_bytes(tmp_path, device):
+    wide = CONFIG.replace("functions = [3, 4, 6, 16, 22]", 'wide = { holding = "100-119" }')
+    wide = wide.replace('holding = "0-19"\nprofile = "boiler"', 'holding = "0-19"')
+    async with web_bench(wide, tmp_path) as bench:
+        bench.inner.attach("hall", SimulatedLine("rtu", device))
+        anna = bench.browser()
+        await anna.log_in("anna")
+        response = with_crc(bytes.fromhex("01 03 08 00 01 11 70 00 00 00 07"))
+        device.script.extend([[(0.01, response)]] * 2)
+        page = (await anna.get(f"{PAGE}/values?area=holding&start=100&count=2&type=&swap=none")).text
+        assert re.findall(r'<td class="number">(\d+)</td>', page) == ["70000", "7"]
+        fields = {"area": "holding", "address": "100", "value": "70000 8", "type": "", "swap": "none"}
+        page = await anna.post(f"{PAGE}/writes", fields)
+        page = (await anna.get(page.headers["Location"])).text
+        assert "request 10 00 64 00 02 08 00 01 11 70 00 00 00 08" in page
