@@ -40,7 +40,7 @@ MOST_ASKED, UNKNOWN_ASKED = 10, 3
 MORE = 0.02
 #: A device's answer behind the end of the request, in seconds.
 QUICK = 0.0005
-#: Nothing here takes longer, whatever is printed; how long a test waits for somebody who may stay silent.
+#: A test waits no longer, whatever is printed: a `gap` may be of days; or if somebody may stay silent.
 LONG, PATIENCE = 60.0, 10.0
 
 READS = {1: Area.COILS, 2: Area.DISCRETE, 3: Area.HOLDING, 4: Area.INPUT}
@@ -265,12 +265,13 @@ class Scene:
         client = Client(self.bench.gateway, listener=self._listener)
         client.ask(0 if unit == self._unit0 else unit, pdu.hex())
         is_silent = self.printed.picture["listeners"][self._listener]["on_failure"] == "silent"
-        wait = min(self.printed.waits.get(place, 0.0), PATIENCE if is_silent else LONG) + MORE
+        longest = self.printed.waits.get(place, 0.0)
+        wait = min(longest, PATIENCE if is_silent else LONG) + MORE
         try:
             async with asyncio.timeout(wait):
                 _, _, response = await client.responses.get()
         except TimeoutError:
-            if is_silent:
+            if is_silent or longest > LONG:
                 return NOTHING
             raise
         return bytes.fromhex(response)

@@ -6,7 +6,7 @@ from itertools import groupby, pairwise
 from gateway.config.checks.lines import other_mode
 from gateway.config.plan.lines import spoken_on
 from gateway.config.plan.names import owners, rows_of
-from gateway.config.plan.reach import listeners_for
+from gateway.config.plan.reach import client_lines, listeners_for
 from gateway.config.problem import Problem, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.device import Device
@@ -27,6 +27,7 @@ def check_profiles(config: Config) -> Iterator[Problem]:
 def check_profiles_of_devices(config: Config) -> Iterator[Problem]:
     """Find devices that do not fit their profile: by the mode of their line, or by their time-out."""
     yield from _check_mode(config)
+    yield from _check_movable(config)
     yield from _check_timeouts(config)
     yield from _check_unused_timeouts(config)
 
@@ -51,6 +52,24 @@ def _check_mode(config: Config) -> Iterator[Problem]:
             if line.role == "client" and profile is not None and profile.mode not in (None, spoken_on(line)):
                 what = f"{profile.path[-1]} devices use {profile.mode.upper()}, but this line {spoken_on(line).upper()}"
                 yield warning((*table.path, "profile"), what, f"set {other_mode(line)} for the line")
+
+
+def _check_movable(config: Config) -> Iterator[Problem]:
+    """Find devices that can change their address, and share it with another row of their line."""
+    for line in client_lines(config):
+        rows = line.devices or ()
+        movable = [row for row in rows if _has_moves(config.profile.get(row.profile or line.profile))]
+        for row in movable:
+            shared = {unit for other in rows if other is not row for unit in other.units} & set(row.units)
+            if shared:
+                what = (
+                    f"{min(shared)} is in another row too, and a {row.profile or line.profile} can change its address"
+                )
+                yield error((*row.path, "unit"), what, "such a device has its address to itself: one row, one name")
+
+
+def _has_moves(profile: ProfileTable | None) -> bool:
+    return profile is not None and "moves" in profile.quirks
 
 
 def _check_timeouts(config: Config) -> Iterator[Problem]:
