@@ -8,10 +8,11 @@ from gateway.config.plan.forecast import most_items, one_of_each_kind
 from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan, UpstreamPlan
 from gateway.config.values.reserved_names import MQTT
 from gateway.devices.device import DeviceSettings
+from gateway.errors import RequestError
 from gateway.images.polls import joined
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
-from gateway.modbus.pdu import Span, parse_request
+from gateway.modbus.pdu import RequestPdu, Span, parse_request
 from gateway.ports.port import SerialSettings
 from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
@@ -114,7 +115,15 @@ def read_rates(line: LinePlan, device: DeviceSettings) -> tuple[ReadRate, ...]:
 
 def time_of(owner: OwnerPlan, device: DeviceSettings, request: bytes) -> float:
     """Compute the seconds that a line or upstream needs for a request to a device."""
-    return _pace(owner, device).time_of(parse_request(request), device.profile.timing)
+    return _pace(owner, device).time_of(_parsed(request, device.profile), device.profile.timing)
+
+
+def _parsed(request: bytes, profile: Profile) -> RequestPdu:
+    """Parse a read; an example that is partly in registers of four bytes, as one of ordinary registers."""
+    try:
+        return profile.check(request)
+    except RequestError:
+        return parse_request(request)
 
 
 def read_area(profile: Profile) -> Area | None:
