@@ -63,3 +63,12 @@ def test_a_config_with_it_passes_check(name: str) -> None:
     mode = shipped(name).mode or "rtu"
     line = f'[[line]]\nname = "a"\nport = "/dev/a"\nmode = "{mode}"\n'
     assert problems(f'{line}devices = [{{ unit = 1, name = "one", profile = "{name}" }}]\n') == []
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_what_has_sunspec_models_is_recognised_by_them(name: str) -> None:
+    """They are asked before registers: a kind with a register would be taken for the one with just its inverter model."""
+    if any(point.name == "manufacturer" for point in shipped_points(name)):
+        identity = shipped(name).identity
+        assert identity is not None
+        assert identity.sunspec[0] == 1
