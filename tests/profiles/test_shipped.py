@@ -67,7 +67,7 @@ def test_a_config_with_it_passes_check(name: str) -> None:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_what_has_sunspec_models_is_recognised_by_them(name: str) -> None:
-    """They are asked before registers: a kind with a register would be taken for the one with just its inverter model."""
+    """They are asked before registers: a kind with a register would be taken for one with fewer models."""
     if any(point.name == "manufacturer" for point in shipped_points(name)):
         identity = shipped(name).identity
         assert identity is not None
