@@ -47,12 +47,12 @@ class FunctionTimes:
 
 
 def answer_times(gateway: Gateway, unit: UnitHead) -> tuple[FunctionTimes, ...]:
-    """List the times of a device by function; empty if the unit is not a device."""
+    """List the times of a device by function that was sent to it; empty if the unit is not a device."""
     device = device_of(gateway, unit.key)
     if device is None:
         return ()
     proposed = _proposed(gateway, unit.name)
-    found = sorted(device.counts.times.items())
+    found = sorted((function, times) for function, times in device.counts.times.items() if times.limit)
     return tuple(_times(function, times, device.counts[function], proposed.get(function)) for function, times in found)
 
 

@@ -13,6 +13,7 @@ from gateway.operator.values import Answer, NewValues, Outcome, Steps, reading, 
 from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range, width_at
+from gateway.profiles.writing import to_be_writable
 from gateway.registers.datatypes import DATA_TYPES, SWAPS, fits_wide, registers_of
 from gateway.registers.items import REGISTER, has_bits, usual_type
 
@@ -127,7 +128,7 @@ async def carried_out(steps: Steps, ask: Ask) -> Outcome:
 def _text(point: Point, value: object) -> str:
     """Write a value out of JSON as text: a number, a truth value, a label, text."""
     if point.write == "no":
-        raise DoesNotFit(f"{point.name} is read-only", "set write = true for this point")
+        raise DoesNotFit(f"{point.name} is read-only", f"set {to_be_writable(point)} for this point")
     if not isinstance(value, str | int | float):
         raise DoesNotFit(f"expected a number, boolean or string, got {'null' if value is None else repr(value)}")
     return str(int(value)) if isinstance(value, bool) else str(value)

@@ -21,6 +21,7 @@ _LARGEST_EXPONENT: Final = 400
 _LARGEST_SCALE: Final = 10
 #: How bits are written, beside 0 and 1.
 _BIT_WORDS: Final[Mapping[str, int]] = {"on": 1, "off": 0, "true": 1, "false": 0}
+_WORDS_OF_A_BIT: Final = "write 0 or 1, off or on"
 #: How a place without a value is shown.
 NO_VALUE: Final = "–"  # noqa: RUF001 - a dash, as in tables
 
@@ -147,7 +148,7 @@ class Point:
         number = self._number(text, exponent)
         if has_bits(self.area):
             if not number.is_finite() or number not in (0, 1):
-                raise ValueError(f"{text} is not a bit: write 0 or 1, off or on")
+                raise ValueError(f"{text} is not a bit: {_WORDS_OF_A_BIT}")
             return bytes((int(number),))
         self._check_limits(text, number)
         encoded = self._encoded(text, number, exponent)
@@ -194,6 +195,8 @@ class Point:
             return Decimal(_BIT_WORDS[text.lower()])
         number_ = parse_number(text)
         if number_ is None:
+            if self.is_bit and not self.labels:
+                raise ValueError(f'"{text}" is not a bit: {_WORDS_OF_A_BIT}')
             known = f"; it has the labels {', '.join(self.labels.values())}" if self.labels else ""
             raise ValueError(f'"{text}" is not a number{known}')
         return number_

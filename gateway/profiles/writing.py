@@ -21,6 +21,11 @@ from gateway.registers.items import (
 from gateway.registers.masks import mask_request
 
 
+def to_be_writable(point: Point) -> str:
+    """Name the keys that make a read-only point writable: input registers can only be written elsewhere."""
+    return "write = true" if point.area in WRITERS else "write = true and write_at = ADDRESS"
+
+
 @dataclass(frozen=True, slots=True)
 class Write:
     """A request PDU that writes, and where. `in_one_turn` as in `Request`."""
@@ -86,7 +91,7 @@ def _request_for_bits(readings: Sequence[Reading], functions: Container[int] | N
     if functions is not None and FunctionCode.MASK_WRITE_REGISTER in functions:
         return Write(pdu, span)
     how: WriteFunction = "multiple" if multiple else point.write_function
-    return Write(pdu, span, write_function(Area.HOLDING, 1, functions, how=how))
+    return Write(pdu, span, int(write_function(Area.HOLDING, 1, functions, how=how)))
 
 
 def _registers(items: bytes) -> list[int]:

@@ -6,7 +6,7 @@ from gateway.errors import DoesNotFit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
-from gateway.profiles.writing import Write, request_to_write, written
+from gateway.profiles.writing import Write, request_to_write, to_be_writable, written
 
 MASKING = frozenset({3, 6, 16, 22})
 
@@ -79,7 +79,19 @@ def test_bits_are_written_with_a_mask_that_keeps_all_others(at, text, pdu):
 )
 def test_a_device_that_may_not_know_22_gets_a_read_and_a_write(how, functions, multiple, function):
     at = point(bits=(3, 3), write_function=how)
-    assert request((at, "on"), functions=functions, multiple=multiple).in_one_turn == function
+    write = request((at, "on"), functions=functions, multiple=multiple)
+    assert repr(write.in_one_turn) == str(function)  # a plain number: the log shows it as it is
+
+
+@pytest.mark.parametrize(
+    ("at", "remedy"),
+    [
+        (Point("a", Area.HOLDING, 8), "write = true"),
+        (Point("a", Area.INPUT, 8), "write = true and write_at = ADDRESS"),
+    ],
+)
+def test_how_a_read_only_point_becomes_writable(at, remedy):
+    assert to_be_writable(at) == remedy
 
 
 def test_values_that_lie_side_by_side_are_one_request():

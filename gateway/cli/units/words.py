@@ -11,6 +11,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range, width_at
+from gateway.profiles.writing import to_be_writable
 from gateway.registers.datatypes import DATA_TYPES, fits_wide, registers_of
 from gateway.registers.items import REGISTER, WRITERS, has_bits, place_of, usual_type
 
@@ -73,7 +74,7 @@ def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]
     point = _find_point(command, words[0], words)
     if point.write == "no":
         what = f"{point.name} is read-only"
-        remedy = "to allow writing, add write = true to the point in the config"
+        remedy = f"to allow writing, add {to_be_writable(point)} to the point in the config"
         if point.area in WRITERS and point.bits is None:
             type_ = () if point.type == "bit" else (point.type,)
             swap = () if point.swap == "none" else ("--swap", point.swap)

@@ -144,6 +144,14 @@ async def test_few_responses_say_nothing_of_a_limit(bench):
     assert "proposed" not in page
 
 
+async def test_what_was_never_sent_has_no_answer_times(bench):
+    await read(bench, 1)
+    await read(bench, 1, "05 00 00 12 34")  # refused by the gateway
+    page = (await bench.browser().get(PAGE)).text
+    assert "03 read holding" in page
+    assert "05 write coil" not in page
+
+
 async def test_the_histogram_is_also_a_table(bench):
     await read(bench, 30)
     page = (await bench.browser().get(PAGE)).text
