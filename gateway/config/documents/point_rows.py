@@ -10,6 +10,7 @@ from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
 from gateway.profiles.identity import Identity
 from gateway.profiles.profile import Range
+from gateway.registers.datatypes import BYTE_TYPES
 from gateway.registers.items import reference
 
 #: The text for whether a point can be written.
@@ -37,7 +38,7 @@ def point_rows(profile: ProfileTable) -> Iterator[dict[str, str]]:
                 "type": _type(table, area),
                 "scale": _scale(table),
                 "unit": table.unit,
-                "write": _writing(table),
+                "write": _writing(table, addresses),
                 "limits": _limits(table),
                 "no value": ", ".join(map(_pattern, table.invalid)),
                 "labels": ", ".join(f"{number} {text}" for number, text in table.labels.items()),
@@ -72,7 +73,8 @@ def _references(area: Area, addresses: Range) -> str:
 def _type(table: PointTable, area: Area) -> str:
     name = type_of(table, area)
     length = "" if table.length is None else f", {table.length} registers"
-    part = f", {table.byte} byte" if table.byte else ""
+    byte = table.byte or ("low" if name in BYTE_TYPES else "")
+    part = f", {byte} byte" if byte else ""
     if table.bit is not None:
         part = f", bit {table.bit}"
     elif table.bits is not None:
@@ -96,9 +98,11 @@ def _limits(table: PointTable) -> str:
     return f"from {least}" if least else f"up to {greatest}" if greatest else ""
 
 
-def _writing(table: PointTable) -> str:
-    """Say whether a point can be written, where and how."""
+def _writing(table: PointTable, addresses: Range) -> str:
+    """Say whether a point can be written, where and how; of a range, where the first and the last one are."""
     parts = [_WRITING[table.write]]
-    parts += [f"at {table.write_at}"] if table.write_at is not None else []
+    if table.write_at is not None:
+        first, last = addresses
+        parts.append("at " + "-".join(dict.fromkeys(str(table.write_at + each - first) for each in (first, last))))
     parts += [f"{table.write_function} function"] if table.write_function not in (None, "auto") else []
     return ", ".join(parts)

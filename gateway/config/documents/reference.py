@@ -114,7 +114,7 @@ line:
 |---|---|
 | duration | text with a unit: `"250 ms"`, `"5 s"`, `"10 min"`, `"1 h"`; at least 1 ms. `"0"` only where stated |
 | units | a number `7`, a range `"10-13"`, or a list of both: `["10-13", 20]`; 1-247, and up to 255 where stated |
-| addresses | protocol addresses from 0: a count `100` (0-99), a range `"1-99"`, or a list of ranges; 40001 is 0 |
+| addresses | protocol addresses from 0: a count `100` (0-99), `"1-99"`, `"0x0100-0x01FF"`, or a list; 40001 is 0 |
 | address | `"tcp://host:port"`, or `"tcp://host"` for port 502; IPv6 in brackets: `"tcp://[::1]:502"` |
 | path | the path of a file; a relative one counts from the folder of the config, not from the working directory |
 | format | data bits, parity, stop bits, in quotes: `"8E1"`, `"8N2"`, `"7O1"` |

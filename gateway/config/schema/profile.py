@@ -56,8 +56,8 @@ class PointTable(Table):
     bits: PointBits | None = Field(None, description='Some bits of it, a number of their own: `"4-6"`.')
     byte: Literal["high", "low"] | None = Field(
         None,
-        description="One byte of it, of type `uint8` or `int8`; with `string` the byte of each register that has a "
-        "character.",
+        description="One byte of it, of type `uint8` or `int8`, whose default is `low`; with `string` the byte of each "
+        "register that has a character.",
     )
     length: Annotated[int, Field(ge=1, le=125)] | None = Field(
         None, description="The registers of a `string`; other types know their own."
@@ -80,11 +80,15 @@ class PointTable(Table):
         None, description="Decimals of the value. Default: as many as it needs."
     )
     unit: str = Field("", description='The unit of the value, such as `"kg"`.')
-    labels: PointLabels = Field({}, description="Text for some of the numbers in the register, instead of a value.")
+    labels: PointLabels = Field(
+        {},
+        description="Text for some of the numbers in the register, instead of a value. The numbers may be as `0x10`.",
+    )
     invalid: PointInvalid = Field(
         (),
         description="The numbers in the register that mean that there is no value, such as 0x8000; with `bit` and "
-        "`bits` those of the whole register. A float that is infinite or not a number never is a value.",
+        "`bits` those of the whole register, with `byte` those of the byte. A float that is infinite or not a number "
+        "never is a value.",
     )
     min: Limit | None = Field(None, description="The lowest value that may be written.")
     max: Limit | None = Field(None, description="The highest value that may be written.")
@@ -94,8 +98,8 @@ class PointTable(Table):
 
     write_at: Annotated[int, Field(ge=0, le=65535)] | None = Field(
         None,
-        description="The address where it is written, if that is another one: a holding register, or a coil. Default: "
-        "its own.",
+        description="The address where it is written, if that is another one: a holding register, or a coil; with "
+        "a range that of the first point. Default: its own.",
     )
     write_function: WriteFunction | None = Field(
         None, description="The function that writes it, as in the profile. Default: the one of the profile."

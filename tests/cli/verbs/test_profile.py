@@ -288,6 +288,20 @@ def test_all_that_a_profile_may_say_is_shown(meter, own, capsys):
     ]
 
 
+def test_what_follows_from_a_range_or_a_type_is_shown(own, capsys):
+    own.mkdir(parents=True)
+    points = (
+        '{ name = "low", holding = 9, type = "int8" }, { name = "k-*", coils = "0-3", write = true, write_at = 16 }'
+    )
+    (own / "board.toml").write_text(f"[profile.board]\npoints = [{points}]\n", encoding="utf-8")
+    assert main(["profile", "board"]) == 0
+    rows = capsys.readouterr().out.partition("Points\n")[2].partition("\n\n")[0].splitlines()[1:]
+    assert [re.split("  +", line.strip()) for line in rows] == [
+        ["low", "holding", "9", "int8, low byte", "no"],
+        ["k-*", "coils", "0-3", "bit", "yes, at 16-19"],
+    ]
+
+
 def test_a_file_is_added(meter, own, capsys):
     """The service can read it, even if root's files are for root."""
     before = os.umask(0o077)
