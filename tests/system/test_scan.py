@@ -111,6 +111,7 @@ def test_it_ends_when_its_command_is_ended(tmp_path: Path, port: Path) -> None:
 def test_on_a_port_without_a_daemon(port: Path) -> None:
     at = ("--port", str(port), "--timeout", PATIENT)
     assert found("1-8", *at) == {1: "weigher", 3: "weigher", 6: "v80"}
+    assert found("3,6", *at) == {3: "weigher", 6: "v80"}  # a v80 is asked soon after a response of another device
     shown = command("scan", "3-4", *at)
     assert shown.stdout.splitlines()[0].split() == ["UNIT", "RESULT", "ANSWER", "PROFILE"]
     assert shown.stdout.splitlines()[-1] == "1 of 2 units did not answer."

@@ -5,6 +5,7 @@ import asyncio
 from collections.abc import Callable
 from contextlib import aclosing
 from pathlib import Path
+from typing import Final
 
 from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
@@ -29,6 +30,8 @@ from gateway.timing.characters import LineTiming
 from gateway.tools.scan import Scan, Steps, opened, scan_speeds
 from gateway.trace.ring import Ring
 
+#: The silence before each request, in characters: enough for a v80, which may be on the line.
+_IDLE_CHARS: Final = 4.5
 #: Is told how far a scan is.
 Tell = Callable[[Progress], None]
 
@@ -92,5 +95,5 @@ def _plan(args: argparse.Namespace) -> LinePlan:
         settings = TcpSettings(str(port), port.host, port.port, NETWORK_LATENCY)
     else:
         settings = SerialSettings(port, args.baud, format_)
-    line = LineSettings(args.port, LineTiming(mode, args.baud, format_), turnaround=0.1)
+    line = LineSettings(args.port, LineTiming(mode, args.baud, format_), turnaround=0.1, idle_chars=_IDLE_CHARS)
     return LinePlan(settings, line, devices=())
