@@ -71,7 +71,9 @@ def _read(how: str, text: str) -> Any:
     try:
         return getattr(YAML(typ="safe", pure=True), how)(text)
     except YAMLError as wrong:
-        raise ValueError(" ".join(str(wrong).split())) from None
+        mark, problem = getattr(wrong, "problem_mark", None), getattr(wrong, "problem", None)
+        said = f"line {mark.line + 1}, column {mark.column + 1}: {problem}" if mark and problem else str(wrong)
+        raise ValueError(" ".join(said.split())) from None
 
 
 @dataclass(slots=True)

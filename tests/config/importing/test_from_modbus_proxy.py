@@ -223,7 +223,7 @@ def test_without_the_library_it_is_said_what_is_needed(monkeypatch):
             "devices: [{modbus: {url: a}, listen: {bind: a}, unit_id_remapping: {1: 256}}]",
             "p.yml: device 1: unit_id_remapping: a unit is a number from 0 to 255",
         ),
-        ("a: [", "p.yml: while parsing"),
+        ("a: [", "p.yml: line 1, column 5: expected"),
         ("devices: [{modbus: {url: 'x://a'}, listen: {bind: a}}]", "p.yml: device 1: url: x:// is not known here"),
     ],
 )

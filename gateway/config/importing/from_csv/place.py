@@ -8,6 +8,7 @@ have addresses such as 32080.
 
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple
@@ -85,6 +86,8 @@ class Addressing:
         if found["area"]:
             return _at(int(found["behind"]) - 1, cell, _AREAS[found["area"]])
         in_hex = found["hex"] or found["suffixed"] or found["bare"] or (found["digits"] if self.is_hex else None)
+        if found["bare"] and not self.is_hex:
+            raise ImportedFileError(f'"{cell}" is no address, unless all are hexadecimal: then write "(hex)" over them')
         if in_hex is not None:
             return _at(int(in_hex, 16) - self.from_1, cell)
         if self.is_reference:
@@ -101,8 +104,8 @@ def addressing_of(
     has_points = (
         bool(texts) and all(text.endswith(".0") for text in texts if "." in text) and any("." in t for t in texts)
     )
-    bare = [text for text in texts if re.fullmatch(r"[0-9a-f]{2,4}", text)]
-    in_letters = len(bare) == len(texts) and any(re.search(r"[a-f]", text) for text in bare)
+    parts = [part for text in texts for part in _BETWEEN.split(text)]
+    in_letters = all(re.fullmatch(r"[0-9a-f]{2,4}", part) for part in parts) and any(map(_has_letters, parts))
     is_protocol = re.search(r"\b(from 0|0 based|zero|protocol|pdu|hex|offset)\b", said) is not None
     is_open = may_be_reference and not is_reference and not is_protocol and _are_references(texts)
     guessed = is_open and _begin_early(texts)
@@ -115,17 +118,21 @@ def addressing_of(
     )
 
 
+def _has_letters(text: str) -> bool:
+    return re.search(r"[a-f]", text) is not None
+
+
 def _plain(cell: str) -> str:
     return normalize("NFKC", cell).lower().strip("'\" ")
 
 
 def looks_like_a_place(cell: str) -> bool:
     """Tell whether a cell may be an address, or several."""
-    try:
-        Addressing().place(cell)
-    except ImportedFileError:
-        return bool(re.fullmatch(r"\s*\d{6}\s*", cell))
-    return True
+    for addressing in (Addressing(), Addressing(is_hex=True)):
+        with suppress(ImportedFileError):
+            addressing.place(cell)
+            return True
+    return bool(re.fullmatch(r"\s*\d{6}\s*", cell))
 
 
 def _are_references(texts: Sequence[str]) -> bool:

@@ -125,6 +125,8 @@ def _notes(sheet: Sheet, columns: Columns, addressing: Addressing) -> Iterator[s
             "The addresses were read as counted from 0. If the first register of the manual is 1, write "
             '"address (from 1)" over them'
         )
+    if addressing.is_hex:
+        yield "The addresses were read as hexadecimal: 10 is 16"
     names_area = any(columns.has(column) for column in ("area", "function", "reference")) or addressing.is_reference
     if not names_area:
         yield f"No column names an area: all are {Area.HOLDING} registers"

@@ -93,7 +93,7 @@ class DevicePart:
         unread = ", ".join(entity.unread(_WITHOUT_MEANING))
         for index, point in enumerate(found):
             name = self._names.name(f"{wanted}{point.suffix}", f"{kind.replace(' ', '-')}{point.suffix}")
-            remarks = (point.remark, f"not read: {unread}" if unread and not index else "")
+            remarks = (point.remark, f"ignored: {unread}" if unread and not index else "")
             keys: dict[str, Value] = {"name": name, **point.keys}
             self.profile.points.append(PointRow(place, keys, "; ".join(filter(None, remarks))))
             self.intervals[name] = min(interval, _LONGEST_INTERVAL)

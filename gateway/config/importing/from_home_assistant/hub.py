@@ -55,7 +55,7 @@ def _parts(
     name = taken.name(f"{hub}-{kind}")
     table: dict[str, Value | Rows] = {"name": name, **keys, "devices" if kind == "line" else "units": rows}
     unread = ", ".join(fields.unread(_WITHOUT_MEANING))
-    remarks = (f"not read: {unread}",) if unread else ()
+    remarks = (f"ignored: {unread}",) if unread else ()
     profiles = [device.profile for device in devices]
     return [TableText(f"[[{kind}]]", table, (fields.where, *remarks)), *profiles], devices
 

@@ -89,12 +89,20 @@ def test_what_is_no_reference(cell):
         ("Address (from 1)", ["1", "2"], Addressing(from_1=True)),
         ("Address (hex)", ["10", "11"], Addressing(is_hex=True)),
         ("Address", ["0010", "001A"], Addressing(is_hex=True)),
+        ("Address", ["0010", "001A-001B"], Addressing(is_hex=True)),
+        ("Address", ["10", "1A", "112.3"], Addressing()),
         ("Address", ["100.0", "101.0"], Addressing(has_points=True)),
         ("Address", ["100.0", "100.1"], Addressing()),
     ],
 )
 def test_how_the_numbers_of_a_column_are_meant(heading, cells, expected):
     assert addressing_of(heading, cells, is_reference=False) == expected
+
+
+def test_letters_in_a_column_of_decimal_numbers_are_no_address():
+    with pytest.raises(ImportedFileError, match=r'^"1A" is no address, unless all are hexadecimal: then write'):
+        PLAIN.place("1A")
+    assert looks_like_a_place("1A")
 
 
 def test_numbers_in_such_columns():

@@ -247,6 +247,7 @@ def test_titles_reserved_registers_and_repeated_headings_are_no_points_and_no_er
         ("Name;Address\na;7\n", "No column names an area: all are holding registers"),
         ("Name;Address (from 1)\na;7\n", "counted from 1"),
         ("Name;Register\na;40001\n", "read as references"),
+        ("Name;Address\na;0A\nb;10-11\n", "read as hexadecimal: 10 is 16"),
         ("Name;Register\na;32080\n", "read as addresses that count from 0"),
         ("Name;Address;Scale\na;7;10\nb;8;100\n", 'write "divisor"'),
     ],

@@ -439,7 +439,7 @@ def test_what_is_not_read_is_said_and_what_has_no_meaning_is_not():
     text = imported(
         entity("sensors", "name: a, address: 1, unique_id: u, colour: red, zero_suppress: 0.5, max_value: 80")
     ).text
-    assert "not read: colour\n" in text
+    assert "ignored: colour\n" in text
     assert "Home Assistant: values beyond were lowered to 80, made 0 up to 0.5; here" in text
 
 
@@ -555,3 +555,8 @@ def test_whatever_the_file_says_the_config_passes_its_checks(kind, entities):
         return
     plan_of(text)
     plan_of(with_mqtt(text))
+
+
+def test_where_a_file_is_no_yaml_is_said():
+    with pytest.raises(ImportedFileError, match=r"^c\.yaml: line 3, column 8: mapping values are not allowed here$"):
+        imported("modbus:\n- name: a\n   port: 502\n")
