@@ -198,6 +198,7 @@ class Point:
             if self.is_bit and not self.labels:
                 raise ValueError(f'"{text}" is not a bit: {_WORDS_OF_A_BIT}')
             known = f"; it has the labels {', '.join(self.labels.values())}" if self.labels else ""
+            known = known or ("; decimals stand behind a point" if "," in text else "")
             raise ValueError(f'"{text}" is not a number{known}')
         return number_
 

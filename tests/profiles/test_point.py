@@ -71,6 +71,7 @@ def test_what_is_written_becomes_items(point, text, items):
         (COIL, "2", r"^2 is not a bit: write 0 or 1, off or on$"),
         (COIL, "yes", r'^"yes" is not a bit: write 0 or 1, off or on$'),
         (Point("a", Area.HOLDING, 0, bits=(3, 3)), "yes", r'^"yes" is not a bit: write 0 or 1, off or on$'),
+        (SPEED, "21,5", r'^"21,5" is not a number; decimals stand behind a point$'),
         (WEIGHT, "nan", r"^nan is not a finite number$"),
         (WEIGHT, "-inf", r"^-inf is not a finite number$"),
         (STATE, "1_000", r'^"1_000" is not a number'),

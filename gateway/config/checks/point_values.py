@@ -58,7 +58,7 @@ def check_value(table: PointTable, area: Area) -> Iterator[Problem]:
         yield error((*table.path, "scale"), "must not be 0")
     for key in ("scale", "offset", "decimals", "min", "max", "scale_from"):
         if table.has(key) and called in ("bit", "string"):
-            yield error((*table.path, key), f"a {called} is no number to be scaled or rounded", "take it out")
+            yield error((*table.path, key), f"a {called} is no number to be scaled, rounded or limited", "take it out")
     if table.min is not None and table.max is not None and table.min > table.max:
         yield error((*table.path, "min"), f"is more than max, which is {table.max:g}")
     yield from _check_invalid(table, data_type)

@@ -47,7 +47,7 @@ WHERE = "line[0].devices[0].points[0]"
         ('name = "a", discrete = 1, write = "only"', "{}.write: discrete inputs cannot be written"),
         ('name = "a", holding = 1, write = "yes"', '{}.write: must be true, false or "only"'),
         ('name = "a", holding = 1, scale = 0', "{}.scale: must not be 0"),
-        ('name = "a", coils = 1, decimals = 2', "{}.decimals: a bit is no number to be scaled or rounded"),
+        ('name = "a", coils = 1, decimals = 2', "{}.decimals: a bit is no number to be scaled, rounded or limited"),
         ('name = "a", holding = 1, type = "string", length = 2, scale = 2.0', "{}.scale: a string is no number"),
         ('name = "a", holding = 1, type = "float32", labels = { 0 = "off" }', "{}.labels: labels are for whole"),
         ('name = "a", holding = 1, labels = { 70000 = "off" }', "{}.labels: 70000 does not fit into uint16"),
@@ -73,7 +73,10 @@ WHERE = "line[0].devices[0].points[0]"
             "{}.swap: there is nothing to swap: the point is one",
         ),
         ('name = "a", coils = 1, bit = 0', "{}.bit: coils are bits\n  help: leave bit out"),
-        ('name = "a", holding = 1, bit = 3, scale = 0.1', "{}.scale: a bit is no number to be scaled or rounded"),
+        (
+            'name = "a", holding = 1, bit = 3, scale = 0.1',
+            "{}.scale: a bit is no number to be scaled, rounded or limited",
+        ),
         (
             'name = "a", holding = 1, bits = "2-3", labels = { 4 = "x" }',
             "{}.labels: 4 does not fit into bits 2-3: 0 to 3",
@@ -87,7 +90,7 @@ WHERE = "line[0].devices[0].points[0]"
         ),
         ('name = "a", coils = 1, invalid = 1', "{}.invalid: a bit always has a value"),
         ('name = "a", holding = 1, min = 5, max = 4', "{}.min: is more than max, which is 4"),
-        ('name = "a", coils = 1, max = 4', "{}.max: a bit is no number to be scaled or rounded"),
+        ('name = "a", coils = 1, max = 4', "{}.max: a bit is no number to be scaled, rounded or limited"),
         ('name = "a", holding = 1, write_at = 5', "{}.write_at: the point is not written\n  help: add write = true"),
         ('name = "a", holding = 1, write_function = "single"', "{}.write_function: the point is not written"),
         (
