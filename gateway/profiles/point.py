@@ -237,9 +237,10 @@ class Point:
     def _not_whole(self, text: str, exponent: int) -> str:
         if self.scale == 1 and not exponent:
             return f"{text} does not fit into {self._place}: it holds whole numbers only"
+        scale = f"{float(self._factor(exponent)):g}"
         if self.offset:
-            return f"{text} is not {self.offset:g} and a multiple of {float(self._factor(exponent)):g}: see {self.name}"
-        return f"{text} is not a multiple of {float(self._factor(exponent)):g}, the scale of {self.name}"
+            return f"{text} is not {self.offset:g} plus a multiple of {scale}, the offset and scale of {self.name}"
+        return f"{text} is not a multiple of {scale}, the scale of {self.name}"
 
     @property
     def _place(self) -> str:

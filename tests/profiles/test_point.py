@@ -190,7 +190,7 @@ def test_a_value_with_a_scale_register_is_encoded_by_what_it_holds_now():
 @pytest.mark.parametrize(
     ("point", "text", "reason"),
     [
-        (FLOW, "-38.95", r"^-38.95 is not -40 and a multiple of 0.1: see flow$"),
+        (FLOW, "-38.95", r"^-38.95 is not -40 plus a multiple of 0.1, the offset and scale of flow$"),
         (MODE, "8", r"^8 does not fit into bits 4-6: 0 to 7$"),
         (ALARMS, "2", r"^2 does not fit into bit 3: 0 to 1$"),
         (HIGH, "200", r"^200 does not fit into int8: -128 to 127$"),
