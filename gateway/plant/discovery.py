@@ -129,8 +129,9 @@ class Discovery:
 
     def _config(self, device: PublishedDevice, components: Mapping[str, _Config]) -> _Config:
         """Make the description of a device for Home Assistant."""
+        maker = {"mf": device.maker} if device.maker else {}
         return {
-            "dev": {"ids": [self._id(device.name)], "name": device.name, "mdl": device.profile},
+            "dev": {"ids": [self._id(device.name)], "name": device.name, "mdl": device.profile, **maker},
             "o": {"name": "modbus-gateway", "sw": __version__},
             "avty": [{"t": self.topics.status}, {"t": self.topics.availability(device.name)}],
             "avty_mode": "all",

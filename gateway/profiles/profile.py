@@ -29,6 +29,7 @@ class Profile:
 
     name: str
     title: str = ""
+    maker: str = ""
     functions: frozenset[int] | None = None
     limits: dict[int, int] = field(default_factory=dict)
     areas: Mapping[Area, tuple[Range, ...]] = field(default_factory=dict)

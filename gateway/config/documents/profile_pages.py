@@ -1,6 +1,7 @@
 """Writes a page for each shipped profile, and their list: `python -m gateway.config.documents.profile_pages`."""
 
 from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
@@ -40,6 +41,11 @@ are [files](../configuration.md#where-profiles-come-from) too.
 {names}
 ```
 """
+_USE: Final = """\
+```toml
+devices = [{{ unit = 1, name = "my-device", profile = "{name}" }}]
+```
+"""
 _COLUMNS: Final = (
     "name",
     "area",
@@ -60,7 +66,8 @@ def pages() -> dict[str, str]:
     """Make all pages, by the names of their files."""
     files = [file for name in shipped_names() if (file := shipped_profile(name)) is not None]
     tables = {file.name: file.table for file in files if file.table is not None}
-    return {INDEX: _index(tables), **{f"{name}.md": page(name, table) for name, table in tables.items()}}
+    made = {f"{file.name}.md": page(file.name, file.table, file.text) for file in files if file.table is not None}
+    return {INDEX: _index(tables), **made}
 
 
 def write_pages(folder: Path = FOLDER) -> None:
@@ -82,11 +89,11 @@ def _index(tables: dict[str, ProfileTable]) -> str:
     return _INDEX.format(made=_MADE.format(file="*.toml"), rows="\n".join(rows), names="\n".join(tables))
 
 
-def page(name: str, table: ProfileTable) -> str:
-    """Make the page of a profile."""
-    facts = [f"| {fact} | {_cell(text)} |" for fact, text in _facts(table)]
+def page(name: str, table: ProfileTable, text: str) -> str:
+    """Make the page of a profile, whose file is `text`: the comment at its top is for the reader too."""
+    facts = [f"| {fact} | {_cell(said)} |" for fact, said in _facts(table)]
     parts = [f"# {name}", "", _MADE.format(file=f"{name}.toml"), "", _sentence(table.title), ""]
-    parts += ["| | |", "|---|---|", *facts, ""]
+    parts += [*_comment_at_top(text), _USE.format(name=name), "| | |", "|---|---|", *facts, ""]
     if table.timing:
         parts += ["## Answer times", "", "| function | items | time |", "|---|---|---|"]
         parts += [f"| {row.fc} | {row.items} | {show_duration(row.time)} |" for row in table.timing]
@@ -94,6 +101,11 @@ def page(name: str, table: ProfileTable) -> str:
     if table.points:
         parts += ["## Points", "", *_points(table), ""]
     return "\n".join(parts)
+
+
+def _comment_at_top(text: str) -> list[str]:
+    lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
+    return [*(_cell(line.removeprefix("#")) for line in lines), ""]
 
 
 def _facts(table: ProfileTable) -> Iterator[tuple[str, str]]:

@@ -74,7 +74,9 @@ def _published(unit: Publishable, mqtt: Mqtt) -> PublishedDevice:
     title = profile.title or profile.name
     # What the gateway answers itself costs nothing to ask, and has its own addresses only.
     rules = ReadRules.of(profile) if unit.line else ReadRules(profile.limits)
-    return PublishedDevice(unit.name, unit.unit, unit.line, title, points, rules, profile.functions, unit.on_the_wire)
+    return PublishedDevice(
+        unit.name, unit.unit, unit.line, title, points, rules, profile.functions, unit.on_the_wire, profile.maker
+    )
 
 
 def _points(points: Iterable[Point], rows: Iterable[Publish], *, may_write: bool) -> Iterator[PublishedPoint]:

@@ -18,6 +18,7 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
     return Profile(
         name=name,
         title=table.title,
+        maker=table.maker,
         functions=None if table.functions is None else frozenset(table.functions),
         limits=table.limits,
         areas=areas,

@@ -51,7 +51,10 @@ def test_all_that_a_profile_may_say():
             ],
         }
     )
-    assert page("meter", table).partition("\n\nMeter.\n\n")[2] == (
+    text = "# Wants a pause: `gap`.\n# Always.\n\n[profile.meter]  # not this\n# nor this"
+    assert page("meter", table, text).partition("\n\nMeter.\n\n")[2] == (
+        "Wants a pause: `gap`.\nAlways.\n\n"
+        '```toml\ndevices = [{ unit = 1, name = "my-device", profile = "meter" }]\n```\n\n'
         "| | |\n|---|---|\n"
         "| maker | A \\| B |\n"
         "| source | Protocol, edition 2 |\n"
