@@ -40,8 +40,8 @@ class PublishedDevice:
     """A device with the points that are published, in the order of its configuration.
 
     `unit` is the number that clients use for it, or what stands in its place; then it is `on_the_wire` there. `line` is
-    the name of its line or upstream, `profile` the title of its profile, or its name, and `maker` that of the device, if
-    known. It has these `functions` (all if None); `rules` say what one read may take.
+    the name of its line or upstream, `profile` the title of its profile, or its name, and `maker` its maker, if known.
+    It has these `functions` (all if None); `rules` say what one read may take.
     """
 
     name: str

@@ -71,7 +71,7 @@ def test_every_problem_is_reported_with_its_place_and_what_to_do():
 
 NOT_ON_ONE_LINE = (
     "error: invalid initial character for a key part\n"
-    "  help: a table in { } is on one line; a long one: [[line.devices]], [[profile.NAME.points]], a key on each line"
+    "  help: a table in { } is on one line; a long one: [[line.devices]], [[profile.NAME.points]], a key a line"
 )
 NO_SIGN = "error: a key and its value have = between them\n  help: write"
 NO_END = "error: the list that begins here has no ] at its end"

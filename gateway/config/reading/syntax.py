@@ -134,7 +134,7 @@ def _how_to_go_on(what: str, rest: str) -> str:
     """Say what is wrong with a list or a table in { }, of which the `rest` of the line cannot be read."""
     is_at_end = not rest or rest.startswith("#")
     if is_at_end and what.startswith(("Invalid initial character for a key part", "Unclosed inline table")):
-        return "a table in { } is on one line; a long one: [[line.devices]], [[profile.NAME.points]], a key on each line"
+        return "a table in { } is on one line; a long one: [[line.devices]], [[profile.NAME.points]], a key a line"
     if what.startswith("Unclosed array") and rest.startswith("}"):
         return "the list before this has no ] at its end"
     if not is_at_end and what.startswith(("Unclosed array", "Unclosed inline table")):
