@@ -1,6 +1,7 @@
 """What Home Assistant is told of devices. Its own schemas and tables stand in homeassistant.json, with their source."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -277,3 +278,10 @@ def test_a_value_that_is_missing_or_null_is_unknown(point, writable, values):
 def test_the_units_of_the_library_have_their_classes(unit, device_class):
     shown = component(Point("a", Area.INPUT, 0, unit=unit))
     assert shown.get("device_class") == device_class
+
+
+def test_the_maker_is_told_if_the_profile_names_it():
+    (message,) = DISCOVERY.messages([replace(device(WEIGHT), maker="Laumas")], {})
+    told = spelled_out(json.loads(message.payload))["device"]
+    assert (told["manufacturer"], told["model"]) == ("Laumas", "Weigher")
+    assert "manufacturer" not in announced(WEIGHT)["device"]
