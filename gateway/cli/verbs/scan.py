@@ -25,6 +25,7 @@ from gateway.errors import DaemonError
 from gateway.operator.answers.scan import Found, Progress, ScanStep
 from gateway.operator.asked import ToScan
 from gateway.operator.operations import SCAN
+from gateway.tools.signs import OTHERS
 
 #: The time limit of a question, in seconds, when nobody says otherwise.
 _USUAL_LIMIT: Final = 0.3
@@ -146,6 +147,8 @@ def _as_text(result: ScanStep, found: Sequence[Found], args: argparse.Namespace)
     if found:
         headings = ("UNIT", "RESULT", "ANSWER", "PROFILE", *(("BAUD",) if args.all_speeds else ()))
         parts.append(align([headings, *(_cells(each, several_rates=args.all_speeds) for each in found)]))
+    if any(each.profile == OTHERS for each in found):
+        parts.append("generic: it does not tell its kind. `modbus-gateway profile list` shows the known ones.")
     if silent:
         parts.append(f"{silent} of {result.asked} {'unit' if result.asked == 1 else 'units'} did not answer.")
     if result.known:
