@@ -32,8 +32,8 @@ class InFlight:
     ) -> None:
         self.under_way: dict[int, Transaction] = {}
         self.outstanding: dict[int, Transaction] = {}
-        #: The devices to which a part of a write to bits is under way.
-        self.in_turn: set[Destination] = set()
+        #: The units to which a part of a write to bits is under way.
+        self.in_turn: set[int] = set()
         #: Number of responses without a request on their connection.
         self.unasked = 0
         self._queue = queue
@@ -59,7 +59,7 @@ class InFlight:
             self._next_limit = fails_at
         self.under_way[identifier] = transaction
         if transaction.is_of_bits:
-            self.in_turn.add(transaction.device)
+            self.in_turn.add(transaction.unit)
         for request in transaction.requests:
             self._asking.add((request.caller.client, transaction.device))
         return identifier
@@ -122,7 +122,7 @@ class InFlight:
         """Remove a request under way. Return the bytes received instead of its response."""
         transaction = self.under_way.pop(identifier)
         if transaction.is_of_bits:
-            self.in_turn.discard(transaction.device)
+            self.in_turn.discard(transaction.unit)
         for request in transaction.requests:
             self._asking.discard((request.caller.client, transaction.device))
         return self._instead.pop(identifier, b"") if self._instead else b""
@@ -141,9 +141,9 @@ class InFlight:
                 return True
         return False
 
-    def is_asked(self, device: Destination) -> bool:
-        """Tell whether a request to this device is under way."""
-        return any(each.device is device for each in self.under_way.values())
+    def is_asked(self, unit: int) -> bool:
+        """Tell whether a request to this unit is under way, by whichever of its devices in the config."""
+        return any(each.unit == unit for each in self.under_way.values())
 
     def next_limit(self) -> float:
         """Return when the next request under way fails, or an earlier time; infinity if there is none."""

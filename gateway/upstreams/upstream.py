@@ -327,10 +327,11 @@ class Upstream:
     def _must_wait(self, transaction: Transaction) -> bool:
         if self._sent.is_asking(transaction):
             return True
-        device = transaction.device
-        if self._sent.in_turn and device in self._sent.in_turn:
+        unit = transaction.unit
+        if self._sent.in_turn and unit in self._sent.in_turn:
             return True
-        return (device.breaker.failures > 0 or transaction.is_of_bits) and self._sent.is_asked(device)
+        has_failed = transaction.device.breaker.failures > 0
+        return (has_failed or transaction.is_of_bits) and self._sent.is_asked(unit)
 
     def _go_on(self, now: float) -> None:
         """Send waiting requests while there is place, and fail those that have waited too long."""

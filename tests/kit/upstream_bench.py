@@ -63,12 +63,16 @@ class UpstreamBench:
         return self.upstream.is_closed
 
     def device(self, unit: int) -> Device:
-        if unit not in self._devices:
-            answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=self.timeout, fixed=True)
-            profile = Profile("upstream")
-            settings = DeviceSettings(f"plant-1/{unit}", unit - 30, unit, profile, answer_time, wake=self.wake)
-            self._devices[unit] = Device(settings, self.upstream)
-        return self._devices[unit]
+        return self._devices[unit] if unit in self._devices else self.add_device(unit, unit - 30)
+
+    def add_device(self, known_as: int, unit: int) -> Device:
+        """A new device: `unit` behind the server, `known_as` for clients."""
+        answer_time = AnswerTime(TimingTable(), margin=1.0, timeout=self.timeout, fixed=True)
+        settings = DeviceSettings(
+            f"plant-1/{known_as}", unit, known_as, Profile("upstream"), answer_time, wake=self.wake
+        )
+        self._devices[known_as] = Device(settings, self.upstream)
+        return self._devices[known_as]
 
     @property
     def counts(self) -> Counts:

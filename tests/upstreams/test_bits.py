@@ -45,6 +45,21 @@ def test_no_other_request_to_the_unit_comes_between() -> None:
     assert sent(bench)[3:] == [OTHER_WRITE]
 
 
+def test_a_unit_with_two_unit_ids_for_clients_is_one() -> None:
+    bench = UpstreamBench(in_flight=8)
+    bench.add_device(61, unit=7)
+    bench.ask(SET, in_one_turn=6)
+    bench.ask(OTHER_WRITE, unit=61, client=asker(1))
+    assert sent(bench) == [READ]
+    bench.respond(HELD)
+    bench.respond(WRITE)
+    assert sent(bench) == [READ, WRITE, OTHER_WRITE]
+    bench.ask(SET, in_one_turn=6)
+    assert sent(bench)[3:] == []
+    bench.respond(OTHER_WRITE)
+    assert sent(bench)[3:] == [READ]
+
+
 def test_it_waits_for_what_is_under_way_to_the_unit() -> None:
     bench = UpstreamBench(in_flight=8)
     bench.ask(OTHER_WRITE, client=asker(1))
