@@ -116,6 +116,11 @@ class _Builder:
         yield from ((key, self.value(value)) for key, value in pairs if key != _MERGE)
 
 
+def plain_text(value: Any) -> str:
+    """Write a scalar as text; nothing for a list, a table or a tag, which may contain others without end by anchors."""
+    return "" if isinstance(value, (list, dict, Tagged)) else str(value).strip()
+
+
 def _scalar(text: str) -> Any:
     """Parse a scalar without quotes: 0x9A, 010 in octal, 1_000. Words such as yes and N are text."""
     if text.lower() in _WORDS:

@@ -10,7 +10,7 @@ from pathlib import PurePosixPath
 from typing import Any, Final
 
 from gateway.config.importing.imported import ImportedFileError
-from gateway.config.importing.yaml_text import Tagged, parse_located_yaml
+from gateway.config.importing.yaml_text import Tagged, parse_located_yaml, plain_text
 
 _SECRETS: Final = "secrets.yaml"
 _MOST_FILES: Final = 100
@@ -45,7 +45,9 @@ class Documents:
         raise ImportedFileError("it includes itself")
 
     def _followed(self, tagged: Tagged) -> Any:
-        name = str(tagged.value)
+        name = plain_text(tagged.value)
+        if not name:
+            raise ImportedFileError(f"{tagged.tag} names nothing")
         if tagged.tag == "!include":
             path = PurePosixPath(name)
             if path.is_absolute() or ".." in path.parts:

@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 from gateway.config.importing.from_home_assistant.fields import Fields, whole
 from gateway.config.importing.from_home_assistant.layout import layout_of
 from gateway.config.importing.imported import ImportedFileError
+from gateway.config.importing.yaml_text import plain_text
 from gateway.config.reading.toml_text import Value
 from gateway.modbus.codes import Area
 
@@ -164,7 +165,7 @@ def _unit(unit: str) -> dict[str, Value]:
 
 def _raw(value: Any) -> int:
     """Parse `nan_value`: a number, or text such as 0x8000."""
-    text = str(value).strip().lower()
+    text = plain_text(value).lower()
     try:
         return int(text, 16 if text.lstrip("-").startswith("0x") else 10)
     except ValueError:

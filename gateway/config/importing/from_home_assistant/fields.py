@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from gateway.config.importing.from_home_assistant.document import Documents
 from gateway.config.importing.imported import ImportedFileError
-from gateway.config.importing.yaml_text import Table
+from gateway.config.importing.yaml_text import Table, plain_text
 
 _TRUE: Final = frozenset(("true", "yes", "on", "1"))
 _LARGEST_EXPONENT: Final = 300
@@ -50,7 +50,7 @@ class Fields:
 
     def truth(self, key: str) -> bool:
         """Return a truth value; false if there is none."""
-        return str(self.value(key)).lower() in _TRUE
+        return plain_text(self.value(key)).lower() in _TRUE
 
     def whole(self, key: str, usual: int | None = None) -> int:
         """Return a whole number that is not negative; it must be there if none is usual."""
@@ -63,7 +63,7 @@ class Fields:
         if value is None:
             return None
         try:
-            number = Decimal(str(value).strip())
+            number = Decimal(plain_text(value))
         except InvalidOperation:
             number = Decimal("nan")
         if not number.is_finite() or abs(number.adjusted()) > _LARGEST_EXPONENT:
@@ -109,7 +109,7 @@ def whole(value: Any, key: str) -> int:
     """
     if value is None:
         raise ImportedFileError(f"it has no {key}")
-    text = str(value).strip()
+    text = plain_text(value)
     if isinstance(value, bool) or not text.isascii() or not text.isdecimal() or len(text) > 20:
         raise ImportedFileError(f"{key} must be a whole number")
     return int(text)

@@ -479,6 +479,29 @@ def test_anchors_and_merges_are_followed_and_what_grows_by_them_is_limited():
         imported(section(f"{{name: h, type: tcp, host: 10.0.0.100, port: 502, sensors: {sensors}}}", *hubs))
 
 
+def huge() -> str:
+    """A list that would have 10 to the power of 30 elements, written out."""
+    text = "&a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"
+    for number in range(1, 30):
+        text = f"&a{number} [{text}{f', *a{number - 1}' * 9}]"
+    return text
+
+
+@pytest.mark.parametrize(
+    ("keys", "why"),
+    [
+        (f"address: {huge()}", "address must be a whole number"),
+        (f"address: 1, scale: {huge()}", "scale must be a number"),
+        (f"address: 1, nan_value: [{huge()}]", "nan_value must be a number"),
+        (f"address: !include {huge()}", "!include names nothing"),
+        (f"address: 1, nan_value: [!secret {huge()}]", "nan_value must be a number"),
+    ],
+    ids=["a whole number", "a number", "a pattern", "a file", "a secret in a list"],
+)
+def test_a_list_that_grows_by_anchors_is_not_written_out(keys, why):
+    assert why in refusal("sensors", f"name: x, {keys}")
+
+
 KEYS = st.sampled_from(
     [
         "address",
