@@ -6,6 +6,7 @@ the address that it has by then. It comes as late as a late window allows, or ne
 
 import asyncio
 import random
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -39,7 +40,7 @@ _FAULTS: Final = (
 class Scale:
     """One scale. What it was asked before it was switched off is not done any more.
 
-    `faults` are the latest ones, by request.
+    `faults` are the latest ones, by request. `under_way` are the requests that it has not answered yet.
     """
 
     number: int
@@ -47,12 +48,14 @@ class Scale:
     in_order: bool
     is_off: bool = False
     faults: dict[bytes, Fault] = field(default_factory=dict)
+    under_way: Counter[bytes] = field(default_factory=Counter)
     starts: int = 0
     busy_until: float = 0.0
 
     def start(self, unit: int) -> None:
         """Begin anew at this address, on or off."""
         self.unit, self.is_off, self.busy_until = unit, False, 0.0
+        self.under_way.clear()
         self.starts += 1
 
     def respond(self, asked: RequestPdu) -> bytes:
@@ -115,6 +118,8 @@ class ScalesLine:
     def _begin(self, scale: Scale, asked: RequestPdu) -> None:
         now = self._loop.time()
         fault = self._dice.choice(_FAULTS) if self._dice.random() < self._share else Fault.NONE
+        if fault is Fault.DUPLICATE and scale.under_way[asked.data]:
+            fault = Fault.NONE  # the copy would count as the response to the earlier sending: nobody can detect that
         done_at = now + self._dice.uniform(*((_LATE, LATEST) if "late" in fault else _SOON))
         if scale.in_order:
             done_at = max(done_at, scale.busy_until + _AT_ONCE)
@@ -122,6 +127,7 @@ class ScalesLine:
             fault = Fault.SILENT  # it has not heard the request, or has no time for it
         else:
             scale.busy_until = done_at
+            scale.under_way[asked.data] += 1
             self._loop.call_at(done_at, self._end, scale, scale.starts, asked, fault)
         scale.faults[asked.data] = fault
         self._tally.injected[fault.value] += 1
@@ -129,6 +135,7 @@ class ScalesLine:
     def _end(self, scale: Scale, starts: int, asked: RequestPdu, fault: Fault) -> None:
         if scale.is_off or scale.starts != starts:
             return
+        scale.under_way[asked.data] -= 1
         before = scale.unit
         if "exception" in fault:
             pdu = bytes((asked.function | EXCEPTION_BIT, EXCEPTIONS + scale.number))

@@ -8,7 +8,7 @@ spare at the configured address of a scale that has moved and is off, an operato
 import asyncio
 import random
 from contextlib import AsyncExitStack, suppress
-from typing import Final
+from typing import TYPE_CHECKING, Final, cast
 
 from gateway.errors import WrongQuestion
 from gateway.events import PartFailed
@@ -20,6 +20,9 @@ from kit.memory import MemoryLine
 from soak.scale_clients import ScaleClient
 from soak.scales import TIMEOUT, Scale, ScalesLine
 from soak.tally import Tally
+
+if TYPE_CHECKING:
+    from gateway.devices.quirks import MovableDevice
 
 #: The lines, and whether the scales on each work in order. Clients know the second scale of the second line as 46.
 LINES: Final = {"hall": True, "yard": False}
@@ -138,7 +141,7 @@ class World:
         """A scale that has moved is off; at its address in the config there is a spare for a while."""
         known_as = self.dice.choice(list(self.units))
         scale, end, unit = self.scales[known_as], self.ends[known_as], self.units[known_as]
-        if scale.unit == unit or not self._is_free(known_as, unit):
+        if scale.unit == unit or not self._is_free(known_as, unit) or unit in self._possible_units(known_as):
             return
         self.tally.counts["spares"] += 1
         self.shunned, self.may_move = unit, True
@@ -165,6 +168,11 @@ class World:
         """Whether a scale could get this address by hand: nobody has it, or may have it as far as the gateway knows."""
         (line,) = (line for line in self.bench.gateway.lines if known_as in line.devices)
         return self.ends[known_as].is_empty(unit) and line._addresses.is_free(unit, line.devices[known_as].name)
+
+    def _possible_units(self, known_as: int) -> tuple[int, ...]:
+        """The addresses that a scale may have, as far as the gateway knows: it believes who answers there."""
+        devices = {known: device for line in self.bench.gateway.lines for known, device in line.devices.items()}
+        return cast("MovableDevice", devices[known_as]).possible_units
 
     # --- reports ---
 
