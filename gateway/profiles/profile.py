@@ -120,7 +120,7 @@ class Profile:
                 raise IllegalDataAddress(f"profile {self.name} has no {span.area} {span.addresses}")
 
 
-def width_at(wide: Mapping[str, tuple[Range, ...]], span: Span) -> int | None:
+def width_at(wide: Mapping[Area, tuple[Range, ...]] | Mapping[str, tuple[Range, ...]], span: Span) -> int | None:
     """Return how many bytes the registers of a span have, of which `wide` ones have four; None if some have two."""
     ranges = wide.get(span.area, ())
     if covers(ranges, span):

@@ -9,8 +9,7 @@ from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.config.values.ranges import MOST_ITEMS, show_ranges
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.profiles.profile import Range, covers
-from gateway.registers.items import REGISTER
+from gateway.profiles.profile import Range, covers, width_at
 
 #: The items of each area, in words.
 ITEMS: Final[Mapping[Area, str]] = {
@@ -37,7 +36,7 @@ def check_place(
         yield error(path, f"{last - first + 1} registers are no whole number of values of {size}", remedy)
     else:
         yield from check_ranges(path, span, profile)
-        if profile is not None and (width > REGISTER) != _is_wide(profile, Span(area, end, 1)):
+        if profile is not None and width_at(profile.wide, span) != width:
             yield error(path, "only some of its registers are wide, which have four bytes")
     if several != ("*" in table.name):
         what = "several points need several names" if several else "* stands for a number, and this is one point"
@@ -52,7 +51,3 @@ def check_ranges(path: Path, span: Span, profile: ProfileTable | None) -> Iterat
     if not covers(exist, span):
         addresses = f"{span.start}-{span.end - 1}"
         yield error(path, f"the profile has no {span.area} {addresses}, but {show_ranges(exist or ())}")
-
-
-def _is_wide(profile: ProfileTable, span: Span) -> bool:
-    return span.area in profile.wide and covers(profile.wide[span.area], span)

@@ -4,15 +4,14 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from gateway.config.checks.point_places import ITEMS
-from gateway.config.plan.areas import places_of
-from gateway.config.plan.points import bits_of, names_of, pattern, size_of, type_of
+from gateway.config.plan.points import bits_of, pattern, places_by_name, size_of, type_of
 from gateway.config.problem import Problem, did_you_mean, error
 from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.config.values.ranges import show_ranges
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
-from gateway.profiles.profile import Range, covers
+from gateway.profiles.profile import Range, covers, width_at
 from gateway.registers.datatypes import BYTE_TYPES, bounds, is_whole, registers_of
 from gateway.registers.items import REGISTER, has_bits
 
@@ -71,14 +70,15 @@ def check_scale(
     """Find a scale register that is none, or that cannot be read with its point. `tables` are those of the unit."""
     if table.scale_from is None:
         return
-    path, others = (*table.path, "scale_from"), {name: each for each in tables for name in _names(each)}
-    scale = others.get(table.scale_from)
-    if scale is None:
+    path, others = (*table.path, "scale_from"), {each[0]: each[1:] for each in places_by_name(tables)}
+    if table.scale_from not in others:
         yield error(path, f'there is no point "{table.scale_from}"', did_you_mean(table.scale_from, others))
         return
-    ((its_area, (at, _)),) = places_of(scale)
-    if its_area != area or type_of(scale, its_area) != "int16" or scale.scale_from or scale.scale != 1 or scale.offset:
+    scale, its_area, at = others[table.scale_from]
+    if its_area != area or type_of(scale, its_area) != "int16" or not _is_plain(scale):
         yield error(path, f"{table.scale_from} is no {area} register of type int16 with the plain number")
+    elif scale.write == "only":
+        yield error(path, f"{table.scale_from} is only written, and a scale is read")
     elif type_of(table, area) not in _TYPES_WITH_SCALE or bits_of(table, area) is not None:
         yield error(path, f"a {type_of(table, area)} has no scale register", "take it out")
     elif table.write != "no" and (table.min is not None or table.max is not None):
@@ -87,6 +87,10 @@ def check_scale(
     else:
         first, last = min(at, addresses[0]), max(at, addresses[1], addresses[0] + size_of(table, area) - 1)
         yield from _check_distance(table, Span(area, first, last - first + 1), profile)
+
+
+def _is_plain(scale: PointTable) -> bool:
+    return scale.scale_from is None and scale.scale == 1 and not scale.offset and scale.swap == "none"
 
 
 def _check_distance(table: PointTable, span: Span, profile: ProfileTable | None) -> Iterator[Problem]:
@@ -100,6 +104,9 @@ def _check_distance(table: PointTable, span: Span, profile: ProfileTable | None)
     elif not covers(exist, span):
         what = f"is read together with its point, and the profile has no {span.area} {span.start}-{span.end - 1}"
         yield error(path, what, f"it has {show_ranges(exist or ())}")
+    elif profile is not None and width_at(profile.wide, span) is None:
+        what = f"is read together with its point, and only some of {span.area} {span.addresses} have four bytes"
+        yield error(path, what)
 
 
 def _check_part(table: PointTable, area: Area, part: str, data_type: str) -> Iterator[Problem]:
@@ -143,10 +150,6 @@ def _check_labels(table: PointTable, data_type: str, bits: Range | None) -> Iter
         yield error((*table.path, "labels"), f"{strange} does not fit into {called}: {least} to {greatest}")
     elif len(set(numbers)) < len(numbers):
         yield error((*table.path, "labels"), "two of the numbers are the same in a register")
-
-
-def _names(table: PointTable) -> list[str]:
-    return [name for area, addresses in places_of(table)[:1] for name in names_of(table, area, addresses)]
 
 
 def _useless_swaps(table: PointTable, area: Area) -> tuple[str, ...]:

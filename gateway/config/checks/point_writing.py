@@ -10,7 +10,7 @@ from gateway.config.values.ranges import MOST_ITEMS
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
-from gateway.profiles.profile import Range
+from gateway.profiles.profile import Range, width_at
 from gateway.registers.items import MOST_WIDE, REGISTER, WRITERS, has_bits
 
 _MASK_WRITE = FunctionCode.MASK_WRITE_REGISTER
@@ -56,8 +56,10 @@ def _check_other_place(
     if span.end > MOST_ITEMS:
         what = f"the point would end at {span.end - 1}, and the last address is {MOST_ITEMS - 1}"
         yield error((*table.path, "write_at"), what)
-    else:
-        yield from check_ranges((*table.path, "write_at"), span, profile)
+        return
+    yield from check_ranges((*table.path, "write_at"), span, profile)
+    if profile is not None and not has_bits(area) and width_at(profile.wide, span) != width:
+        yield error((*table.path, "write_at"), f"its registers have {width} bytes, and {span.addresses} have others")
 
 
 def _check_bits(table: PointTable, area: Area, profile: ProfileTable | None, width: int) -> Iterator[Problem]:

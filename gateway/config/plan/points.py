@@ -7,9 +7,9 @@ from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
-from gateway.profiles.profile import Range, covers
+from gateway.profiles.profile import Range, width_at
 from gateway.registers.datatypes import BYTE_TYPES, bounds, is_whole, registers_of
-from gateway.registers.items import REGISTER, WIDE_REGISTER, has_bits
+from gateway.registers.items import REGISTER, has_bits
 
 #: The bits of a byte in its register.
 _BYTES: Mapping[str, Range] = {"low": (0, 7), "high": (8, 15)}
@@ -18,7 +18,7 @@ _BYTES: Mapping[str, Range] = {"low": (0, 7), "high": (8, 15)}
 def points_of(tables: Iterable[PointTable], kind: ProfileTable) -> tuple[Point, ...]:
     """Make the points of tables that have passed their checks, in their order: those of a kind of device, or more."""
     tables = tuple(tables)
-    scales = dict(scale_addresses((*kind.points, *tables)))
+    scales = {name: address for name, _, _, address in places_by_name((*kind.points, *tables))}
     return tuple(point for table in tables for point in _points(table, kind, scales))
 
 
@@ -29,8 +29,7 @@ def type_of(table: PointTable, area: Area) -> str:
 
 def width_of(area: Area, first: int, kind: ProfileTable | None) -> int:
     """Tell how many bytes a register of a kind of device has."""
-    is_wide = kind is not None and area in kind.wide and covers(kind.wide[area], Span(area, first, 1))
-    return WIDE_REGISTER if is_wide else REGISTER
+    return REGISTER if kind is None else width_at(kind.wide, Span(area, first, 1)) or REGISTER
 
 
 def size_of(table: PointTable, area: Area, width: int = REGISTER) -> int:
@@ -72,12 +71,12 @@ def is_range(table: PointTable, area: Area, addresses: Range, width: int = REGIS
     return last > first and last - first + 1 != size_of(table, area, width)
 
 
-def scale_addresses(tables: Iterable[PointTable]) -> Iterator[tuple[str, int]]:
-    """Yield name and address of each point: one may be the scale of another."""
+def places_by_name(tables: Iterable[PointTable]) -> Iterator[tuple[str, PointTable, Area, int]]:
+    """Yield name, table, area and address of each point: one may be the scale of another."""
     for table in tables:
-        for area, addresses in places_of(table):
+        for area, addresses in places_of(table)[:1]:
             for index, name in enumerate(names_of(table, area, addresses)):
-                yield name, addresses[0] + index * size_of(table, area)
+                yield name, table, area, addresses[0] + index * size_of(table, area)
 
 
 def _points(table: PointTable, kind: ProfileTable, scales: Mapping[str, int]) -> Iterator[Point]:

@@ -150,11 +150,49 @@ SCALE = '{ name = "sf", holding = 9, type = "int16" }'
         ("holding = 200", SCALE, "is 192 registers away, and one request reads 125"),
         ('holding = 1, type = "float32"', SCALE, "a float32 has no scale register"),
         ("holding = 1, write = true, max = 5", SCALE, "limits cannot be guarded"),
+        ("holding = 1", '{ name = "sf", holding = 9, type = "int16", swap = "bytes" }', "sf is no holding register"),
+        ("holding = 1", '{ name = "sf", holding = 9, type = "int16", write = "only" }', "sf is only written"),
+        ("holding = 299", '{ name = "x", holding = 1 }, { name = "sf", holding = 300, type = "int16" }', None),
     ],
 )
 def test_a_scale_register_is_read_with_its_point(row, of_profile, said):
     found = problems(f'name = "a", {row}, scale_from = "sf"', of_profile=of_profile)
     assert [f"{WHERE}.scale_from: {said}" in one for one in found] == [True] * (said is not None)
+
+
+@pytest.mark.parametrize(("scale", "said"), [("sf-299", None), ("sf-290", None), ("sf-10", "is 291 registers away")])
+def test_a_scale_register_may_be_one_of_several(scale, said):
+    found = problems(
+        f'name = "a", holding = 300, scale_from = "{scale}"',
+        of_profile='{ name = "sf-*", holding = "10-299", type = "int16" }',
+    )
+    assert [f"{WHERE}.scale_from: {said}" in one for one in found] == [True] * (said is not None)
+
+
+def test_a_scale_register_that_is_in_two_areas_is_an_error():
+    found = problems(
+        'name = "a", holding = 1, scale_from = "sf"', 'name = "sf", holding = 2, input = 2, type = "int16"'
+    )
+    assert any("points[1]: must have one of holding, input" in one for one in found)
+
+
+@pytest.mark.parametrize("at", [2, 21])
+def test_a_point_and_its_scale_have_no_wide_registers_between_them(at):
+    found = problems(
+        f'name = "a", holding = {at}, type = "uint32", scale_from = "sf"',
+        profile='wide = { holding = "10-22" }',
+        of_profile='{ name = "sf", holding = 24, type = "int16" }',
+    )
+    assert ["scale_from: is read together with its point, and only some of" in one for one in found] == [True]
+
+
+@pytest.mark.parametrize(("at", "write_at"), [(5, 30), (30, 5), (30, 9)])
+def test_a_point_is_written_in_registers_as_wide_as_its_own(at, write_at):
+    found = problems(
+        f'name = "a", holding = {at}, type = "float32", write = true, write_at = {write_at}',
+        profile='wide = { holding = "0-9" }',
+    )
+    assert ["write_at: its registers have" in one for one in found] == [True]
 
 
 def test_the_registers_up_to_the_scale_exist():
@@ -180,8 +218,16 @@ def test_a_wide_register_holds_four_bytes(row, said):
     assert [f"{WHERE}.{said}" in one for one in found] == [True] * (said is not None)
 
 
-def test_a_point_is_not_partly_wide():
-    (found,) = problems('name = "a", holding = 5999, type = "uint64"', profile='wide = { holding = "5000-5999" }')
+@pytest.mark.parametrize(
+    "row",
+    [
+        'name = "a", holding = 5005, type = "uint64"',
+        'name = "a", holding = 4990, type = "string", length = 40',
+        'name = "a-*", holding = "4990-5009"',
+    ],
+)
+def test_a_point_is_not_partly_wide(row):
+    (found,) = problems(row, profile='wide = { holding = "5000-5005" }')
     assert "only some of its registers are wide, which have four bytes" in found
 
 
