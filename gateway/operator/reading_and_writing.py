@@ -118,7 +118,7 @@ def _any_unit(operator: Operator, wanted: int | str) -> UnitPicture:
     except WrongQuestion:
         if not isinstance(wanted, int):
             raise
-        return UnitPicture(wanted, "", "", "", None, {}, {}, 0.0, 0, {}, ())
+        return UnitPicture(wanted, "", "", "", None, {}, {}, 0.0, ())
 
 
 async def _write(

@@ -28,7 +28,7 @@ _HEAD: Final = tuple(field.name for field in fields(UnitHead))
 
 async def tell_units(operator: Operator, _asked: Nothing, _asker: Asker) -> Units:
     """Describe every unit, without its points."""
-    return Units(tuple(UnitHead(*(getattr(each, name) for name in _HEAD)) for each in units_of(operator)))
+    return Units(tuple(UnitHead(**{name: getattr(each, name) for name in _HEAD}) for each in units_of(operator)))
 
 
 async def tell_unit(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitPicture:

@@ -83,7 +83,17 @@ class FakeDaemon(FakeConversation):
         self.asked: list[str] = []
         self.silent: dict[str, str] = {}
         self._picture = UnitPicture(
-            41, "silo-1", "device", "weigher", functions, PROFILE.limits, {}, 3400.0, max_gap, wide or {}, (*points,)
+            41,
+            "silo-1",
+            "device",
+            "weigher",
+            functions,
+            PROFILE.limits,
+            {},
+            3400.0,
+            (*points,),
+            max_gap=max_gap,
+            wide=wide or {},
         )
         self._answer = b""
 

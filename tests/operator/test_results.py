@@ -10,9 +10,11 @@ import pytest
 from gateway.control.messages import answer_of, line_of, question_of, result_in
 from gateway.control.server import _line
 from gateway.modbus.codes import Area
+from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.operations import BY_NAME, OPERATIONS
 from gateway.operator.parameters import read_parameters
 from gateway.operator.results import NotUnderstoodError, read_result
+from gateway.profiles.point import Point
 from kit.asking import answers
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
@@ -58,6 +60,17 @@ def test_what_is_missing_has_its_default_and_what_is_new_is_ignored():
     assert read_result(Outer, {"name": "hall", "parts": [{"state": "up", "new": 1}], "new": 1}) == Outer(
         "hall", (Inner("up"),)
     )
+
+
+def test_a_unit_of_a_gateway_that_knows_neither_gaps_nor_wide_registers_has_none():
+    older = UnitPicture(1, "silo-1", "device", "generic", None, {}, {}, 0.0, (Point("a", Area.HOLDING, 3),))
+    newer = told(older)
+    point = {name: newer["points"][0][name] for name in ("name", "area", "address", "type", "swap", "count")}
+    assert read_result(UnitPicture, {**without(newer, "max_gap", "wide"), "points": [point]}) == older
+
+
+def without(result, *names):
+    return {name: value for name, value in result.items() if name not in names}
 
 
 @pytest.mark.parametrize(

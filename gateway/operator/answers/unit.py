@@ -1,7 +1,7 @@
 """Units as clients see them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gateway.devices.device import key_of
 from gateway.modbus.codes import Area
@@ -30,8 +30,8 @@ class UnitHead:
     limits: Mapping[int, int]
     areas: Mapping[str, tuple[Range, ...]]
     longest_wait_ms: float
-    max_gap: int
-    wide: Mapping[str, tuple[Range, ...]]
+    max_gap: int = field(default=0, kw_only=True)
+    wide: Mapping[str, tuple[Range, ...]] = field(default_factory=dict, kw_only=True)
 
     @property
     def key(self) -> int:
