@@ -182,7 +182,7 @@ def _control(point: Point) -> _Config:
     """Make a component that shows and sets the point."""
     if point.type == "string":
         shown = f"{{{{ value_json['{point.name}'] | default('', true) }}}}"
-        return {"p": "text", "max": 2 * point.count, "val_tpl": shown}
+        return {"p": "text", "max": point.width * point.count, "val_tpl": shown}
     if point.labels:
         options = [point.labels.get(bit, str(bit)) for bit in (0, 1)] if point.is_bit else list(point.labels.values())
         return {"p": "select", "ops": options, "val_tpl": _chosen(point.name, options)}

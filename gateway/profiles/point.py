@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from math import isfinite, isinf
+from sys import float_info
 from typing import Final, Literal
 
 from gateway.modbus.codes import Area
@@ -112,7 +113,10 @@ class Point:
         return items[:start] + own + items[start + len(own) :]
 
     def value(self, items: bytes) -> Value | None:
-        """Decode the items of its `read_span`: a number, or text; None if they say that there is no value."""
+        """Decode the items of its `read_span`: a number, or text.
+
+        None if they say that there is no value, or the number is larger than a float can be.
+        """
         if has_bits(self.area):
             return self.labels.get(items[0], items[0])
         carried = self._carried(self.own(items))
@@ -121,14 +125,15 @@ class Point:
         if isinstance(carried, int) and carried in self.labels:
             return self.labels[carried]
         exponent = self._exponent(items)
-        return None if exponent is None else self._scaled(carried, exponent)
+        value = None if exponent is None else self._scaled(carried, exponent)
+        return None if value is None or abs(value) > float_info.max else value
 
     def show(self, value: Value | None) -> str:
         """Write a value of this point as text, without its unit."""
         if value is None:
             return NO_VALUE
         if self.decimals is not None and not isinstance(value, str):
-            return f"{value:.{self.decimals}f}"
+            return f"{Decimal(value):.{self.decimals}f}"  # the numbers of 64 bits are not all floats
         return str(value)
 
     def items(self, text: str, before: bytes | None = None) -> bytes:

@@ -158,6 +158,10 @@ def test_a_point_becomes_what_fits_it(point, platform, more):
     assert {key: shown[key] for key in more} == more
 
 
+def test_a_text_in_registers_of_four_bytes_is_as_long_as_they_are():
+    assert component(Point("name", Area.HOLDING, 0, "string", count=5, write="yes", width=4))["max"] == 20
+
+
 def test_a_label_stays_no_longer_than_its_number():
     """Home Assistant ignores a value that is not among the options, and goes on showing the one before it."""
     assert component(STATE)["platform"] == "sensor"

@@ -32,6 +32,16 @@ DOOR = Point("door", Area.DISCRETE, 3, "bit", labels={1: "open", 0: "closed"})
         (Point("a", Area.INPUT, 0, scale=0.1, decimals=1), "00 0A", 1.0, "1.0"),
         (Point("a", Area.INPUT, 0, scale=10), "00 0A", 100, "100"),
         (Point("a", Area.INPUT, 0, "float32", count=2, scale=2.0), "3F 80 00 00", 2.0, "2.0"),
+        (Point("a", Area.INPUT, 0, "uint64", count=4, decimals=0), "FF " * 8, 2**64 - 1, "18446744073709551615"),
+        (
+            Point("a", Area.INPUT, 0, "int64", count=4, decimals=1),
+            "80" + " 00" * 6 + " 01",
+            1 - 2**63,
+            f"{1 - 2**63}.0",
+        ),
+        (Point("a", Area.INPUT, 0, "float64", count=4, scale=10.0), "7F EF" + " FF" * 6, None, "–"),  # noqa: RUF001
+        (Point("a", Area.INPUT, 0, "uint64", count=4, scale=1e300), "FF " * 8, None, "–"),  # noqa: RUF001
+        (Point("a", Area.INPUT, 0, "uint64", count=4, scale=1.5e300), "FF " * 8, None, "–"),  # noqa: RUF001
     ],
 )
 def test_items_mean_a_value(point, items, value, shown):
