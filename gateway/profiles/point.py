@@ -96,9 +96,7 @@ class Point:
     @property
     def least_and_greatest(self) -> tuple[int, int]:
         """The least and the greatest encoded number, of a type of whole numbers."""
-        if self.bits is None or self.type in BYTE_TYPES:
-            return bounds("bit" if has_bits(self.area) else self.type)
-        return 0, 2 ** (self.bits[1] - self.bits[0] + 1) - 1
+        return bounds("bit" if has_bits(self.area) else self.type, self.bits)
 
     def own(self, items: bytes) -> bytes:
         """Take its own items out of those of its `read_span`."""

@@ -80,14 +80,19 @@ def is_float(data_type: str) -> bool:
     return data_type in ("float32", "float64")
 
 
-def bounds(data_type: str) -> tuple[int, int]:
-    """Return the least and the greatest number that fits into a type of whole numbers."""
+def bounds(data_type: str, bits: tuple[int, int] | None = None) -> tuple[int, int]:
+    """Return the least and the greatest number that fits into a type of whole numbers, or the first and last of `bits`.
+
+    The bits of a byte are a type of their own.
+    """
+    if bits is not None and data_type not in BYTE_TYPES:
+        return 0, 2 ** (bits[1] - bits[0] + 1) - 1
     if data_type == "bit":
         return 0, 1
     if data_type.startswith("bcd"):
         return 0, 10 ** (4 * registers_of(data_type)) - 1
-    bits = 8 if data_type in BYTE_TYPES else 16 * registers_of(data_type)
-    return (0, 2**bits - 1) if data_type.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    size = 8 if data_type in BYTE_TYPES else 16 * registers_of(data_type)
+    return (0, 2**size - 1) if data_type.startswith("u") else (-(2 ** (size - 1)), 2 ** (size - 1) - 1)
 
 
 def decode(data: bytes, data_type: str, swap: str = "none") -> Value:
@@ -103,7 +108,7 @@ def decode(data: bytes, data_type: str, swap: str = "none") -> Value:
     if data_type == "string":
         return plain.partition(b"\0")[0].decode("utf-8", "replace").rstrip(" ")
     value: int | float = _FORMATS[data_type].unpack(plain)[0]
-    return _shortest(value) if data_type == "float32" else value
+    return shortest(value) if data_type == "float32" else value
 
 
 def encode(value: Value, data_type: str, swap: str = "none", length: int = 1) -> bytes:
@@ -130,6 +135,21 @@ def encode(value: Value, data_type: str, swap: str = "none", length: int = 1) ->
         raise ValueError(f"{value} does not fit into {data_type}") from None
 
 
+def shortest(value: float) -> float:
+    """Find the number with the fewest digits that gives the same float32: the one that `decode` returns.
+
+    Raises:
+        OverflowError: no float32 is so large.
+    """
+    layout = _FORMATS["float32"]
+    data = layout.pack(value)
+    for digits in range(6, _DIGITS_OF_FLOAT32):
+        short = float(f"{value:.{digits}g}")
+        if layout.pack(short) == data:
+            return short
+    return value if value != value else float(f"{value:.{_DIGITS_OF_FLOAT32}g}")  # noqa: PLR0124 - not a number
+
+
 def swapped(data: bytes, swap: str) -> bytes:
     """Swap the bytes of registers, or swap them back."""
     words = [data[at : at + _REGISTER] for at in range(0, len(data), _REGISTER)]
@@ -151,14 +171,3 @@ def _encode_text(text: str, length: int) -> bytes:
     if "\0" in text:
         raise ValueError("text cannot have a NUL in it")
     return data.ljust(size, b"\0")
-
-
-def _shortest(value: float) -> float:
-    """Find the number with the fewest digits that gives the same float32."""
-    layout = _FORMATS["float32"]
-    data = layout.pack(value)
-    for digits in range(6, _DIGITS_OF_FLOAT32):
-        short = float(f"{value:.{digits}g}")
-        if layout.pack(short) == data:
-            return short
-    return value if value != value else float(f"{value:.{_DIGITS_OF_FLOAT32}g}")  # noqa: PLR0124 - not a number

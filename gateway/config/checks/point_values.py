@@ -60,6 +60,8 @@ def check_value(table: PointTable, area: Area) -> Iterator[Problem]:
             yield error((*table.path, key), f"a {called} is no number to be scaled, rounded or limited", "take it out")
     if table.min is not None and table.max is not None and table.min > table.max:
         yield error((*table.path, "min"), f"is more than max, which is {table.max:g}")
+    elif not is_bit and is_whole(data_type) and table.scale and table.scale_from is None:
+        yield from _check_limits(table, data_type, bits)
     yield from _check_invalid(table, data_type)
     yield from _check_labels(table, data_type, bits)
 
@@ -122,16 +124,32 @@ def _check_part(table: PointTable, area: Area, part: str, data_type: str) -> Ite
         yield error((*table.path, part), what, "0 is the lowest one")
 
 
+def _check_limits(table: PointTable, data_type: str, bits: Range | None) -> Iterator[Problem]:
+    """Find limits that no value of the point is within."""
+    lowest, highest = sorted(number * table.scale + table.offset for number in bounds(data_type, bits))
+    if table.min is not None and table.min > highest:
+        yield error((*table.path, "min"), f"is more than the highest value that the point can have: {highest:g}")
+    if table.max is not None and table.max < lowest:
+        yield error((*table.path, "max"), f"is less than the lowest value that the point can have: {lowest:g}")
+
+
 def _check_invalid(table: PointTable, data_type: str) -> Iterator[Problem]:
     if table.invalid and data_type in ("bit", "string"):
         yield error((*table.path, "invalid"), f"a {data_type} always has a value", "take it out")
-    elif table.invalid and is_whole(data_type):
-        least, greatest = bounds(data_type)
-        for number in table.invalid:
-            carried = pattern(number, data_type)
-            if carried != int(carried) or not least <= carried <= greatest:
-                what = f"{number:g} does not fit into {data_type}: {least} to {greatest}"
-                yield error((*table.path, "invalid"), what)
+        return
+    for number in table.invalid:
+        if not _fits(number, data_type):
+            room = ": {} to {}".format(*bounds(data_type)) if is_whole(data_type) else ""
+            yield error((*table.path, "invalid"), f"{number:g} does not fit into {data_type}{room}")
+
+
+def _fits(number: float, data_type: str) -> bool:
+    try:
+        carried = pattern(number, data_type)
+    except OverflowError:
+        return False
+    least, greatest = bounds(data_type) if is_whole(data_type) else (carried, carried)
+    return least <= carried <= greatest and (not is_whole(data_type) or carried == int(carried))
 
 
 def _check_labels(table: PointTable, data_type: str, bits: Range | None) -> Iterator[Problem]:
@@ -140,9 +158,7 @@ def _check_labels(table: PointTable, data_type: str, bits: Range | None) -> Iter
     if not is_whole(data_type):
         yield error((*table.path, "labels"), f"labels are for whole numbers, and a {data_type} is none")
         return
-    least, greatest = bounds(data_type)
-    if bits is not None and data_type not in BYTE_TYPES:
-        least, greatest = 0, (1 << (bits[1] - bits[0] + 1)) - 1
+    least, greatest = bounds(data_type, bits)
     numbers = [int(pattern(number, data_type)) for number in table.labels]
     called = data_type if bits is None or data_type in BYTE_TYPES else f"bits {bits[0]}-{bits[1]}"
     strange = next((number for number in numbers if not least <= number <= greatest), None)

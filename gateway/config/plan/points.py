@@ -8,7 +8,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range, width_at
-from gateway.registers.datatypes import BYTE_TYPES, bounds, is_whole, registers_of
+from gateway.registers.datatypes import BYTE_TYPES, bounds, is_whole, registers_of, shortest
 from gateway.registers.items import REGISTER, has_bits
 
 #: The bits of a byte in its register.
@@ -47,7 +47,15 @@ def bits_of(table: PointTable, area: Area) -> Range | None:
 
 
 def pattern(number: float, data_type: str) -> float:
-    """Find the number of a type with the same bits: 0x8000 of an int16 is -32768. Others stay as they are."""
+    """Find the number of a type with the same bits: 0x8000 of an int16 is -32768, 3.40282347e38 the largest float32.
+
+    Others stay as they are.
+
+    Raises:
+        OverflowError: no float32 is so large.
+    """
+    if data_type == "float32":
+        return shortest(number)
     if not is_whole(data_type) or not isinstance(number, int):
         return number
     least, greatest = bounds(data_type)

@@ -48,6 +48,10 @@ WHERE = "line[0].devices[0].points[0]"
         ('name = "a", holding = 1, write = "yes"', '{}.write: must be true, false or "only"'),
         ('name = "a", holding = 1, scale = 0', "{}.scale: must not be 0"),
         ('name = "a", coils = 1, decimals = 2', "{}.decimals: a bit is no number to be scaled, rounded or limited"),
+        ('name = "a", holding = 1, scale = 0.1, min = 6554', "{}.min: is more than the highest value that the point"),
+        ('name = "a", holding = 1, bits = "0-2", write = true, min = 8', "{}.min: is more than the highest value"),
+        ('name = "a", holding = 1, offset = -40, max = -41', "{}.max: is less than the lowest value that the point"),
+        ('name = "a", holding = 1, type = "float32", invalid = 1e39', "{}.invalid: 1e+39 does not fit into float32"),
         ('name = "a", holding = 1, type = "string", length = 2, scale = 2.0', "{}.scale: a string is no number"),
         ('name = "a", holding = 1, type = "float32", labels = { 0 = "off" }', "{}.labels: labels are for whole"),
         ('name = "a", holding = 1, labels = { 70000 = "off" }', "{}.labels: 70000 does not fit into uint16"),
@@ -335,6 +339,14 @@ def test_a_range_makes_several_points_numbered_by_address_or_from_first():
         ("c-1.x", 3, 1),
         ("c-2.x", 4, 1),
     ]
+
+
+@pytest.mark.parametrize("number", ["3.4028234663852886e38", "3.40282347e38", "3.4028235e38"])
+def test_the_largest_float32_is_no_value_with_any_of_its_digits(number):
+    row = f'name = "a", holding = 4, type = "float32", invalid = [-1, {number}]'
+    (point,) = points(f"{LINE}devices = [{{ unit = 1, points = [{{ {row} }}] }}]")[1]
+    assert point.value(bytes.fromhex("7F 7F FF FF")) is None
+    assert point.value(bytes.fromhex("7F 7F FF FE")) == 3.4028233e38
 
 
 def test_first_and_last_register_of_one_value_are_one_point():
