@@ -81,9 +81,9 @@ def is_float(data_type: str) -> bool:
 
 
 def bounds(data_type: str, bits: tuple[int, int] | None = None) -> tuple[int, int]:
-    """Return the least and the greatest number that fits into a type of whole numbers, or the first and last of `bits`.
+    """Return the least and the greatest number that fits into a type of whole numbers, or into some `bits` of it.
 
-    The bits of a byte are a type of their own.
+    These are the first and the last one. A byte has the bounds of its own type.
     """
     if bits is not None and data_type not in BYTE_TYPES:
         return 0, 2 ** (bits[1] - bits[0] + 1) - 1
