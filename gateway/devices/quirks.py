@@ -213,11 +213,10 @@ class MovableDevice(Device):
     def _change_baud(self, baud: float, response: Frame | None) -> None:
         if response is not None and response.pdu[0] & EXCEPTION_BIT:
             return
+        is_rate = baud.is_integer() and int(baud) in BAUD_RATES  # a range is slow for a float
         if response is None:
             advice = "old or new: no answer came, so the device may speak at either rate"
-        elif (
-            self._change_rate is not None and baud.is_integer() and int(baud) in BAUD_RATES
-        ):  # a range is slow for a float
+        elif self._change_rate is not None and is_rate:
             self._change_rate(int(baud))
             advice = f"the line follows it; set baud = {baud:g} in {self._line_source}"
         else:

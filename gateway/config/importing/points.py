@@ -4,6 +4,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Final
 
 from gateway.config.importing.imported import Imported, ImportedFileError
@@ -97,6 +98,11 @@ def is_point_name(text: str) -> bool:
         return bool(parse_point_name(text))
     except WrongValue:
         return False
+
+
+def plain(number: Decimal) -> Value:
+    """Write a number as a config has it: whole if it is."""
+    return int(number) if number == number.to_integral_value() else float(number)
 
 
 def on_one_line(text: str) -> str:

@@ -6,7 +6,6 @@ from typing import Final
 from unicodedata import normalize
 
 from gateway.config.importing.imported import ImportedFileError
-from gateway.config.reading.toml_text import Value
 
 _LARGEST_EXPONENT: Final = 30
 _PLAIN: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,2})?", re.ASCII)
@@ -65,8 +64,3 @@ def scaled_unit(unit: str) -> tuple[Decimal, str]:
         return factor_of(found[1]), found[2].strip()
     except ImportedFileError:
         return Decimal(1), unit
-
-
-def plain(number: Decimal) -> Value:
-    """Write a number as a config has it: whole if it is."""
-    return int(number) if number == number.to_integral_value() else float(number)

@@ -9,7 +9,7 @@ from typing import Final, get_args
 from gateway.config.importing.from_csv.headings import DESCRIPTION, DIVISOR, EXPONENT, FUNCTION, Columns
 from gateway.config.importing.from_csv.labels import labels_in
 from gateway.config.importing.from_csv.layout import bits_of, type_keys_of
-from gateway.config.importing.from_csv.numbers import factor_of, number_of, plain, scaled_unit
+from gateway.config.importing.from_csv.numbers import factor_of, number_of, scaled_unit
 from gateway.config.importing.from_csv.place import Addressing, Place
 from gateway.config.importing.from_csv.words import (
     WRITING_FUNCTIONS,
@@ -22,6 +22,7 @@ from gateway.config.importing.from_csv.words import (
     type_of,
 )
 from gateway.config.importing.imported import ImportedFileError
+from gateway.config.importing.points import plain
 from gateway.config.reading.toml_text import Value
 from gateway.modbus.codes import Area
 from gateway.profiles.columns import numbers_of

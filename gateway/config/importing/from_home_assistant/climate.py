@@ -8,12 +8,12 @@ from gateway.config.importing.from_home_assistant.entities import (
     area_in,
     labelled,
     meaning_of,
-    plain,
     writing_keys,
 )
 from gateway.config.importing.from_home_assistant.fields import Fields, whole
 from gateway.config.importing.from_home_assistant.layout import Layout, layout_of
 from gateway.config.importing.imported import ImportedFileError
+from gateway.config.importing.points import plain
 from gateway.config.reading.toml_text import Value
 from gateway.modbus.codes import Area
 

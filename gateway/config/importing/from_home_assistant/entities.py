@@ -1,12 +1,12 @@
 """Entities of Home Assistant as points: as far as they are registers and coils."""
 
 from collections.abc import Iterator, Mapping
-from decimal import Decimal
 from typing import Any, Final, NamedTuple
 
 from gateway.config.importing.from_home_assistant.fields import Fields, whole
 from gateway.config.importing.from_home_assistant.layout import layout_of
 from gateway.config.importing.imported import ImportedFileError
+from gateway.config.importing.points import plain
 from gateway.config.importing.yaml_text import plain_text
 from gateway.config.reading.toml_text import Value
 from gateway.modbus.codes import Area
@@ -188,8 +188,3 @@ def _clamped(fields: Fields) -> str:
         if (number := fields.number(key)) is not None
     ]
     return f"Home Assistant: values beyond were {', '.join(said)}; here they are as the device has them" if said else ""
-
-
-def plain(number: Decimal) -> Value:
-    """Write a number as a config has it: whole if it is."""
-    return int(number) if number == number.to_integral_value() else float(number)

@@ -57,7 +57,11 @@ def layout_of(fields: Fields) -> Layout:
     name, count = fields.text("data_type", "int16").lower(), fields.whole("count", 0)
     swap, structure = _swap(fields), fields.text("structure", "")
     if name == "custom":
-        return _structured(structure or ">f")
+        layout = _structured(structure or ">f")
+        if count and count != layout.registers:  # with padding, or the C types of a machine
+            what = f'structure "{structure}" is {layout.registers} registers here, and count is {count}'
+            raise ImportedFileError(f"{what}: begin it with > or <")
+        return layout
     if name == "string":
         keys: dict[str, Value] = {"type": "string", "length": count or 1}
         return Layout((Part(0, keys | ({"swap": "bytes"} if swap in ("bytes", "both") else {})),), count)

@@ -4,8 +4,9 @@ from decimal import Decimal
 
 import pytest
 
-from gateway.config.importing.from_csv.numbers import factor_of, number_of, plain, scaled_unit
+from gateway.config.importing.from_csv.numbers import factor_of, number_of, scaled_unit
 from gateway.config.importing.imported import ImportedFileError
+from gateway.config.importing.points import plain
 
 
 @pytest.mark.parametrize(

@@ -361,6 +361,12 @@ def test_a_climate_may_have_a_setpoint_for_each_mode():
         ("sensors", "name: a, address: 7, nan_value: x", "nan_value must be a number"),
         ("sensors", "name: a, address: 7, data_type: custom, structure: '>hx'", "no whole number of registers"),
         ("sensors", "name: a, address: 7, data_type: custom, structure: '>xhx'", "begins or ends within a register"),
+        (
+            "sensors",
+            "name: a, address: 7, data_type: custom, count: 4, structure: 'l'",
+            "is 2 registers here, and count",
+        ),
+        ("sensors", "name: a, address: 7, data_type: custom, count: 4, structure: 'hi'", "is 3 registers here, and"),
         ("sensors", "name: a, address: 7, data_type: custom, structure: '>e'", "e is not known here"),
         ("sensors", "name: a, address: 7, data_type: custom, structure: '?!'", "is not understood"),
         ("sensors", "name: a, address: !secret x", "address: c.yaml"),
