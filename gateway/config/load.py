@@ -57,12 +57,22 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
 
 def load_profile(path: FilePath, name: str = "") -> ProfileFile:
     """Load the file of a profile by itself, and check it as in a config; with a `name` it must have that one."""
-    file = read_profile_file(path, name)
-    if file.table is None:
+    return _checked(read_profile_file(path, name))
+
+
+def find_profile(files: ProfileFiles, name: str) -> ProfileFile | None:
+    """Find the nearest file of a profile, and check it as in a config; None if there is none."""
+    file = files.find(name)
+    return None if file is None else _checked(file)
+
+
+def _checked(file: ProfileFile) -> ProfileFile:
+    """Check a profile by itself. With errors it has no table."""
+    if file.table is None or file.is_shipped:
         return file
     alone = Config.model_validate({PROFILE: {file.name: file.table}})
     problems = tuple(file.located(each) for each in check(alone) if each.path[:1] == (PROFILE,))
-    return replace(file, problems=problems)
+    return replace(file, table=None if errors_in(problems) else file.table, problems=problems)
 
 
 def parse(

@@ -202,6 +202,14 @@ def test_a_profile_of_a_config_with_values_that_are_set(port: Path, config: Path
         assert 225 < int(first[9:14].replace(" ", ""), 16) < 237
 
 
+def test_a_profile_that_check_refuses_is_not_played(config: Path, capsys) -> None:
+    file = config.parent / "profiles" / "wrong.toml"
+    file.parent.mkdir()
+    file.write_text('[profile.wrong]\npoints = [{ name = "a", holding = 1, bit = 40, write = true }]\n')
+    assert main(["simulate", "wrong", "--config", str(config), "--port", "/tmp/never-made"]) == 2
+    assert f"{file}:2:44: error: profile.wrong.points[0].bit: a uint16 has the bits 0 to 15" in capsys.readouterr().err
+
+
 def test_points_of_devices_with_documents_can_be_set(port: Path) -> None:
     words = ("weigher", "v80:2", "--set", "weight=12.5", "--set", "coil-173=1", "--set", "register-40108=7")
     with Simulation(port, *words), opened(port) as serial:

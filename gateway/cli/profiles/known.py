@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gateway.cli.kit.columns import align
-from gateway.config.load import load
+from gateway.config.load import find_profile, load
 from gateway.config.machine.profile_folders import OWN_PROFILES, folders_of
 from gateway.config.problem import Problem
 from gateway.config.profile_files import Origin, ProfileFiles, origin_of
@@ -49,7 +49,7 @@ class Profiles:
         """Find a profile; what is wrong with its file if that is broken, and nothing if there is none."""
         table = self._tables.get(name)
         if table is None:
-            file = self.files.find(name)
+            file = find_profile(self.files, name)
             if file is None or file.table is None:
                 return () if file is None else file.problems
             table = file.table

@@ -18,6 +18,7 @@ from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.device_server import refuse_port_of_gateway, settle
 from gateway.cli.units.unit import NoResponseError
+from gateway.config.load import find_profile
 from gateway.config.plan.points import points_of
 from gateway.config.plan.profiles import profile_of
 from gateway.config.problem import WrongValue
@@ -180,7 +181,7 @@ def _points(profile: str | None, place: _Place) -> tuple[Point, ...]:
     if profile is None:
         return ()
     files = ProfileFiles()
-    file = files.find(profile)
+    file = find_profile(files, profile)
     if file is None:
         raise WrongUsageError(f'there is no profile "{profile}"', files.advise_on(profile))
     if file.table is None:

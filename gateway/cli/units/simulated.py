@@ -134,7 +134,7 @@ def _kind(name: str, config: Path | None) -> Kind | None:
 
 def _load(name: str, config: Path | None) -> tuple[Kind, bool]:
     """Load a profile, and tell whether it is shipped. What does so takes long to import; KINDS do not need it."""
-    from gateway.config.load import load  # noqa: PLC0415
+    from gateway.config.load import find_profile, load  # noqa: PLC0415
     from gateway.config.profile_files import ProfileFiles  # noqa: PLC0415
     from gateway.config.reading.profile_file import SHIPPED  # noqa: PLC0415
     from gateway.simulator.described import kind_of  # noqa: PLC0415
@@ -146,7 +146,7 @@ def _load(name: str, config: Path | None) -> tuple[Kind, bool]:
             raise WrongUsageError("\n".join(loaded.errors))
         tables = dict(loaded.config.profile)
     if name not in tables:
-        file = files.find(name)
+        file = find_profile(files, name)
         if file is None:
             raise WrongUsageError(f'there is no profile "{name}"', files.advise_on(name, tables))
         if file.table is None:

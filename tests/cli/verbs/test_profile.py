@@ -389,6 +389,16 @@ def test_a_broken_file_hides_no_others_in_the_list(meter, own, capsys):
     assert capsys.readouterr().err == shown.err
 
 
+@pytest.mark.parametrize("words", [["profile", "bad"], ["profile", "bad", "--csv"], ["profile", "list", "bad"]])
+def test_a_profile_that_check_refuses_is_not_shown(words, own, capsys):
+    own.mkdir(parents=True)
+    (own / "bad.toml").write_text('[profile.bad]\npoints = [{ name = "a", holding = 1, bit = 40 }]\n')
+    assert main(words) == 1
+    assert (
+        f"{own}/bad.toml:2:44: error: profile.bad.points[0].bit: a uint16 has the bits 0 to" in capsys.readouterr().err
+    )
+
+
 def test_points_as_csv(meter, own, capsys):
     main(["profile", "add", str(meter)])
     capsys.readouterr()
