@@ -13,10 +13,11 @@ from gateway.registers.items import MOST_WIDE, REGISTER
 
 @dataclass(frozen=True, slots=True)
 class ReadRules:
-    """The rules for the reads of a kind of device.
+    """The rules for the reads of a device.
 
     `limits` is the most items for a function. A read may include up to `max_gap` addresses in a row that nobody asked
-    for. They must exist: `areas` are the addresses that do; an area that is not named has all. None is `only_written`.
+    for, if they exist and are not `only_written`. `areas` are the addresses that exist; an area that is not named has
+    all.
     """
 
     limits: Mapping[int, int] = field(default_factory=dict)

@@ -116,9 +116,19 @@ async def test_all_measured_values_of_a_meter_are_a_few_requests(profile, allows
         assert functions.count(4) == after
 
 
-async def test_nobody_reads_a_register_that_is_only_written():
-    reset = '  { name = "reset", holding = 13, write = "only" },'
-    config = CONFIG.replace("points  = [", f"points  = [\n{reset}")
+RESET = '{ name = "reset", holding = 13, write = "only" }'
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("points  = [", f"points  = [{RESET},"),
+        ('profile = "meter" }', f'profile = "meter", points = [{RESET}] }}'),
+    ],
+    ids=["of the profile", "of the device"],
+)
+async def test_nobody_reads_a_register_that_is_only_written(before, after):
+    config = CONFIG.replace(before, after)
     async with gateway_bench(config + MQTT + MIRROR) as bench:
         meter = furnish(bench)
         FakeBroker.of(bench)

@@ -6,6 +6,7 @@ from typing import Final, Literal
 
 from gateway.config.plan.fleet import lease_of
 from gateway.config.plan.names import Owner, device_names, keys_of, rows_of, unlisted_units
+from gateway.config.plan.profiles import only_written
 from gateway.config.plan.reach import listeners_for, own_units, units_without_devices
 from gateway.config.plan.settings import (
     SHARED_ARRIVES_WITHIN,
@@ -88,11 +89,11 @@ def upstream_plan(upstream: Upstream, profiles: dict[str, Profile], config: Conf
         source=upstream.place,
     )
     port, *others = (_other_server(upstream, to) for to in upstream.to)
-    (usual,) = _of_row(upstream, Device.model_validate({"unit": 1}), profiles)
+    (usual,) = _of_row(upstream, Device.model_validate({"unit": 1}), profiles, config)
     return UpstreamPlan(
         port,
         settings,
-        devices=tuple(one for row in rows_of(upstream) for one in _of_row(upstream, row, profiles)),
+        devices=tuple(one for row in rows_of(upstream) for one in _of_row(upstream, row, profiles, config)),
         others=tuple(other for other in others if isinstance(other, TcpSettings)),
         usual=usual,
         unnamed=tuple(_unnamed(upstream, usual)) if listeners_for(upstream, config) else (),
@@ -158,12 +159,16 @@ def _turnaround(devices: Iterable[DeviceSettings]) -> float:
 def _devices(line: Line, profiles: dict[str, Profile], config: Config) -> Iterator[DeviceSettings]:
     if line.devices is None:
         row = Device.model_validate({"unit": units_without_devices(line, config)}).placed(line.path, line.place)
-        return _of_row(line, row, profiles)
-    return (one for row in line.devices for one in _of_row(line, row, profiles))
+        return _of_row(line, row, profiles, config)
+    return (one for row in line.devices for one in _of_row(line, row, profiles, config))
 
 
-def _of_row(owner: Owner, row: Device, profiles: dict[str, Profile]) -> Iterator[DeviceSettings]:
-    profile = profiles[row.profile or owner.profile]
+def _of_row(owner: Owner, row: Device, profiles: dict[str, Profile], config: Config) -> Iterator[DeviceSettings]:
+    kind = row.profile or owner.profile
+    profile = profiles[kind]
+    own = only_written(row.points, config.profile[kind])
+    if own:
+        profile = replace(profile, only_written=(*profile.only_written, *own))
     if BROADCAST_UNIT in row.units and isinstance(owner, Line):
         profile = replace(profile, functions=ASKED_AT_ZERO)
     answer_time, wake = _answer_time(owner, row, profile), _wake(owner, row, profile)

@@ -1,8 +1,11 @@
 """A kind of device, as its table describes it."""
 
+from collections.abc import Iterable
+
 from gateway.config.plan.points import points_of
-from gateway.config.schema.profile import ProfileTable
+from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Profile
 from gateway.timing.table import Point as TimingPoint
 from gateway.timing.table import TimingTable
@@ -11,7 +14,6 @@ from gateway.timing.table import TimingTable
 def profile_of(name: str, table: ProfileTable) -> Profile:
     """Turn a table into the profile that it describes."""
     areas = {area: ranges for area in Area if (ranges := getattr(table, area)) is not None}
-    only_written = [each for each in table.points if each.write == "only"]
     points: dict[int, list[TimingPoint]] = {}
     for row in table.timing:
         points.setdefault(row.fc, []).append(TimingPoint(row.items, row.time))
@@ -31,6 +33,12 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
         wake=table.wake,
         wide=table.wide,
         max_gap=table.max_gap,
-        only_written=tuple(point.span for point in points_of(only_written, table)) if only_written else (),
+        only_written=only_written(table.points, table),
         identity=table.identity,
     )
+
+
+def only_written(points: Iterable[PointTable], kind: ProfileTable) -> tuple[Span, ...]:
+    """Find where the points of a kind of device are that are never read."""
+    tables = [each for each in points if each.write == "only"]
+    return tuple(point.span for point in points_of(tables, kind)) if tables else ()
