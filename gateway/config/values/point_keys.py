@@ -1,11 +1,11 @@
 """The keys of a point: its name, its place, its labels, and whether it can be written."""
 
 import re
-from math import isfinite
+from sys import float_info
 
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.values.names import LONGEST_NAME
-from gateway.config.values.ranges import parse_ranges
+from gateway.config.values.ranges import is_range, parse_ranges
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Writing
 from gateway.profiles.profile import Range
@@ -43,10 +43,10 @@ def parse_point_addresses(value: object) -> Range:
     """
     if isinstance(value, int) and not isinstance(value, bool):
         value = str(value)
-    ranges = parse_ranges(value) if isinstance(value, str) else ()
-    if len(ranges) != 1:
+    if not isinstance(value, str) or not is_range(value):
         raise WrongValue("is no address", 'write an address such as 16, or a range "1-99" for several points')
-    return ranges[0]
+    (addresses,) = parse_ranges(value)
+    return addresses
 
 
 def parse_labels(value: object) -> dict[int, str]:
@@ -87,7 +87,7 @@ def parse_invalid(value: object) -> tuple[float, ...]:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= float_info.max
 
 
 def parse_bits(value: object) -> Range:

@@ -30,6 +30,11 @@ def show_ranges(ranges: tuple[Range, ...]) -> str:
     return ", ".join(f"{first}-{last}" for first, last in ranges) or "none"
 
 
+def is_range(text: str) -> bool:
+    """Tell whether a text has the form of an address or a range of addresses."""
+    return _RANGE.fullmatch(text.strip()) is not None
+
+
 def join_ranges(ranges: Iterable[Range]) -> tuple[Range, ...]:
     """Sort ranges, and join those that touch."""
     joined: list[Range] = []
