@@ -136,7 +136,11 @@ class WaitingQueue:
 
     def take_following(self) -> Transaction | None:
         """Remove and return the write that must follow its read at once; None if none does."""
-        return self._take_following() if self._repeats else None
+        for transaction in self._repeats:
+            if isinstance(transaction, BitsWrite):
+                self._remove(transaction)
+                return transaction
+        return None
 
     def take(self, is_held: Held | None = None) -> Transaction | None:
         """Remove and return the next transaction; None if none may be sent now."""
@@ -217,13 +221,6 @@ class WaitingQueue:
 
     def _rows(self) -> Iterator[Row]:
         return chain(self._clients.rows(), self._polls.rows())
-
-    def _take_following(self) -> Transaction | None:
-        for transaction in self._repeats:
-            if isinstance(transaction, BitsWrite):
-                self._remove(transaction)
-                return transaction
-        return None
 
     def _next(self, is_held: Held | None) -> Place | None:
         """Choose the next request: polls last, unless the others have had enough turns since one went."""
