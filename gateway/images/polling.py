@@ -111,9 +111,7 @@ class PolledRange:
 
     def touches(self, span: Span | None) -> bool:
         """Tell whether it contains an address of `span`; None means every address."""
-        if span is None:
-            return True
-        return any(run.area is span.area and run.start < span.end and span.start < run.end for run in self.runs)
+        return span is None or any(run.touches(span) for run in self.runs)
 
     def is_known(self, writes: int) -> bool:
         """Tell whether its values include the first `writes` writes."""

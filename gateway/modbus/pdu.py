@@ -37,6 +37,10 @@ class Span:
         """The first address after the span."""
         return self.start + self.count
 
+    def touches(self, other: "Span") -> bool:
+        """Tell whether both have an address."""
+        return self.area == other.area and self.start < other.end and other.start < self.end
+
     @property
     def addresses(self) -> str:
         """The addresses as in messages: `7`, or `7-9`."""

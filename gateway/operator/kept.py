@@ -93,11 +93,11 @@ def window(gateway: Gateway, unit: int, span: Span, now: float) -> ImageWindow |
     _look_again(image, now)
     settings = image.settings
     parts = [(each, _items(image, each)) for each in _existing(settings.areas.get(span.area, ()), span)]
-    ages = [each for each in _ages(image, now) if _touch(each.span, span)] if isinstance(image, Mirror) else []
+    ages = [each for each in _ages(image, now) if each.span.touches(span)] if isinstance(image, Mirror) else []
     writes = [
         Written(each.span, each.client, milliseconds(now - each.at))
         for each in image.last_writes
-        if _touch(each.span, span)
+        if each.span.touches(span)
     ]
     return ImageWindow(
         unit=unit,
@@ -139,7 +139,7 @@ def _kept(mirror: Mirror, ages: Sequence[PolledAge], span: Span) -> Kept | None:
     """Return what a mirror has of a span; its age is that of the oldest part."""
     if not covers(mirror.settings.areas.get(span.area, ()), span):
         return None
-    touched = [each.age_ms for each in ages if _touch(each.span, span)]
+    touched = [each.age_ms for each in ages if each.span.touches(span)]
     known = [age for age in touched if age is not None]
     age = max(known, default=0.0) if len(known) == len(touched) else None
     is_stale = age is not None and age > mirror.settings.stale * 1000
@@ -152,7 +152,3 @@ def _existing(ranges: Iterable[Range], span: Span) -> Iterator[Span]:
         start, end = max(first, span.start), min(last + 1, span.end)
         if start < end:
             yield Span(span.area, start, end - start)
-
-
-def _touch(one: Span, other: Span) -> bool:
-    return one.area == other.area and one.start < other.end and other.start < one.end

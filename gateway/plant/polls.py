@@ -185,8 +185,7 @@ class Polls:
     def read_soon(self, device: str, spans: Sequence[Span], now: float) -> None:
         """Make the reads of `spans` due at once: something was written."""
         for read in self._reads[device]:
-            own = read.batch.span
-            if not read.parts and any(own.area is s.area and own.start < s.end and s.start < own.end for s in spans):
+            if not read.parts and any(read.batch.span.touches(span) for span in spans):
                 self._plan(read, now)
 
     def _add(self, reads: Iterable[_Read]) -> None:

@@ -83,7 +83,7 @@ class Profile:
 
     def has_wide(self, span: Span) -> bool:
         """Tell whether one of the items has four bytes."""
-        return any(first < span.end and span.start <= last for first, last in self.wide.get(span.area, ()))
+        return width_at(self.wide, span) != REGISTER
 
     def names(self, function: int) -> bool:
         """Tell whether the profile says that the device has this function."""

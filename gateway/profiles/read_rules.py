@@ -41,9 +41,7 @@ class ReadRules:
         """Tell whether a read may include these addresses, which nobody asked for."""
         if hole.count > self.max_gap or not covers(self.areas.get(hole.area), hole):
             return False
-        return not any(
-            each.area is hole.area and each.start < hole.end and hole.start < each.end for each in self.only_written
-        )
+        return not any(each.touches(hole) for each in self.only_written)
 
 
 #: The rules of a device of which nothing is known.

@@ -192,18 +192,18 @@ class Profiled(Device):
     def _move(self, span: Span, seconds: float) -> None:
         """Bring the points in a span up to date."""
         for point, way in self._moving:
-            if _touches(span, point.span):
+            if span.touches(point.span):
                 self._put_value(point, way.at(seconds))
 
     def _keep(self, span: Span) -> None:
         """Let no value change that is in a span, or has its scale there."""
-        self._moving = [(point, way) for point, way in self._moving if not _touches(span, point.read_span)]
+        self._moving = [(point, way) for point, way in self._moving if not span.touches(point.read_span)]
 
     def _written(self, span: Span) -> None:
         """Keep what a client wrote, and show it where it is read."""
         self._keep(span)
         for point in self.kind.points:
-            if point.write_at is not None and _touches(span, point.write_span):
+            if point.write_at is not None and span.touches(point.write_span):
                 self._put_point(point, self.items(point.write_span), copy=False)
 
     def _exponent(self, point: Point) -> int:
@@ -238,7 +238,3 @@ class Profiled(Device):
 
 def _places_of(span: Span) -> Sequence[tuple[Area, int]]:
     return [(span.area, address) for address in range(span.start, span.end)]
-
-
-def _touches(one: Span, other: Span) -> bool:
-    return one.area == other.area and one.start < other.end and other.start < one.end

@@ -180,3 +180,19 @@ def test_any_bytes_are_refused_or_foretold(pdu):
     if asked.response_size is not None and asked.function != 8:
         assert response_size(asked.response_head) == asked.response_size
     assert asked.accepts(exception_response(asked.function, 1))
+
+
+@pytest.mark.parametrize(
+    ("other", "has_one"),
+    [
+        (Span(Area.HOLDING, 5, 5), True),
+        (Span(Area.HOLDING, 9, 3), True),
+        (Span(Area.HOLDING, 6, 1), True),
+        (Span(Area.HOLDING, 10, 3), False),
+        (Span(Area.HOLDING, 2, 3), False),
+        (Span(Area.INPUT, 5, 5), False),
+    ],
+)
+def test_spans_touch_where_both_have_an_address(other, has_one):
+    span = Span(Area.HOLDING, 5, 5)
+    assert (span.touches(other), other.touches(span)) == (has_one, has_one)
