@@ -32,6 +32,7 @@ DOOR = Point("door", Area.DISCRETE, 3, "bit", labels={1: "open", 0: "closed"})
         (Point("a", Area.INPUT, 0, scale=0.1, decimals=1), "00 0A", 1.0, "1.0"),
         (Point("a", Area.INPUT, 0, scale=10), "00 0A", 100, "100"),
         (Point("a", Area.INPUT, 0, "float32", count=2, scale=2.0), "3F 80 00 00", 2.0, "2.0"),
+        (Point("a", Area.INPUT, 0, "float32", count=2, scale=2.0, offset=-40.5), "3F 80 00 00", -38.5, "-38.5"),
         (Point("a", Area.INPUT, 0, "uint64", count=4, decimals=0), "FF " * 8, 2**64 - 1, "18446744073709551615"),
         (
             Point("a", Area.INPUT, 0, "int64", count=4, decimals=1),
