@@ -81,6 +81,8 @@ def check_scale(
         yield error(path, f"{table.scale_from} is no {area} register of type int16 with the plain number")
     elif scale.write == "only":
         yield error(path, f"{table.scale_from} is only written, and a scale is read")
+    elif table.write == "only":
+        yield error(path, "is read together with its point, which is only written", "take it out, or write = true")
     elif type_of(table, area) not in _TYPES_WITH_SCALE or bits_of(table, area) is not None:
         yield error(path, f"a {type_of(table, area)} has no scale register", "take it out")
     elif table.write != "no" and (table.min is not None or table.max is not None):

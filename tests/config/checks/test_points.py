@@ -159,6 +159,7 @@ SCALE = '{ name = "sf", holding = 9, type = "int16" }'
         ("holding = 1, write = true, max = 5", SCALE, "limits cannot be guarded"),
         ("holding = 1", '{ name = "sf", holding = 9, type = "int16", swap = "bytes" }', "sf is no holding register"),
         ("holding = 1", '{ name = "sf", holding = 9, type = "int16", write = "only" }', "sf is only written"),
+        ('holding = 1, write = "only"', SCALE, "is read together with its point, which is only written"),
         ("holding = 299", '{ name = "x", holding = 1 }, { name = "sf", holding = 300, type = "int16" }', None),
     ],
 )
