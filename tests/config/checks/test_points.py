@@ -37,6 +37,7 @@ WHERE = "line[0].devices[0].points[0]"
         ('name = "a", holding = 65536', "7:25: error: {}.holding: address 65536 is above 65535"),
         ('name = "a", holding = 65535, type = "float32"', "{}.holding: the point ends at 65536, and the last address"),
         ('name = "a", coils = 1, type = "int16"', "{}.type: coils are bits\n  help: leave type out"),
+        ('name = "a", coils = 1, bit = 3', "{}.bit: coils are bits\n  help: leave bit out"),
         ('name = "a", holding = 1, type = "bit"', "{}.type: holding registers are no bits\n  help: read the whole"),
         ('name = "a", holding = 1, type = "string"', "{}.type: a string needs its length\n  help: add length = 8"),
         ('name = "a", holding = 1, length = 2', "{}.length: only a string has a length; uint16 has its own"),
@@ -224,6 +225,10 @@ def test_the_registers_up_to_the_scale_exist():
 def test_a_wide_register_holds_four_bytes(row, said):
     found = problems(f'name = "a", holding = 5000, {row}', profile='wide = { holding = "5000-5999" }')
     assert [f"{WHERE}.{said}" in one for one in found] == [True] * (said is not None)
+
+
+def test_the_last_wide_register_is_one():
+    assert problems('name = "a", holding = 5999, type = "float32"', profile='wide = { holding = "5000-5999" }') == []
 
 
 @pytest.mark.parametrize(
