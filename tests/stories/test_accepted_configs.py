@@ -3,7 +3,7 @@
 import asyncio
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,6 +14,7 @@ from hypothesis import assume, given
 
 from gateway.cli.main import main
 from gateway.config.values.unitset import parse_units
+from gateway.devices.device import DeviceSettings
 from gateway.errors import RequestError
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
@@ -159,6 +160,12 @@ class Printed:
                 yield unit, row["device"], place
 
 
+def contested(devices: Sequence[DeviceSettings]) -> set[int]:
+    """The addresses that two devices have, if one of them can change its address."""
+    of = {unit: [each for each in devices if each.unit == unit] for unit in {each.unit for each in devices}}
+    return {unit for unit, there in of.items() if len(there) > 1 and any(each.profile.quirks for each in there)}
+
+
 class Scene:
     """A running gateway, everybody on its wires, and what was printed of it."""
 
@@ -184,6 +191,8 @@ class Scene:
         behind += [device for upstream in plan.upstreams for device in upstream.devices]
         self.profiles = {device.known_as: device.profile for device in behind}
         self.lines = {one.line.name: one for one in plan.lines}
+        #: Addresses of several devices, of which one can move: none of them is asked, as `check` says.
+        self._contested = {Place(line.port.port, unit) for line in plan.lines for unit in contested(line.devices)}
 
     def enter(self, listener: int) -> None:
         """From now on clients come by this listener."""
@@ -288,6 +297,8 @@ class Scene:
 
     async def _check_answer(self, response: bytes, pdu: bytes, place: Place) -> None:
         if response in {NOTHING, exception_response(pdu[0], BUSY)}:
+            return
+        if place in self._contested and response == exception_response(pdu[0], NO_ROUTE):
             return
         assert response == self.everybody[place.port].says(place.unit, pdu)
         if pdu[0] not in READS:

@@ -65,7 +65,8 @@ def _check_movable(config: Config) -> Iterator[Problem]:
                 what = (
                     f"{min(shared)} is in another row too, and a {row.profile or line.profile} can change its address"
                 )
-                yield error((*row.path, "unit"), what, "such a device has its address to itself: one row, one name")
+                remedy = "neither is asked while the other may be at this address"
+                yield warning((*row.path, "unit"), what, remedy)
 
 
 def _has_moves(profile: ProfileTable | None) -> bool:
