@@ -4,6 +4,7 @@ import pytest
 
 from gateway.images.image import Image
 from gateway.images.mirror import ForwardedOrigin
+from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
 from gateway.request import Request
 from images.asking import UNIT, Answers, ask, image
@@ -25,7 +26,7 @@ def ask_for_bits(image: Image) -> str:
 @pytest.mark.parametrize("functions", [None, {3, 6}, {3, 22}])
 def test_an_image_writes_them(functions: set[int] | None) -> None:
     profile = Profile("any", functions=None if functions is None else frozenset(functions))
-    shift_data = image(profile, {"holding": ((8, (0x1201,)),)}, holding=((8, 8),))
+    shift_data = image(profile, {Area.HOLDING: ((8, (0x1201,)),)}, holding=((8, 8),))
     assert ask_for_bits(shift_data) == SET
     assert ask(shift_data, "03 0008 0001") == "03 02 12 11"
 
