@@ -41,6 +41,11 @@ class Span:
         """Tell whether both have an address."""
         return self.area == other.area and self.start < other.end and other.start < self.end
 
+    def up_to(self, address: int) -> "Span":
+        """Make the span that reaches to another address too, before or behind it."""
+        start = min(self.start, address)
+        return Span(self.area, start, max(self.end, address + 1) - start)
+
     @property
     def addresses(self) -> str:
         """The addresses as in messages: `7`, or `7-9`."""

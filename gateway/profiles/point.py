@@ -69,10 +69,7 @@ class Point:
     @property
     def read_span(self) -> Span:
         """The addresses that are read for it: its own, and up to those of its scale."""
-        if self.scale_at is None:
-            return self.span
-        first = min(self.address, self.scale_at)
-        return Span(self.area, first, max(self.address + self.count, self.scale_at + 1) - first)
+        return self.span if self.scale_at is None else self.span.up_to(self.scale_at)
 
     @property
     def write_span(self) -> Span:

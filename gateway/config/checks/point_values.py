@@ -89,8 +89,9 @@ def check_scale(
         what = "limits cannot be guarded: what is written depends on a register that the device may change"
         yield error(path, what, "take min and max out, or write")
     else:
-        first, last = min(at, addresses[0]), max(at, addresses[1], addresses[0] + size_of(table, area) - 1)
-        yield from _check_distance(table, Span(area, first, last - first + 1), profile)
+        size, (first, last) = size_of(table, area), addresses
+        of_ends = (Span(area, start, size).up_to(at) for start in (first, max(first, last - size + 1)))
+        yield from [problem for span in of_ends for problem in _check_distance(table, span, profile)][:1]
 
 
 def _is_plain(scale: PointTable) -> bool:

@@ -207,6 +207,12 @@ def test_a_point_is_written_in_registers_as_wide_as_its_own(at, write_at):
     assert ["write_at: its registers have" in one for one in found] == [True]
 
 
+@pytest.mark.parametrize(("addresses", "is_far"), [("10-133", False), ("10-134", True)])
+def test_each_point_of_a_range_is_read_with_the_scale_by_itself(addresses, is_far):
+    found = problems(f'name = "a-*", holding = "{addresses}", scale_from = "sf"', of_profile=SCALE)
+    assert ["is 126 registers away, and one request reads 125" in one for one in found] == [True] * is_far
+
+
 def test_the_registers_up_to_the_scale_exist():
     (found,) = problems(
         'name = "a", holding = 1, scale_from = "sf"', profile='holding = ["0-3", "9"]', of_profile=SCALE
