@@ -90,7 +90,7 @@ class Device(Destination):
         self._line = line
         self._emit = emit
         self._ring = ring or Ring()
-        self._line_name = line_name
+        self.line_name = line_name
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         """Send the request in its turn, or fail it. If it `yields`, requests of clients go first: a mirror's poll."""
@@ -102,7 +102,7 @@ class Device(Destination):
         except RequestError as error:
             self.counts[request.pdu[0]].count_error(error, 1)
             self.report_rejection(request, error)
-            self._ring.refuse(request, error, now, line=self._line_name, name=self.name)
+            self._ring.refuse(request, error, now, line=self.line_name, name=self.name)
             request.fail(error)
             return
         transaction.yields = yields

@@ -195,7 +195,7 @@ class MovableDevice(Device):
         configured = self.moved_from
         if units and configured is not None and self.breaker.failures == FAILURES:
             advice = f"it does not answer there; {how_to_forget(self.name, configured)}"
-            self._emit(AddressRemembered(self._line_name, self.name, units[0], configured, advice))
+            self._emit(AddressRemembered(self.line_name, self.name, units[0], configured, advice))
 
     def _is_at(self, unit: int) -> None:
         """Settle on `unit`: it has responded from there."""
@@ -208,7 +208,7 @@ class MovableDevice(Device):
             self._tell_moved(unit, was, f"requests follow it; {remedy}")
 
     def _tell_moved(self, unit: int, was: int, advice: str) -> None:
-        self._emit(AddressMoved(self._line_name, self.name, unit, was, advice))
+        self._emit(AddressMoved(self.line_name, self.name, unit, was, advice))
 
     def _change_baud(self, baud: float, response: Frame | None) -> None:
         if response is not None and response.pdu[0] & EXCEPTION_BIT:
@@ -221,7 +221,7 @@ class MovableDevice(Device):
             advice = f"the line follows it; set baud = {baud:g} in {self._line_source}"
         else:
             advice = "the line stays at its rate, so this device cannot be reached until both are the same again"
-        self._emit(BaudChanged(self._line_name, self.name, baud, advice))
+        self._emit(BaudChanged(self.line_name, self.name, baud, advice))
 
 
 class EveryQuirkyDevice(EveryDevice):
@@ -234,17 +234,17 @@ class EveryQuirkyDevice(EveryDevice):
         self._quirks = quirks
         self._emit = emit
         self._ring = ring
-        self._line_name = line_name
+        self.line_name = line_name
 
     def submit(self, request: Request, now: float) -> None:
         """Send the request to unit 0, or fail it if it writes an address or a rate. See EveryDevice."""
         if changes(parse_request(request.pdu), self._quirks) is None:
             super().submit(request, now)
             return
-        error = IllegalDataValue(f"all devices of {self._line_name} would have the same address, or another rate")
+        error = IllegalDataValue(f"all devices of {self.line_name} would have the same address, or another rate")
         self.counts[request.pdu[0]].count_error(error, 1)
-        self._emit(RequestRefused.of(request, error, device=f"{self.name} of {self._line_name}"))
-        self._ring.refuse(request, error, now, line=self._line_name, name=self.name)
+        self._emit(RequestRefused.of(request, error, device=f"{self.name} of {self.line_name}"))
+        self._ring.refuse(request, error, now, line=self.line_name, name=self.name)
         request.fail(error)
 
 

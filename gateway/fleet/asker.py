@@ -8,7 +8,7 @@ from gateway.events import Emit
 from gateway.fleet.exchange import SitePort
 from gateway.fleet.headers import CLIENT, DEADLINE, HOPS, ROLE
 from gateway.fleet.owner import SiteOrigin
-from gateway.images.mirror import ForwardedOrigin
+from gateway.images.ordered import ForwardedOrigin
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_PDU
 from gateway.modbus.mbap import TcpFrame

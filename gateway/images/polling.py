@@ -1,54 +1,60 @@
-"""Polls the device of a mirror and keeps the values, range by range.
+"""Polls a device for all that want its values: mirrors, virtual units and what is published.
 
-The age of a value counts from the submission of its poll, so a value is never older than its age.
+    unknown ──poll answered──▶ fresh ──older than `stale`──▶ stale
+       ▲                         │                             │
+       └──── a write finished ───┴─────────────────────────────┘
+
+What a reader wants is a part; parts with the same interval are joined into as few requests as the device allows. The
+age of a part counts from the submission of its poll, so its values are never older than that.
 
 Order is counted in writes: `writes` is the number of finished writes to the device. The response to a poll includes all
 writes that had finished when the poll was submitted. It may lack later ones, because several requests can be on the way
 to the device.
+
+It has no clock: time is an argument, and `deadline` says when to call `tick`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
+from heapq import heappop, heappush
+from itertools import count
+from math import ceil
 from typing import Final, Protocol
 
-from gateway.errors import Busy, PathUnavailable
+from gateway.errors import (
+    Busy,
+    IllegalDataAddress,
+    IllegalDataValue,
+    PathUnavailable,
+    ServerDeviceFailure,
+    TargetFailedToRespond,
+)
 from gateway.events import Emit, PollRefused
-from gateway.images.polls import MirrorSettings, Poll, joined
-from gateway.images.tables import make_tables
+from gateway.images.polled_range import Part, PolledRange, Reader
+from gateway.images.polls import Poll, joined
+from gateway.images.turns import PollTurns
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes, Split
 from gateway.profiles.read_rules import ReadRules
-from gateway.registers.items import has_bits, items_read, pack_bits
+from gateway.registers.items import items_read
 from gateway.request import Origin, Request
 
 #: Exceptions that refuse a range as a whole: address, quantity, and 04, which some devices send instead.
-_REFUSALS: Final = frozenset({2, 3, 4})
+_REFUSALS: Final = frozenset({IllegalDataAddress.code, IllegalDataValue.code, ServerDeviceFailure.code})
+#: Exceptions of a gateway that does not reach the unit, or gets no answer from it.
+_NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})
 #: The pause before repeating a poll that was not sent, because the line is down or busy, in seconds.
 UNSENT_PAUSE: Final = 0.25
-#: The most polls of a mirror in progress or waiting. More would only fill the queue of the line.
-MOST_POLLS: Final = 16
+#: After a poll without an answer the next one comes no later than this, in seconds.
+RETRY: Final = 5.0
+#: After this many seconds parts that are read apart are tried together again, unless that is known to be refused.
+TOGETHER_AGAIN: Final = 60.0
 
 
-@dataclass(slots=True)
-class MirrorCounts:
-    """Counters of a mirror."""
-
-    requests: int = 0
-    exceptions: int = 0
-    polls: int = 0
-    failed_polls: int = 0
-
-
-class MirrorOrigin(Origin, Protocol):
-    """The Origin of a mirror's polls and of the requests that it passes on."""
-
-    def passed(self, request: Request, response: bytes | None) -> None:
-        """Take the device's response to a client's request."""
-
-
-class MirroredDevice(Protocol):
-    """The device behind a mirror. `holes` are those that it has refused."""
+class PolledTarget(Protocol):
+    """What is polled. `holes` are those that it has refused."""
 
     @property
     def holes(self) -> Holes:
@@ -61,186 +67,194 @@ class MirroredDevice(Protocol):
         """Tell whether it is in a back-off after failures."""
 
 
-class PolledRange:
-    """A polled range of addresses, perhaps one of the parts of a `split`. Its values are unknown at first."""
+@dataclass(frozen=True, slots=True)
+class PolledUnit:
+    """What is polled: a device named `name`, `unit` in logs and the trace, and what one read of it may take."""
 
-    def __init__(self, poll: Poll, due_at: float, split: Split | None = None) -> None:
-        self.poll = poll
-        self.due_at = due_at
-        self.split = split
-        self.runs = poll.runs
-        #: Whether its poll is in progress; whether reads wait for it while the values are unknown; whether the device
-        #: has refused it.
-        self.is_asked = False
-        self.is_awaited = True
-        self.is_refused = False
-        self._asked_at = 0.0
-        self._sampled_at: float | None = None
-        # Numbers of finished writes: when the present poll was submitted, when the last answered one was, and up to the
-        # last write that may have changed the values.
-        self._asked_after = 0
-        self._sampled_after = 0
-        self._changed_by = 0
-
-    @property
-    def span(self) -> Span:
-        """Its addresses."""
-        return self.poll.span
-
-    def asked(self, now: float, writes: int) -> None:
-        """Note that its poll is in progress."""
-        self.is_asked, self._asked_at, self._asked_after = True, now, writes
-
-    def answered(self) -> None:
-        """Note that its poll was answered: the age of the values counts from its submission."""
-        self.is_asked = self.is_refused = False
-        self._sampled_at, self._sampled_after = self._asked_at, self._asked_after
-        if self.split is not None:
-            self.split.part_was_read()
-            self.split = None
-
-    def failed(self) -> None:
-        """Note that its poll was not answered, or not sent: reads do not wait for the next one."""
-        self.is_asked = self.is_awaited = False
-
-    def changed(self, now: float, writes: int) -> None:
-        """Forget its values, which the last write may have changed. Its next poll is due."""
-        self._changed_by = writes
-        self.is_awaited = True
-        self.due_at = now
-
-    def touches(self, span: Span | None) -> bool:
-        """Tell whether it contains an address of `span`; None means every address."""
-        return span is None or any(run.touches(span) for run in self.runs)
-
-    def is_known(self, writes: int) -> bool:
-        """Tell whether its values include the first `writes` writes."""
-        return self._sampled_at is not None and self._sampled_after >= min(self._changed_by, writes)
-
-    def is_lost(self, now: float, stale: float, writes: int) -> bool:
-        """Tell whether its values are stale at `now`, or unknown and no poll is in progress."""
-        if self._sampled_at is None or not self.is_known(writes):
-            return not self.is_awaited
-        return now - self._sampled_at > stale
-
-    def age(self, now: float) -> float | None:
-        """Return the age of its values in seconds; None while they are unknown."""
-        if self._sampled_at is None or not self.is_known(self._changed_by):
-            return None
-        return now - self._sampled_at
+    name: str
+    unit: int
+    rules: ReadRules
 
 
-class Polling:
-    """Polls `device` for `poller`. `writes` is the number of finished writes to the device."""
+class DevicePolls:
+    """Polls `target` as `origin` for readers. `writes` is the number of finished writes to it.
 
-    def __init__(
-        self, settings: MirrorSettings, counts: MirrorCounts, device: MirroredDevice, poller: MirrorOrigin, emit: Emit
-    ) -> None:
+    Its polls wait in `turns`, which the devices of a line share.
+    """
+
+    def __init__(self, unit: PolledUnit, target: PolledTarget, origin: Origin, turns: PollTurns, emit: Emit) -> None:
         self.writes = 0
-        self._settings = settings
-        self._counts = counts
-        self._device = device
-        self._poller = poller
+        self.unit = unit
+        self._target = target
+        self._origin = origin
+        self._turns = turns
         self._emit = emit
-        self._tables = make_tables(settings.areas, {})
-        #: Tables have no registers of four bytes.
-        polls = [poll for poll in settings.polls if not settings.profile.has_wide(poll.span)]
-        ranges = joined(polls, ReadRules.of(settings.profile), device.holes)
-        self._ranges = [PolledRange(poll, due_at=0.0) for poll in ranges]
+        self._parts: dict[Part, None] = {}
+        self._ranges: dict[PolledRange, None] = {}
+        self._due: list[tuple[float, int, PolledRange]] = []
+        self._number = count()
         self._polls: dict[Request, PolledRange] = {}
 
-    def has(self, span: Span) -> bool:
-        """Tell whether all of `span` is polled."""
-        return self._tables[span.area].has(span)
+    @property
+    def readers(self) -> tuple[Reader, ...]:
+        """Those who want something of the device."""
+        return tuple(dict.fromkeys(part.reader for part in self._parts))
 
-    def touched(self, span: Span | None) -> list[PolledRange]:
-        """Return the ranges that contain an address of `span`; None means every address."""
-        return [polled for polled in self._ranges if polled.touches(span)]
+    def change(self, come: Iterable[Part], gone: Iterable[Part], now: float) -> None:
+        """Poll for the parts that `come`, at once, and no more for those that are `gone`.
 
-    def read(self, span: Span) -> bytes:
-        """Return the items of `span`, encoded as in a response."""
-        return self._tables[span.area].read(span)
+        All others keep their values, and their intervals as well as they can.
+        """
+        for part in gone:
+            self._parts.pop(part, None)
+        self._parts |= dict.fromkeys(come)
+        due = {poll: each.due_at for each in self._ranges for poll in each.poll.wanted}
+        by_poll: dict[Poll, list[Part]] = {}
+        for part in self._parts:
+            by_poll.setdefault(part.poll, []).append(part)
+        for old in self._ranges:
+            old.is_over = True
+        self._ranges.clear()
+        for poll in joined(by_poll, self.unit.rules, self._target.holes):
+            parts = [part for wanted in poll.wanted for part in by_poll[wanted]]
+            due_at = min(now if part.is_new else due.get(part.poll, now) for part in parts)
+            self._add(PolledRange(poll, parts, due_at))
 
     def changed(self, span: Span | None, now: float) -> None:
-        """Note that a write to `span` has finished (None: every address). All ranges are polled again soon."""
+        """Note that a write to `span` has finished (None: every address); the values there are unknown until polled."""
         self.writes += 1
-        for polled in self._ranges:
-            polled.due_at = min(polled.due_at, now)
-        for polled in self.touched(span):
-            polled.changed(now, self.writes)
+        for part in self._parts:
+            if span is None or part.poll.span.touches(span):
+                part.changed(self.writes)
+        for polled in tuple(self._ranges):
+            if not polled.halves and (span is None or polled.poll.span.touches(span)):
+                self._plan(polled, now)
+
+    def wants(self, request: Request) -> bool:
+        """Tell whether a waiting poll should be sent: not one that is sent in another way now."""
+        polled = self._polls.get(request)
+        return polled is not None and not polled.is_over
 
     def polled(self, poll: Request, response: bytes | None, now: float) -> None:
         """Take the response to a poll; None if it has none."""
         polled = self._polls.pop(poll)
-        if response is None or response[0] & EXCEPTION_BIT:
-            self._failed(polled, response, now)
+        polled.is_asked = False
+        self._plan(polled, polled.due_at)
+        if response is not None and not response[0] & EXCEPTION_BIT and self._take(polled, response, now):
+            self._accepted(polled, now)
         else:
-            self._keep(polled, response)
-            polled.answered()
+            self._failed(polled, poll, response, now)
+        self._settle(polled, now)
+        self._turns.leave(now)
 
     def deadline(self) -> float | None:
-        """Return when to call `tick`; None while nothing more can be polled."""
-        if len(self._polls) >= MOST_POLLS:
-            return None
-        return min((polled.due_at for polled in self._ranges if not polled.is_asked), default=None)
+        """Return when to call `tick`; None if there is nothing to poll."""
+        while self._due and (self._due[0][2].is_over or self._due[0][0] != self._due[0][2].due_at):
+            heappop(self._due)
+        return self._due[0][0] if self._due else None
 
     def tick(self, now: float) -> None:
         """Send the polls that are due, the oldest first. A device in its back-off is not polled."""
-        due = [polled for polled in self._ranges if not polled.is_asked and polled.due_at <= now]
-        due = sorted(due, key=lambda polled: polled.due_at)[: MOST_POLLS - len(self._polls)]
-        is_resting = self._device.is_resting(now)
-        for polled in due:
-            polled.due_at = now + polled.poll.every
-        for polled in due:
-            if is_resting:
-                polled.failed()
+        while (due := self.deadline()) is not None and due <= now:
+            polled = heappop(self._due)[2]
+            if polled.split is not None and not polled.split.unread:
+                self._end(polled)
+                continue
+            interval = max(polled.poll.every, TOGETHER_AGAIN) if polled.halves else polled.poll.every
+            next_due = due + interval * max(1, ceil((now - due) / interval))
+            if self._target.is_resting(now):
+                self._plan(polled, next_due)
+                polled.missed(now, answers=False)
+                self._settle(polled, now)
             else:
-                self._ask(polled, now)
+                polled.is_asked, polled.due_at = True, next_due
+                self._turns.enter(partial(self._send, polled), now)
 
-    def ages(self, now: float) -> Iterator[tuple[Poll, float | None]]:
-        """Yield the polls with the age of their values in seconds; None while they are unknown."""
-        return ((polled.poll, polled.age(now)) for polled in self._ranges)
-
-    def _keep(self, polled: PolledRange, response: bytes) -> None:
-        """Keep the values of a response, without those between its ranges: another poll may have newer ones of them."""
-        span, table = polled.span, self._tables[polled.span.area]
-        if len(polled.runs) == 1:
-            table.write(span, response[2:])
+    def _send(self, polled: PolledRange, now: float) -> None:
+        """Send a poll whose turn it is."""
+        if polled.is_over:
+            self._turns.leave(now)
             return
-        items = items_read(span, response)
-        size = len(items) // span.count
-        for run in polled.runs:
-            own = items[(run.start - span.start) * size : (run.end - span.start) * size]
-            table.write(run, pack_bits(own) if has_bits(run.area) else own)
-
-    def _ask(self, polled: PolledRange, now: float) -> None:
-        poll = Request(self._settings.unit, polled.poll.request, self._poller, now)
+        request = Request(self.unit.unit, polled.poll.request, self._origin, now)
         polled.asked(now, self.writes)
-        self._counts.polls += 1
-        self._polls[poll] = polled
-        self._device.submit(poll, now, yields=True)
+        self._polls[request] = polled
+        self._target.submit(request, now, yields=True)
 
-    def _failed(self, polled: PolledRange, response: bytes | None, now: float) -> None:
-        self._counts.failed_polls += 1
-        polled.failed()
-        if response is not None and response[1] == PathUnavailable.code:
-            polled.due_at = now + UNSENT_PAUSE
-        if response is not None and response[1] == Busy.code:
-            polled.due_at = max(polled.due_at, now + UNSENT_PAUSE)
-        if response is None or response[1] not in _REFUSALS:
+    def _add(self, polled: PolledRange) -> None:
+        self._ranges[polled] = None
+        self._plan(polled, polled.due_at)
+
+    def _plan(self, polled: PolledRange, due_at: float) -> None:
+        """Set when a range is due; one whose poll is in progress is so again when that is over."""
+        polled.due_at = due_at
+        if not polled.is_asked and not polled.is_over:
+            heappush(self._due, (due_at, next(self._number), polled))
+
+    def _take(self, polled: PolledRange, response: bytes, now: float) -> bool:
+        """Hand the items of a response to their readers. Return False if it has another length."""
+        try:
+            items = items_read(polled.poll.span, response, polled.poll.width)
+        except ValueError:
+            return False
+        polled.take(items, now)
+        return True
+
+    def _accepted(self, polled: PolledRange, now: float) -> None:
+        """Note a response: if its parts were read apart, they are read together again."""
+        polled.is_refused = False
+        if polled.within is not None:
+            polled.within.part_was_read()
+            polled.within = None
+        if polled.halves and not polled.is_over:
+            self._plan(polled, now + polled.poll.every)
+            self._end_halves(polled)
+
+    def _failed(self, polled: PolledRange, poll: Request, response: bytes | None, now: float) -> None:
+        code = 0 if response is None else response[1]
+        is_unsent = isinstance(poll.error, Busy) or code == Busy.code
+        answers = None if is_unsent else response is not None and code not in _NO_ANSWER
+        polled.missed(now, answers=answers, was_sent=True)
+        if polled.is_over:
             return
-        parts, hole = polled.poll.parts, polled.poll.hole
-        if parts:
-            at = self._ranges.index(polled)
-            split = None if hole is None else Split(hole, self._device.holes, polled.split)
-            self._ranges[at : at + 1] = [PolledRange(part, now, split) for part in parts]
-        else:
-            polled.split = None  # what becomes readable later tells nothing of a hole
-            self._refused(polled, response[1])
+        if code == PathUnavailable.code:
+            self._plan(polled, now + UNSENT_PAUSE)
+        elif not answers:
+            self._plan(polled, max(now + UNSENT_PAUSE, min(polled.due_at, now + RETRY)))
+        elif code in _REFUSALS and not polled.is_refused:
+            self._refused(polled, code, now)
 
-    def _refused(self, polled: PolledRange, code: int) -> None:
-        """Log a refusal once, until the device answers again."""
-        if not polled.is_refused:
-            polled.is_refused = True
-            settings = self._settings
-            self._emit(PollRefused(settings.name, settings.of, str(polled.poll), code, settings.source))
+    def _refused(self, polled: PolledRange, code: int, now: float) -> None:
+        """Split a range until it is answered. Log the first refusal, unless it may be due to the addresses between."""
+        polled.is_refused = True
+        poll, within = polled.poll, polled.within
+        polled.within = None  # what becomes readable later tells nothing of a hole
+        if poll.hole is None:
+            self._log_refusal(polled, code)
+        else:
+            polled.split = Split(poll.hole, self._target.holes, within)
+        for part in poll.parts:
+            half = polled.half(part, now)
+            self._add(half)
+        if polled.halves:
+            self._plan(polled, now + max(poll.every, TOGETHER_AGAIN))
+
+    def _log_refusal(self, polled: PolledRange, code: int) -> None:
+        reader = polled.parts[0].reader
+        self._emit(PollRefused(reader.label, self.unit.name, str(polled.poll), code, reader.place))
+
+    def _end_halves(self, polled: PolledRange) -> None:
+        """End all halves of a range, and theirs."""
+        for half in polled.halves:
+            self._end_halves(half)
+            self._end(half)
+        polled.halves.clear()
+        polled.split = None
+
+    def _end(self, polled: PolledRange) -> None:
+        """Send this poll no more. Its halves go on."""
+        polled.is_over = True
+        self._ranges.pop(polled, None)
+
+    def _settle(self, polled: PolledRange, now: float) -> None:
+        for reader in polled.readers:
+            reader.settle(now)

@@ -1,4 +1,4 @@
-"""The polls of a mirror: as few requests as the device allows."""
+"""Polls of a device: what is wanted of it, joined into as few requests as it allows."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes, holes_between, middle_hole
 from gateway.profiles.profile import Profile, Range
 from gateway.profiles.read_rules import ReadRules
-from gateway.registers.items import read_request
+from gateway.registers.items import REGISTER, read_request
 
 #: The functions that a mirror answers from its polls.
 POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values())
@@ -18,9 +18,10 @@ POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values(
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """A range of addresses that is read with one request every `every` seconds.
+    """A range of addresses, registers of `width` bytes, that is read with one request every `every` seconds.
 
-    `joined` are the ranges that it was joined from, in their order; none if it is one of the config.
+    `joined` are the ranges that it was joined from, in the order of their first addresses; none if it is one that is
+    wanted as it is.
     """
 
     area: Area
@@ -28,6 +29,7 @@ class Poll:
     last: int
     every: float
     joined: "tuple[Poll, ...]" = ()
+    width: int = REGISTER
 
     @property
     def span(self) -> Span:
@@ -40,23 +42,19 @@ class Poll:
         return read_request(self.span)
 
     @property
-    def runs(self) -> tuple[Span, ...]:
-        """Its addresses without those that are read though no range has them."""
-        runs, start = [], self.first
-        for hole in holes_between(each.span for each in self.joined):
-            runs.append(Span(self.area, start, hole.start - start))
-            start = hole.end
-        return (*runs, Span(self.area, start, self.last + 1 - start))
+    def wanted(self) -> "tuple[Poll, ...]":
+        """The ranges that it reads."""
+        return self.joined or (self,)
 
     @property
     def bridged(self) -> int:
         """The number of addresses that are read though no range has them."""
-        return self.span.count - sum(run.count for run in self.runs)
+        return sum(hole.count for hole in holes_between(each.span for each in self.wanted))
 
     @property
     def hole(self) -> Span | None:
         """The hole at which it is split when the device refuses it; None if it has none."""
-        return middle_hole(each.span for each in self.joined)
+        return middle_hole(each.span for each in self.wanted)
 
     @property
     def parts(self) -> "tuple[Poll, ...]":
@@ -87,41 +85,52 @@ class MirrorSettings:
     stale: float
     source: str = field(default="", compare=False)
 
+    @property
+    def wanted(self) -> tuple[Poll, ...]:
+        """What it wants: its polls, without registers of four bytes; none is longer than one request."""
+        polls = (poll for poll in self.polls if not self.profile.has_wide(poll.span))
+        return tuple(cut(polls, ReadRules.of(self.profile)))
+
 
 def polling_function(area: Area) -> int:
     """Return the function that reads an area."""
     return READERS[area][0]
 
 
-def joined(polls: Iterable[Poll], rules: ReadRules, holes: Holes) -> list[Poll]:
-    """Join polls with the same interval into as few requests as the rules allow; longer ranges are split.
-
-    `holes` are those that the device has refused.
-    """
-    result: list[Poll] = []
-    for poll in sorted(_cut(polls, rules), key=lambda poll: (poll.area, poll.every, poll.first)):
-        before = result[-1] if result else None
-        if before is not None and _fit_together(before, poll, rules, holes):
-            result[-1] = _together((*(before.joined or (before,)), poll))
-        else:
-            result.append(poll)
-    return result
-
-
-def _cut(polls: Iterable[Poll], rules: ReadRules) -> Iterator[Poll]:
+def cut(polls: Iterable[Poll], rules: ReadRules) -> Iterator[Poll]:
+    """Cut polls that are longer than one request."""
     for poll in polls:
         most = rules.most(poll.area)
         for first in range(poll.first, poll.last + 1, most):
             yield Poll(poll.area, first, min(first + most - 1, poll.last), poll.every)
 
 
+def joined(polls: Iterable[Poll], rules: ReadRules, holes: Holes) -> list[Poll]:
+    """Join polls with the same interval into as few requests as the rules allow; equal ones are one.
+
+    `holes` are those that the device has refused.
+    """
+    result: list[Poll] = []
+    for poll in sorted(set(polls), key=lambda poll: (poll.area, poll.width, poll.every, poll.first, poll.last)):
+        before = result[-1] if result else None
+        if before is not None and _fit_together(before, poll, rules, holes):
+            result[-1] = _together((*before.wanted, poll))
+        else:
+            result.append(poll)
+    return result
+
+
 def _together(polls: tuple[Poll, ...]) -> Poll:
-    first, last = polls[0], polls[-1]
-    return first if len(polls) == 1 else Poll(first.area, first.first, last.last, first.every, polls)
+    first = polls[0]
+    if len(polls) == 1:
+        return first
+    return Poll(first.area, first.first, max(each.last for each in polls), first.every, polls, first.width)
 
 
 def _fit_together(one: Poll, other: Poll, rules: ReadRules, holes: Holes) -> bool:
-    if (one.area, one.every) != (other.area, other.every) or other.last - one.first >= rules.most(one.area):
+    if (one.area, one.width, one.every) != (other.area, other.width, other.every):
+        return False
+    if max(one.last, other.last) - one.first >= rules.most(one.area, one.width):
         return False
     hole = Span(one.area, one.last + 1, other.first - one.last - 1)
-    return hole.count == 0 or (hole.count > 0 and rules.allows(hole) and not holes.refuse(hole))
+    return hole.count <= 0 or (rules.allows(hole) and not holes.refuse(hole))

@@ -114,7 +114,7 @@ def window(gateway: Gateway, unit: int, span: Span, now: float) -> ImageWindow |
 
 def _mirrors_of(gateway: Gateway, unit: int) -> list[Mirror]:
     device = device_of(gateway, unit)
-    return [driver.mirror for driver in gateway.mirrors if driver.device is device] if device is not None else []
+    return [driver.unit for driver in gateway.mirrors if driver.unit.device is device] if device is not None else []
 
 
 def _look_again(image: Image | Mirror, now: float) -> None:
@@ -128,11 +128,7 @@ def _items(image: Image | Mirror, span: Span) -> bytes:
 
 
 def _ages(mirror: Mirror, now: float) -> list[PolledAge]:
-    return [
-        PolledAge(run, milliseconds(poll.every), optional_ms(age))
-        for poll, age in mirror.ages(now)
-        for run in poll.runs
-    ]
+    return [PolledAge(poll.span, milliseconds(poll.every), optional_ms(age)) for poll, age in mirror.ages(now)]
 
 
 def _kept(mirror: Mirror, ages: Sequence[PolledAge], span: Span) -> Kept | None:

@@ -175,9 +175,9 @@ def _image_ages(running: Running, now: float) -> Family:
     """Read the age of each mirror whose values are all known."""
     ages = Family("gauge", "image_age_seconds", "Age of the oldest values of a mirror.", ("unit",))
     for driver in running.gateway.mirrors:
-        known = [age for _, age in driver.mirror.ages(now)]
+        known = [age for _, age in driver.unit.ages(now)]
         if None not in known:
-            ages.add(max((age for age in known if age is not None), default=0.0), str(driver.mirror.settings.unit))
+            ages.add(max((age for age in known if age is not None), default=0.0), str(driver.unit.settings.unit))
     return ages
 
 

@@ -35,5 +35,5 @@ def holes_of(gateway: Gateway, unit: int) -> Holes:
 
 def image_of(gateway: Gateway, unit: int) -> Image | Mirror | None:
     """Find the image or mirror with this number."""
-    images: tuple[Image | Mirror, ...] = (*gateway.images, *(driver.mirror for driver in gateway.mirrors))
+    images: tuple[Image | Mirror, ...] = (*gateway.images, *(driver.unit for driver in gateway.mirrors))
     return next((image for image in images if image.settings.unit == unit), None)

@@ -102,7 +102,7 @@ def part_of_unit(
         if (device.settings.client_unit, device.settings.name) == (unit, name):
             return _unit(owner, device, now)
     parts: tuple[ImageStatus | MirrorStatus, ...]
-    parts = (*map(_image, gateway.images), *(_mirror(each.mirror, now) for each in gateway.mirrors))
+    parts = (*map(_image, gateway.images), *(_mirror(each.unit, now) for each in gateway.mirrors))
     return next((each for each in parts if (each.unit, each.name) == (unit, name)), None)
 
 
@@ -119,7 +119,7 @@ def _status(running: "Running", now: float, lines: Iterable[LineStatus], units: 
         upstreams=tuple(_upstream(each, running.recent, now) for each in gateway.upstreams),
         units=tuple(units),
         images=tuple(_image(each) for each in gateway.images),
-        mirrors=tuple(_mirror(each.mirror, now) for each in gateway.mirrors),
+        mirrors=tuple(_mirror(each.unit, now) for each in gateway.mirrors),
         certificates=tuple(certificates(running.contexts, time.time())),
         leases=tuple(_leases(gateway.lines)),
         moved=tuple(_moved(gateway.lines)),
@@ -289,16 +289,16 @@ def _image(image: Image) -> ImageStatus:
 
 
 def _mirror(mirror: Mirror, now: float) -> MirrorStatus:
-    settings, counts = mirror.settings, mirror.counts
+    settings, answers, counts = mirror.settings, mirror.answer_counts, mirror.counts
     return MirrorStatus(
         unit=settings.unit,
         name=settings.name,
         source=settings.source,
         of=settings.of,
-        requests=counts.requests,
-        exceptions=counts.exceptions,
+        requests=answers.requests,
+        exceptions=answers.exceptions,
         polls=counts.polls,
-        failed_polls=counts.failed_polls,
+        failed_polls=counts.failed,
         ranges=tuple(
             RangeStatus(str(poll), milliseconds(poll.every), None if age is None else milliseconds(age))
             for poll, age in mirror.ages(now)

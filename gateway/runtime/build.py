@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Literal
 from gateway.config.plan.settings import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device
 from gateway.events import Emit
-from gateway.images.drivers.mirror_driver import MirrorDriver
+from gateway.images.drivers.polls_driver import Pollers, PollsDriver
 from gateway.images.drivers.store import Store
+from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.images.image import Image, ImageSettings
+from gateway.images.mirror import Mirror
 from gateway.images.persistent import PersistentImage
+from gateway.images.polling import PolledUnit
 from gateway.images.polls import MirrorSettings
 from gateway.images.self_image import SelfImage
 from gateway.listeners.settings import ListenSettings
@@ -20,6 +23,7 @@ from gateway.listeners.tls import TlsListener
 from gateway.listeners.udp import UdpListener
 from gateway.ports.addresses import Addresses
 from gateway.ports.port import Opener, OpenPort, SiteSettings
+from gateway.profiles.read_rules import ReadRules
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import CertifiedRouter, Router
 from gateway.runtime.gateway import Gateway, Listener
@@ -40,7 +44,7 @@ class Builder:
     """Builds gateways with what all their parts use.
 
     `opener` opens ports, `open_site` those that are units of another site, and `buckets` has the leases of lines.
-    Persistent images need a `store`, and TLS listeners `contexts`.
+    Persistent images need a `store`, and TLS listeners `contexts`. `pollers` poll devices.
     """
 
     loop: asyncio.AbstractEventLoop
@@ -52,6 +56,7 @@ class Builder:
     opener: Opener
     open_site: Callable[[str], OpenPort]
     buckets: "Buckets"
+    pollers: Pollers
 
     def prepare(self, plan: Plan) -> None:
         """Read what persistent images of a plan have saved. Blocks: an image may have a hundred thousand values.
@@ -103,7 +108,7 @@ class _Parts:
         self._upstreams = {one.name: one for one in before.upstreams}
         self._listeners = {one.settings.name: one for one in before.listeners}
         self._images = {one.settings.name: one for one in before.images}
-        self._mirrors = {one.mirror.settings.name: one for one in before.mirrors}
+        self._mirrors = {one.name: one for one in before.mirrors}
         behind = (*before.devices, *(one.devices for one in before.upstreams))
         self._devices = {device.name: device for units in behind for device in units.values()}
 
@@ -157,13 +162,22 @@ class _Parts:
             return Image(settings, by.emit, by.ring)
         return PersistentImage(settings, by.opened_store(), by.emit, by.ring)
 
-    def mirror(self, settings: MirrorSettings, device: Device) -> MirrorDriver:
+    def mirror(self, settings: MirrorSettings, device: Device) -> UnitDriver[Mirror]:
         """Build a mirror, also if only its device was rebuilt."""
-        old = self._mirrors.get(settings.name)
-        if old is not None and old.mirror.settings == settings and old.device is device:
+        old, by, polls = self._mirrors.get(settings.name), self._by, self._polls(device)
+        if old is not None and old.unit.settings == settings and old.pollers == {settings.of: polls}:
             return old
-        by = self._by
-        return MirrorDriver(settings, device, by.loop, by.emit, by.ring)
+
+        def made(driver: UnitDriver[Mirror]) -> Mirror:
+            return Mirror(settings, polls.polls, device, driver, by.emit, by.ring)
+
+        return UnitDriver(made, {settings.of: polls}, by.loop, by.emit)
+
+    def _polls(self, device: Device) -> PollsDriver:
+        settings = device.settings
+        unit = settings.unit if settings.client_unit is None else settings.client_unit
+        polled = PolledUnit(device.name, unit, ReadRules.of(settings.profile))
+        return self._by.pollers.of(device, polled, device.line_name)
 
 
 def _listener(

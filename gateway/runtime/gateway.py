@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Union
 
 from gateway.config.plan.settings import Plan
 from gateway.devices.device import Device
-from gateway.images.drivers.mirror_driver import MirrorDriver
+from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.images.image import Image
+from gateway.images.mirror import Mirror
 from gateway.images.persistent import PersistentImage
 from gateway.lines.driver import LineDriver
 from gateway.listeners.serial import SerialListener
@@ -59,7 +60,7 @@ class Gateway:
     servers: tuple[GatewayServer, ...] = ()
     upstreams: tuple[GatewayUpstream, ...] = ()
     images: tuple[Image, ...] = ()
-    mirrors: tuple[MirrorDriver, ...] = ()
+    mirrors: tuple[UnitDriver[Mirror], ...] = ()
     devices: tuple[dict[int, Device], ...] = ()
     everywhere: Reach = NOWHERE
     routings: tuple[tuple[Router, Reach], ...] = ()
@@ -73,6 +74,11 @@ class Gateway:
     def owners(self) -> tuple[Owner, ...]:
         """The lines and upstreams: the parts that have devices."""
         return (*self.lines, *self.upstreams)
+
+    @property
+    def polling_units(self) -> tuple[UnitDriver[Mirror], ...]:
+        """The units whose reads are answered from polls."""
+        return self.mirrors
 
     @property
     def longest_waits(self) -> Mapping[str, float]:
@@ -98,4 +104,4 @@ class Gateway:
         for image, image_settings in zip(self.images, self.plan.images, strict=True):
             image.settings = image_settings
         for driver, mirror_settings in zip(self.mirrors, self.plan.mirrors, strict=True):
-            driver.mirror.settings = mirror_settings
+            driver.unit.settings = mirror_settings

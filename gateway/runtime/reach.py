@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 from gateway.config.plan.settings import ServerPlan
 from gateway.devices.device import Device
-from gateway.images.drivers.mirror_driver import MirrorDriver
+from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.images.image import Image
+from gateway.images.mirror import Mirror
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 from gateway.request import NamedTarget
@@ -73,7 +74,7 @@ def _targets(gateway: Gateway) -> dict[int, NamedTarget]:
         targets |= {unit: device for unit, device in units.items() if unit not in plan.own_units}
     for upstream in gateway.upstreams:
         targets |= upstream.devices
-    targets |= {driver.mirror.settings.unit: driver for driver in gateway.mirrors}
+    targets |= {driver.unit.settings.unit: driver for driver in gateway.polling_units}
     return targets
 
 
@@ -155,4 +156,8 @@ def _units_of(device: Device, elsewhere: Mapping[int, NamedTarget]) -> list[int]
 
 def _mirrors_of(device: Device, routes: Mapping[int, NamedTarget]) -> list[int]:
     """Find the units of the mirrors of a device."""
-    return [unit for unit, target in routes.items() if isinstance(target, MirrorDriver) and target.device is device]
+    return [unit for unit, target in routes.items() if _is_mirror(target, device)]
+
+
+def _is_mirror(target: NamedTarget, device: Device) -> bool:
+    return isinstance(target, UnitDriver) and isinstance(target.unit, Mirror) and target.unit.device is device

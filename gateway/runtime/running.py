@@ -9,6 +9,7 @@ from typing import Final
 from gateway import events
 from gateway.config.plan.settings import Plan
 from gateway.errors import PortError
+from gateway.images.drivers.polls_driver import Pollers
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tls import TlsListener
@@ -70,6 +71,7 @@ class Running:
             opener=opener,
             open_site=self.add_ons.fleet.opener,
             buckets=self.add_ons.fleet.bucket,
+            pollers=Pollers(loop, emit),
         )
         #: The address of the web page, or why there is none though the config has one.
         self.page = ""
@@ -130,13 +132,13 @@ class Running:
             yield
         finally:
             await self.ports.end_all()
-            for mirror in self.gateway.mirrors:
-                mirror.close()
+            for each in self.gateway.polling_units:
+                each.close()
 
     async def tried(self) -> None:
-        """Wait as `settled` does, then start the polls of mirrors."""
+        """Wait as `settled` does, then start the polls of mirrors and virtual units."""
         await self.settled()
-        self._start_mirrors()
+        self._start_units()
 
     async def settled(self) -> None:
         """Wait until every line was tried once, at most until LONGEST_START seconds after the last change of parts."""
@@ -199,19 +201,19 @@ class Running:
         await self._listening.take_addresses(gone, come, new.listeners)
         self._listening.finish(gone)
         self.apply(new)
-        _close_mirrors(old, new)
+        _close_units(old, new)
         self._listening.start(come)
         async with asyncio.TaskGroup() as group:
             self._listening.retire(gone, group)
             self.ports.replace(old.parts, new.parts, group)
-            self._start_mirrors()
+            self._start_units()
             await self.connect_add_ons()
             await self.start_add_ons()
 
-    def _start_mirrors(self) -> None:
-        """Start the polls of mirrors; those that poll already go on."""
-        for mirror in self.gateway.mirrors:
-            mirror.start()
+    def _start_units(self) -> None:
+        """Start the polls of mirrors and virtual units; those that poll already go on."""
+        for each in self.gateway.polling_units:
+            each.start()
 
     def renew_certificates(self) -> None:
         """Make clients that may not be trusted any more show their certificates again, after a reload."""
@@ -220,11 +222,11 @@ class Running:
                 listener.renew()
 
 
-def _close_mirrors(old: Gateway, new: Gateway) -> None:
-    """Close the mirrors that are gone; those of the same device in `new` learn of writes that are under way."""
-    for mirror in old.mirrors:
-        if mirror not in new.mirrors:
-            mirror.close(each for each in new.mirrors if each.device is mirror.device)
+def _close_units(old: Gateway, new: Gateway) -> None:
+    """Close the mirrors and virtual units that are gone."""
+    for each in old.polling_units:
+        if each not in new.polling_units:
+            each.close()
 
 
 def _any_under_way(listeners: Iterable[Listener], drivers: Iterable[Driver], add_ons: Iterable[AddOn]) -> bool:

@@ -1,0 +1,78 @@
+"""Connects the polls of a device to the clock and the event loop."""
+
+import asyncio
+from collections.abc import Callable, Iterable
+from typing import Any
+from weakref import WeakValueDictionary
+
+from gateway.clock.lazy_timer import LazyTimer
+from gateway.events import Emit, PartFailed
+from gateway.images.polled_range import Part
+from gateway.images.polling import DevicePolls, PolledTarget, PolledUnit
+from gateway.images.turns import PollTurns
+from gateway.request import Caller, Request
+
+
+class PollsDriver:
+    """Passes time to its `polls`, and is their Origin.
+
+    An unexpected error is contained here: it is logged, and polling goes on.
+    """
+
+    def __init__(
+        self, unit: PolledUnit, target: PolledTarget, turns: PollTurns, loop: asyncio.AbstractEventLoop, emit: Emit
+    ) -> None:
+        self.polls = DevicePolls(unit, target, self, turns, emit)
+        self.target = target
+        self.caller = Caller.without_address(f"polls of {unit.name}")
+        self._emit = emit
+        self._time = loop.time
+        self._timer = LazyTimer(loop, self._wake)
+
+    def change(self, come: Iterable[Part] = (), gone: Iterable[Part] = ()) -> None:
+        """Poll for the parts that `come`, and no more for those that are `gone`."""
+        self._run(self.polls.change, tuple(come), tuple(gone), self._time())
+        readers = ", ".join(reader.label for reader in self.polls.readers)
+        self.caller = Caller.without_address(readers or self.caller.client)
+
+    def wants(self, request: Request) -> bool:
+        """Tell whether a waiting poll should be sent."""
+        return self.polls.wants(request)
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Take the response to a poll."""
+        self._run(self.polls.polled, request, pdu, self._time())
+
+    def changed(self) -> None:
+        """Set the timer again: polls may be due at another time than before."""
+        self._timer.set(self.polls.deadline())
+
+    def _wake(self) -> None:
+        self._run(self.polls.tick, self._time())
+
+    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
+        try:
+            step(*arguments)
+        except Exception as error:  # noqa: BLE001 - the error boundary of polls: a defect must not reach the line
+            self._emit(PartFailed.of(self.caller.client, error))
+        self.changed()
+
+
+class Pollers:
+    """The polls of everything that is polled, as long as somebody wants them: a reload keeps those of what stays."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
+        self._loop = loop
+        self._emit = emit
+        #: By the identity of the target.
+        self._drivers: WeakValueDictionary[int, PollsDriver] = WeakValueDictionary()
+        #: By the name of the line; what has none has turns of its own.
+        self._turns: dict[str, PollTurns] = {}
+
+    def of(self, target: PolledTarget, unit: PolledUnit, line: str = "") -> PollsDriver:
+        """Return the polls of a target, which is on this line."""
+        found = self._drivers.get(id(target))
+        if found is None:
+            turns = self._turns.setdefault(line, PollTurns()) if line else PollTurns()
+            found = self._drivers[id(target)] = PollsDriver(unit, target, turns, self._loop, self._emit)
+        return found

@@ -1,0 +1,199 @@
+"""Units that answer reads from polls and pass other requests on to devices.
+
+The requests of one client keep their order: a read waits for its client's requests that are at a device, and its values
+include what these have written.
+"""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from gateway.errors import RequestError, ServerDeviceFailure, StaleValue
+from gateway.events import Emit, RequestRefused
+from gateway.images.last_writes import LastWrites
+from gateway.images.polled_range import Part, PollCounts
+from gateway.images.polling import DevicePolls
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.functions import only_reads
+from gateway.modbus.pdu import parse_sent
+from gateway.request import DerivedOrigin, Request, Target
+from gateway.trace.ring import Ring
+
+#: Exceptions after which nothing has changed in the device: function, address, value, busy, no path.
+_WITHOUT_EFFECT: Final = frozenset({1, 2, 3, 6, 10})
+
+
+@dataclass(slots=True)
+class AnswerCounts:
+    """Requests, and exception responses of this unit itself among its answers."""
+
+    requests: int = 0
+    exceptions: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class ClientRequests:
+    """One client's open requests: those at devices, and behind them those that wait here.
+
+    `writes`: if the first waiting request is a read, its values must include so many writes to each of these devices.
+    """
+
+    under_way: int = 0
+    waiting: deque[Request] = field(default_factory=deque)
+    writes: dict[DevicePolls, int] = field(default_factory=dict)
+
+    def take(self) -> Request:
+        """Take the first waiting request."""
+        self.writes.clear()
+        return self.waiting.popleft()
+
+
+class Passed(Protocol):
+    """Takes the responses to requests that were passed on."""
+
+    def passed(self, request: Request, polls: DevicePolls, sent: Request, response: bytes | None) -> None:
+        """Take the response to `sent`, which was passed on for `request` to the device that `polls` polls."""
+
+
+class OrderedUnit(ABC):
+    """A Target for clients. `answers_to` hands the responses to requests passed on to `wrote` and `passed`."""
+
+    def __init__(self, name: str, answers_to: Passed, emit: Emit, ring: Ring | None) -> None:
+        self.name = name
+        self.answer_counts = AnswerCounts()
+        self.counts = PollCounts()
+        #: Writes through this unit; there may be others.
+        self.last_writes = LastWrites()
+        self._answers_to = answers_to
+        self._emit = emit
+        self._ring = ring or Ring()
+        self._clients: dict[str, ClientRequests] = {}
+        self._is_closed = False
+
+    def submit(self, request: Request, now: float) -> None:
+        """Answer a read, or keep it until a poll; pass on what is for a device."""
+        self.answer_counts.requests += 1
+        client = request.caller.client
+        row = self._clients.setdefault(client, ClientRequests())
+        row.waiting.append(request)
+        self._go_on(client, row, now)
+
+    def abandon(self, request: Request) -> None:
+        """Fail a request whose processing met a defect, unless it is over."""
+        if request.is_over:
+            return
+        row = self._clients.get(request.caller.client)
+        if row is not None and request in row.waiting:
+            row.waiting.remove(request)
+            row.writes.clear()
+        request.fail(ServerDeviceFailure())
+
+    def wrote(self, request: Request, polls: DevicePolls, sent: Request, response: bytes | None, now: float) -> None:
+        """Note that `sent`, which was passed on for `request`, may have changed values of the device."""
+        if not only_reads(sent.pdu) and response is not None and not _has_no_effect(response):
+            polls.changed(parse_sent(sent.pdu).write, now)
+            if not response[0] & EXCEPTION_BIT:
+                self.last_writes.done(request)
+
+    def passed(self, request: Request, response: bytes | None, now: float) -> None:
+        """Finish a request passed on with its response; None if it has none. Call `wrote` first."""
+        request.place = None
+        self._clients[request.caller.client].under_way -= 1
+        if response is None:
+            request.end()
+        else:
+            request.respond(response)
+        self.settle(now)
+
+    def close(self, now: float) -> None:
+        """Fail the reads that wait for a poll: there will be none."""
+        self._is_closed = True
+        self.settle(now)
+
+    def settle(self, now: float) -> None:
+        """Go on with requests that no longer have to wait."""
+        for client, row in list(self._clients.items()):
+            self._go_on(client, row, now)
+
+    @property
+    @abstractmethod
+    def label(self) -> str:
+        """What logs and the trace call it: `mirror silo`."""
+
+    @abstractmethod
+    def wanted(self) -> Iterable[tuple[DevicePolls, Part]]:
+        """List what it wants of its sources."""
+
+    @abstractmethod
+    def _handle(self, request: Request, row: ClientRequests, now: float) -> bytes | None:
+        """Return the response to the first waiting request of a client; None if it must still wait, or was passed on.
+
+        Raises:
+            RequestError: it gets an exception.
+        """
+
+    def _go_on(self, client: str, row: ClientRequests, now: float) -> None:
+        """Go on with a client's requests until one has to wait."""
+        while row.waiting and self._go_on_with(row.waiting[0], row, now):
+            pass
+        if not row.waiting and not row.under_way and self._clients.get(client) is row:
+            del self._clients[client]
+
+    def _go_on_with(self, request: Request, row: ClientRequests, now: float) -> bool:
+        """Answer the first waiting request, or pass it on. Return False if it must still wait."""
+        try:
+            response = self._handle(request, row, now)
+        except RequestError as error:
+            self._fail(row.take(), error, now)
+            return True
+        if response is None:
+            return not row.waiting or row.waiting[0] is not request
+        answered = row.take()
+        self._ring.answer(answered, response, now, self.name)
+        answered.respond(response)
+        return True
+
+    def _pass_on(self, row: ClientRequests, device: Target, sent: Request, now: float) -> None:
+        """Pass `sent` on to the device for the first waiting request; `_derived` makes it."""
+        request = row.take()
+        request.place = sent
+        row.under_way += 1  # until it is over: see `passed`
+        try:
+            device.submit(sent, now)
+        except BaseException:
+            if not sent.is_over:
+                sent.fail(ServerDeviceFailure())
+            raise
+
+    def _derived(self, request: Request, pdu: bytes, polls: DevicePolls, now: float) -> Request:
+        """Make the request to a device that is passed on for a client's one."""
+        return Request(request.unit, pdu, ForwardedOrigin(request, polls, self._answers_to), now)
+
+    def _fail(self, request: Request, error: RequestError, now: float) -> None:
+        self.answer_counts.exceptions += 1
+        if not isinstance(error, StaleValue):  # errors of the device are logged elsewhere
+            self._emit(RequestRefused.of(request, error, device=self.name))
+        self._ring.refuse(request, error, now, name=self.name)
+        request.fail(error)
+
+
+class ForwardedOrigin(DerivedOrigin):
+    """The Origin of a client's request that is passed on to a device."""
+
+    def __init__(self, original: Request, polls: DevicePolls, answers_to: Passed) -> None:
+        super().__init__(original)
+        self._polls = polls
+        self._answers_to = answers_to
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        """Hand on the response, with the error if there is one."""
+        self.original.error = request.error
+        self.original.in_one_turn = request.in_one_turn
+        self._answers_to.passed(self.original, self._polls, request, pdu)
+
+
+def _has_no_effect(response: bytes) -> bool:
+    """Tell whether the response is an exception after which nothing was written."""
+    return bool(response[0] & EXCEPTION_BIT) and response[1] in _WITHOUT_EFFECT

@@ -1,0 +1,164 @@
+"""What readers want of a device, and the requests that read it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from gateway.images.polls import Poll
+from gateway.profiles.holes import Split
+
+
+@dataclass(slots=True)
+class PollCounts:
+    """Polls for a reader that were sent, and those of them that failed."""
+
+    polls: int = 0
+    failed: int = 0
+
+
+class Reader(Protocol):
+    """A mirror, a virtual unit, or what is published.
+
+    `label` and `place` are for logs: `mirror silo`, and where that is in the config.
+    """
+
+    counts: PollCounts
+
+    @property
+    def label(self) -> str:
+        """See above."""
+
+    @property
+    def place(self) -> str:
+        """See above."""
+
+    def took(self, items: Sequence[tuple["Part", bytes]], now: float) -> None:
+        """Take the items of parts that one request has read: two bytes for a register, one for a bit."""
+
+    def missed(self, parts: Sequence["Part"], now: float, *, answers: bool | None) -> None:
+        """Note that parts were not read. `answers`: whether the device answers; None if it was not asked."""
+
+    def settle(self, now: float) -> None:
+        """Go on with what waited for a poll."""
+
+
+class Part:
+    """The addresses of `poll`, which a reader wants, and the age of their values. They are unknown at first.
+
+    One request reads all of it.
+    """
+
+    __slots__ = ("_changed_by", "_sampled_after", "is_awaited", "poll", "reader", "sampled_at")
+
+    def __init__(self, poll: Poll, reader: Reader) -> None:
+        self.poll = poll
+        self.reader = reader
+        #: Whether reads wait for its poll while the values are unknown.
+        self.is_awaited = True
+        #: When the last answered poll was submitted.
+        self.sampled_at: float | None = None
+        # Numbers of finished writes: when that poll was submitted, and up to the last one that may have changed values.
+        self._sampled_after = 0
+        self._changed_by = 0
+
+    @property
+    def is_new(self) -> bool:
+        """Whether it was not polled yet."""
+        return self.sampled_at is None and self.is_awaited
+
+    def sampled(self, at: float, writes: int) -> None:
+        """Note that a poll submitted at this time, after so many writes, was answered."""
+        self.sampled_at, self._sampled_after = at, writes
+
+    def changed(self, writes: int) -> None:
+        """Forget its values, which the last write may have changed."""
+        self._changed_by = writes
+        self.is_awaited = True
+
+    def is_known(self, writes: int) -> bool:
+        """Tell whether its values include the first `writes` writes."""
+        return self.sampled_at is not None and self._sampled_after >= min(self._changed_by, writes)
+
+    def is_lost(self, now: float, stale: float, writes: int) -> bool:
+        """Tell whether its values are stale at `now`, or unknown and no poll is in progress."""
+        if self.sampled_at is None or not self.is_known(writes):
+            return not self.is_awaited
+        return now - self.sampled_at > stale
+
+    def age(self, now: float) -> float | None:
+        """Return the age of its values in seconds; None while they are unknown."""
+        if self.sampled_at is None or not self.is_known(self._changed_by):
+            return None
+        return now - self.sampled_at
+
+
+class PolledRange:
+    """A request that repeats, for `parts`. While the device refuses it, its `halves` are read instead.
+
+    If these are the two sides of a hole they are parts of its `split`. `within` is the split of which it is itself a
+    part that was not read yet. `is_over`: it is not sent any more.
+    """
+
+    __slots__ = (
+        "_asked_after", "_asked_at", "_places", "due_at", "halves", "is_asked", "is_over", "is_refused",
+        "parts", "poll", "split", "within",
+    )  # fmt: skip
+
+    def __init__(self, poll: Poll, parts: Sequence[Part], due_at: float, within: Split | None = None) -> None:
+        self.poll = poll
+        self.parts = parts
+        self.due_at = due_at
+        self.within = within
+        self.split: Split | None = None
+        self.halves: list[PolledRange] = []
+        #: Whether its poll waits, or is in progress.
+        self.is_asked = self.is_refused = self.is_over = False
+        self._asked_at = 0.0
+        self._asked_after = 0
+        size = poll.width if poll.area in ("holding", "input") else 1
+        #: The parts of each reader, with the place of their items among those that are read.
+        self._places: dict[Reader, list[tuple[Part, slice]]] = {}
+        for part in parts:
+            start = (part.poll.first - poll.first) * size
+            place = slice(start, start + part.poll.span.count * size)
+            self._places.setdefault(part.reader, []).append((part, place))
+
+    @property
+    def readers(self) -> tuple[Reader, ...]:
+        """The readers of its parts."""
+        return tuple(self._places)
+
+    def asked(self, now: float, writes: int) -> None:
+        """Note that its poll is sent, after so many writes."""
+        self._asked_at, self._asked_after = now, writes
+
+    def take(self, items: bytes, now: float) -> None:
+        """Hand the items that were read to the readers, but to those who have newer ones.
+
+        The age of the parts counts from the submission of the poll.
+        """
+        for reader, places in self._places.items():
+            reader.counts.polls += 1
+            newer = [each for each in places if each[0].sampled_at is None or each[0].sampled_at <= self._asked_at]
+            reader.took([(part, items[place]) for part, place in newer], now)
+            for part, _ in newer:
+                part.sampled(self._asked_at, self._asked_after)
+
+    def missed(self, now: float, *, answers: bool | None, was_sent: bool = False) -> None:
+        """Tell the readers that there was no answer: reads do not wait for the next poll."""
+        for reader, places in self._places.items():
+            reader.counts.polls += was_sent
+            reader.counts.failed += was_sent
+            parts = [part for part, _ in places]
+            for part in parts:
+                part.is_awaited = False
+            reader.missed(parts, now, answers=answers)
+
+    def half(self, poll: Poll, now: float) -> "PolledRange":
+        """Add a part of it that is read instead."""
+        wanted = set(poll.wanted)
+        half = PolledRange(poll, [part for part in self.parts if part.poll in wanted], now, self.split)
+        for part in half.parts:
+            part.is_awaited = True
+        self.halves.append(half)
+        return half
