@@ -93,14 +93,14 @@ class Mirror(OrderedUnit):
         span = cast("Span", asked.read)
         if not self._tables[span.area].has(span) or self.settings.profile.has_wide(span):
             raise IllegalDataAddress(f"{self.settings.name} does not poll all of {span.area} {span.addresses}")
+        if self._is_closed:
+            raise StaleValue(f"{self.settings.name} is no longer polled")
         writes = row.writes.setdefault(self._polls, self._polls.writes)
         touched = [part for part in self.parts if part.poll.span.touches(span)]
         if any(part.is_lost(now, self.settings.stale, writes) for part in touched):
             raise StaleValue(f"{self.settings.of} has not answered for too long")
         if all(part.is_known(writes) for part in touched):
             return asked.response_head + self._tables[span.area].read(span)
-        if self._is_closed:
-            raise StaleValue(f"{self.settings.name} is no longer polled")
         return None
 
     def __repr__(self) -> str:

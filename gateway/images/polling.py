@@ -121,14 +121,17 @@ class DevicePolls:
             self._add(PolledRange(poll, parts, due_at))
 
     def changed(self, span: Span | None, now: float) -> None:
-        """Note that a write to `span` has finished (None: every address); the values there are unknown until polled."""
+        """Note that a write to `span` has finished (None: every address); the values there are unknown until polled.
+
+        It may have changed others too, so everything is polled again at once.
+        """
         self.writes += 1
         for part in self._parts:
             if span is None or part.poll.span.touches(span):
                 part.changed(self.writes)
-        for polled in tuple(self._ranges):
-            if not polled.halves and (span is None or polled.poll.span.touches(span)):
-                self._plan(polled, now)
+        for polled in self._ranges:
+            if not polled.halves:
+                self._plan(polled, min(polled.due_at, now))
 
     def wants(self, request: Request) -> bool:
         """Tell whether a waiting poll should be sent: not one that is sent in another way now."""
@@ -224,13 +227,13 @@ class DevicePolls:
             self._refused(polled, code, now)
 
     def _refused(self, polled: PolledRange, code: int, now: float) -> None:
-        """Split a range until it is answered. Log the first refusal, unless it may be due to the addresses between."""
+        """Split a range until it is answered. One that cannot be split is logged."""
         polled.is_refused = True
         poll, within = polled.poll, polled.within
         polled.within = None  # what becomes readable later tells nothing of a hole
-        if poll.hole is None:
+        if not poll.joined:
             self._log_refusal(polled, code)
-        else:
+        if poll.hole is not None:
             polled.split = Split(poll.hole, self._target.holes, within)
         for part in poll.parts:
             half = polled.half(part, now)

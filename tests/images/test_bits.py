@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.images.image import Image
-from gateway.images.mirror import ForwardedOrigin
+from gateway.images.ordered import ForwardedOrigin
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
 from gateway.request import Request

@@ -4,12 +4,14 @@ import pytest
 
 from gateway.events import PollRefused
 from gateway.images.mirror import Mirror
-from gateway.images.polling import MOST_POLLS
+from gateway.images.polling import DevicePolls, PolledUnit
 from gateway.images.polls import MirrorSettings, Poll
+from gateway.images.turns import MOST_POLLS, PollTurns
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
+from gateway.profiles.read_rules import ReadRules
 from gateway.request import Caller, Request
 
 FIVE = "03 02 00 05"
@@ -33,7 +35,10 @@ class Bench:
         self.rests = False
         self.holes = Holes()
         settings = MirrorSettings(241, "silo", "silo-1", profile, polls, areas, stale, "gateway.toml:9")
-        self.mirror = Mirror(settings, self, self, self.events.append)
+        unit = PolledUnit("silo-1", 1, ReadRules.of(profile))
+        self.polls = DevicePolls(unit, self, self, PollTurns(), self.events.append)
+        self.mirror = Mirror(settings, self.polls, self, self, self.events.append)
+        self.polls.change(self.mirror.parts, (), 0.0)
 
     # the device
 
@@ -55,10 +60,10 @@ class Bench:
         return True
 
     def answer(self, request, pdu):
-        self.mirror.polled(request, pdu, self.now)
+        self.polls.polled(request, pdu, self.now)
 
-    def passed(self, request, response):
-        self.mirror.wrote(request, response, self.now)
+    def passed(self, request, polls, sent, response):
+        self.mirror.wrote(request, polls, sent, response, self.now)
         self.mirror.passed(request, response, self.now)
 
     # the test
@@ -66,9 +71,9 @@ class Bench:
     def at(self, now: float) -> list[str]:
         """Let time pass; what is being asked then."""
         self.now = now
-        deadline = self.mirror.deadline()
+        deadline = self.polls.deadline()
         if deadline is not None and deadline <= now:
-            self.mirror.tick(now)
+            self.polls.tick(now)
         return self.questions
 
     @property
@@ -134,12 +139,12 @@ def test_a_read_is_answered_from_the_last_poll(fresh):
 def test_polls_keep_their_pace_and_do_not_pile_up(fresh):
     assert fresh.at(0.4) == []
     assert fresh.at(0.5) == ["03 00 00 00 01"]
-    assert fresh.mirror.deadline() is None
+    assert fresh.polls.deadline() is None
     assert len(fresh.at(5.0)) == 1
     fresh.answers(SIX)
-    assert fresh.mirror.deadline() == 1.0
+    assert fresh.polls.deadline() == 1.0
     assert len(fresh.at(5.0)) == 1
-    assert fresh.mirror.counts.polls == 3
+    assert fresh.mirror.counts.polls == 2
 
 
 def test_an_old_value_is_never_given_out(fresh):
@@ -178,7 +183,7 @@ def test_a_poll_that_fails_ends_the_waiting(bench, failure):
     assert client.came() == ["83 0B"]
     assert client.ask() == ["83 0B"]
     assert bench.ages() == [None]
-    assert bench.mirror.counts.failed_polls == 1
+    assert bench.mirror.counts.failed == 1
 
 
 def test_a_failed_poll_leaves_fresh_values_fresh(fresh):
@@ -212,7 +217,7 @@ def test_what_is_not_polled_does_not_exist(fresh):
     assert client.ask("03 0000 0002") == ["83 02"]
     assert client.ask("04 0000 0001") == ["84 02"]
     assert client.ask("03 0000 0000") == ["83 03"]
-    assert fresh.mirror.counts.exceptions == 4
+    assert fresh.mirror.answer_counts.exceptions == 4
 
 
 def test_the_profile_of_the_device_holds():
@@ -235,7 +240,7 @@ def test_every_area_can_be_mirrored():
 
 def test_a_read_over_two_ranges_needs_both():
     bench = Bench(Poll(Area.HOLDING, 0, 0, 0.5), Poll(Area.HOLDING, 1, 1, 5.0))
-    bench.mirror._polling._tables[Area.HOLDING].ranges = ((0, 1),)
+    bench.mirror._tables[Area.HOLDING].ranges = ((0, 1),)
     bench.at(0.0)
     bench.answers("03 02 00 05")
     client = Client(bench)
@@ -264,7 +269,7 @@ def test_ranges_that_the_device_refuses_to_read_together_are_read_apart():
     bench.answers("83 02")
     assert client.came() == [FIVE]
     assert client.ask("03 0001 0001") == ["83 0B"]
-    assert bench.events == [PollRefused("silo", "silo-1", "holding 1-1", 2, "gateway.toml:9")]
+    assert bench.events == [PollRefused("mirror silo", "silo-1", "holding 1-1", 2, "gateway.toml:9")]
 
 
 def bridging(*more: Poll) -> Bench:
@@ -567,7 +572,7 @@ def test_a_poll_that_could_not_be_sent_is_tried_again_soon():
     assert bench.at(0.2) == []
     assert bench.at(0.3) == ["03 00 00 00 01"]
     bench.answers("83 0B")
-    assert bench.at(30.0) == []
+    assert bench.at(5.2) == []
 
 
 @pytest.mark.parametrize("unsent", ["83 0A", "83 06"])
@@ -583,10 +588,9 @@ def test_a_poll_that_could_not_be_sent_is_not_tried_again_at_its_own_pace(unsent
 def test_a_mirror_of_many_ranges_does_not_fill_the_queue_of_its_line():
     bench = Bench(Poll(Area.HOLDING, 0, 65535, 1.0))
     assert len(bench.at(0.0)) == MOST_POLLS
-    assert bench.mirror.deadline() is None
+    assert bench.polls.deadline() is None
     bench.answers("83 0B")
-    assert bench.mirror.deadline() == 0.0
-    asked = bench.at(0.5)
+    asked = bench.questions
     assert len(asked) == MOST_POLLS
     assert asked[-1] == "03 07 D0 00 7D"
 

@@ -279,7 +279,7 @@ async def test_mirrors() -> None:
         (mirror,) = snapshot(bench).mirrors
         assert (mirror.unit, mirror.name, mirror.of) == (241, "silo-mirror", "silo")
         assert (mirror.polls, mirror.failed_polls) == (2, 1)
-        assert mirror.ranges == (RangeStatus("coils 0-7", 10000.0, 1000.0),)
+        assert mirror.ranges == (RangeStatus("coils 0-7", 10000.0, 5773.8),)
 
 
 async def test_a_snapshot_is_json_and_changes_no_more() -> None:

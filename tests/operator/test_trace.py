@@ -211,7 +211,7 @@ async def test_a_number_that_is_only_an_address_on_a_line_means_all_that_are_cal
         assert [each["name"] for each in ask(home, since=60, unit=7).facts] == ["yard/7"]
 
 
-async def test_what_a_mirror_asks_is_told_of_the_mirror() -> None:
+async def test_what_a_mirror_polls_is_told_of_its_device() -> None:
     mirrored = """
 [[image]]
 name = "copy"
@@ -223,8 +223,8 @@ stale = "5 s"
     async with gateway_bench(CONFIG + mirrored) as home:
         home.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
         await asyncio.sleep(3.0)
-        found = ask(home, since=60, unit="copy").facts
-        assert {(each["unit"], each["name"], each["address"]) for each in found} == {(210, "copy", 1)}
+        found = ask(home, since=60, unit="silo").facts
+        assert {(each["client"], each["name"], each["address"]) for each in found} == {("mirror copy", "silo", 1)}
 
 
 async def test_a_reload_keeps_the_ring() -> None:

@@ -38,8 +38,8 @@ def is_refused(bench: GatewayBench, others: int = 2) -> bool:
 
 
 async def keep_busy(bench: GatewayBench) -> None:
-    """The first poll of the mirror is over, and another request is on the line."""
-    await asyncio.sleep(60)
+    """The polls of the mirror have failed until its device rests, and another request is on the line."""
+    await asyncio.sleep(300)
     bench.client("10.0.0.9:9").ask(4, "04 0000 0001")
 
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from gateway.errors import RequestError
-from gateway.images.polling import PolledRange, Polling
+from gateway.images.polled_range import Part
+from gateway.images.polling import DevicePolls
 from gateway.lines.ledger import Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.transaction import Transaction
@@ -31,11 +32,11 @@ def test_no_answer_is_wrong(world: str) -> None:
 
 
 def writes_leave_a_mirror_as_it_is(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Polling, "changed", lambda *_: None)
+    patch.setattr(DevicePolls, "changed", lambda *_: None)
 
 
 def a_mirror_has_no_stale_values(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(PolledRange, "is_lost", lambda polled, now, stale, writes: False)
+    patch.setattr(Part, "is_lost", lambda part, now, stale, writes: False)
 
 
 def a_line_that_keeps_its_name_keeps_its_devices(patch: pytest.MonkeyPatch) -> None:

@@ -5,11 +5,15 @@ import asyncio
 import pytest
 
 from gateway.events import PartFailed
-from gateway.images.drivers.mirror_driver import MirrorDriver
+from gateway.images.drivers.polls_driver import Pollers
+from gateway.images.drivers.unit_driver import UnitDriver
+from gateway.images.mirror import Mirror
+from gateway.images.polling import PolledUnit
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.modbus.codes import Area
 from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
+from gateway.profiles.read_rules import NO_RULES
 from kit.asker import Asker
 
 
@@ -54,7 +58,9 @@ class RaisingDevice:
 def mirror_of(device, emit):
     polls = (Poll(Area.HOLDING, 0, 9, 0.5),)
     settings = MirrorSettings(241, "silo", "silo-1", Profile("a"), polls, {Area.HOLDING: ((0, 9),)}, 2.0, "g.toml:1")
-    return MirrorDriver(settings, device, asyncio.get_running_loop(), emit)
+    loop = asyncio.get_running_loop()
+    polls = Pollers(loop, emit).of(device, PolledUnit("silo-1", 1, NO_RULES))
+    return UnitDriver(lambda driver: Mirror(settings, polls.polls, device, driver, emit), {"silo-1": polls}, loop, emit)
 
 
 @pytest.mark.interpreted
@@ -75,7 +81,7 @@ async def test_a_device_that_raises_is_counted_once_and_what_waits_behind_is_ans
     device.polls.pop().respond(values)
     assert client.answers == ["03 02 00 00", written, "03 02 00 00"]
     assert [type(event) for event in events] == [PartFailed]
-    assert driver.mirror._rows == {}
+    assert driver.unit._clients == {}
     driver.close()
 
 
@@ -85,7 +91,7 @@ async def test_a_request_that_meets_a_defect_fails_and_the_next_one_goes_on(monk
     events, device, client = [], BrokenDevice(), Asker()
     driver = mirror_of(device, events.append)
     with monkeypatch.context() as patched:
-        patched.setattr(driver.mirror, "_read", lambda *_: 1 // 0)
+        patched.setattr(driver.unit, "_read", lambda *_: 1 // 0)
         driver.submit(client.ask(pdu, unit=241), 0.0)
     function = int(pdu[:2]) | 0x80
     assert client.answers == [f"{function:02X} 04"]
@@ -95,5 +101,5 @@ async def test_a_request_that_meets_a_defect_fails_and_the_next_one_goes_on(monk
     assert len(device.asked) == 1
     device.asked[0].respond(bytes.fromhex("06 00 01 00 05"))
     assert client.answers[1:] == ["06 00 01 00 05"]
-    assert driver.mirror._rows == {}
+    assert driver.unit._clients == {}
     driver.close()
