@@ -143,12 +143,14 @@ class DevicePolls:
         polled = self._polls.pop(poll)
         polled.is_asked = False
         self._plan(polled, polled.due_at)
-        if response is not None and not response[0] & EXCEPTION_BIT and self._take(polled, response, now):
-            self._accepted(polled, now)
-        else:
-            self._failed(polled, poll, response, now)
-        self._settle(polled, now)
-        self._turns.leave(now)
+        try:
+            if response is not None and not response[0] & EXCEPTION_BIT and self._take(polled, response, now):
+                self._accepted(polled, now)
+            else:
+                self._failed(polled, poll, response, now)
+            self._settle(polled, now)
+        finally:
+            self._turns.leave(now)
 
     def deadline(self) -> float | None:
         """Return when to call `tick`; None if there is nothing to poll."""
@@ -181,7 +183,12 @@ class DevicePolls:
         request = Request(self.unit.unit, polled.poll.request, self._origin, now)
         polled.asked(now, self.writes)
         self._polls[request] = polled
-        self._target.submit(request, now, yields=True)
+        try:
+            self._target.submit(request, now, yields=True)
+        except BaseException:
+            if not request.is_over:
+                request.fail(ServerDeviceFailure())
+            raise
 
     def _add(self, polled: PolledRange) -> None:
         self._ranges[polled] = None
