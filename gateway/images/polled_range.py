@@ -62,9 +62,9 @@ class Part:
         self._changed_by = 0
 
     @property
-    def is_new(self) -> bool:
-        """Whether it was not polled yet."""
-        return self.sampled_at is None and self.is_awaited
+    def is_urgent(self) -> bool:
+        """Whether its values are unknown, and reads may wait for the next poll."""
+        return self.is_awaited and not self.is_known(self._changed_by)
 
     def sampled(self, at: float, writes: int) -> None:
         """Note that a poll submitted at this time, after so many writes, was answered."""

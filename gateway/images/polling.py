@@ -117,7 +117,7 @@ class DevicePolls:
         self._ranges.clear()
         for poll in joined(by_poll, self.unit.rules, self._target.holes):
             parts = [part for wanted in poll.wanted for part in by_poll[wanted]]
-            due_at = min(now if part.is_new else due.get(part.poll, now) for part in parts)
+            due_at = min(now if part.is_urgent else due.get(part.poll, now) for part in parts)
             self._add(PolledRange(poll, parts, due_at))
 
     def changed(self, span: Span | None, now: float) -> None:
@@ -220,12 +220,12 @@ class DevicePolls:
             self._end_halves(polled)
 
     def _failed(self, polled: PolledRange, poll: Request, response: bytes | None, now: float) -> None:
+        if polled.is_over:  # its parts are read in another way now
+            return
         code = 0 if response is None else response[1]
         is_unsent = isinstance(poll.error, Busy) or code == Busy.code
         answers = None if is_unsent else response is not None and code not in _NO_ANSWER
         polled.missed(now, answers=answers, was_sent=True)
-        if polled.is_over:
-            return
         if code == PathUnavailable.code:
             self._plan(polled, now + UNSENT_PAUSE)
         elif not answers:

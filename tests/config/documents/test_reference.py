@@ -33,8 +33,7 @@ def test_its_examples_have_no_error(text):
 @pytest.mark.parametrize(
     "row",
     [
-        '| `stale` | duration from 10 ms | `"2 s"` '
-        "| Mirrors and virtual units: older values are answered with exception 0B. |",
+        "| `every` | duration from 10 ms |  | Time from one read of it to the next. |",
         "| `baud` | number | `19200` | Any rate; 14400 and other odd ones are set as custom rates. |",
         "| `broadcast` | `true` or `false` | `true` | Whether broadcasts go to this line too. |",
         '| `mode` | `"rtu"` or `"ascii"` | `"rtu"` | What is spoken on the line. |',
