@@ -43,7 +43,7 @@ class Mirror(OrderedUnit):
     @property
     def label(self) -> str:
         """What logs and the trace call it."""
-        return f"mirror {self.name}"
+        return self.settings.label
 
     def wanted(self) -> Iterable[tuple[DevicePolls, Part]]:
         """List what it wants of its device."""

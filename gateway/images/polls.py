@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Self
 
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes, holes_between, middle_hole
+from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
 from gateway.profiles.read_rules import ReadRules
 from gateway.registers.items import REGISTER, read_request
@@ -30,6 +31,12 @@ class Poll:
     every: float
     joined: "tuple[Poll, ...]" = ()
     width: int = REGISTER
+
+    @classmethod
+    def of(cls, point: Point, every: float) -> Self:
+        """Make the poll that reads a point every `every` seconds: all of its `read_span`."""
+        span = point.read_span
+        return cls(span.area, span.start, span.end - 1, every, width=point.width)
 
     @property
     def span(self) -> Span:
@@ -66,7 +73,7 @@ class Poll:
         return _together(before), _together(self.joined[len(before) :])
 
     def __str__(self) -> str:
-        return f"{self.area} {self.first}-{self.last}"
+        return f"{self.area} {self.span.addresses}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +91,11 @@ class MirrorSettings:
     areas: Mapping[Area, tuple[Range, ...]]
     stale: float
     source: str = field(default="", compare=False)
+
+    @property
+    def label(self) -> str:
+        """What logs and the trace call it."""
+        return f"mirror {self.name}"
 
     @property
     def wanted(self) -> tuple[Poll, ...]:

@@ -124,8 +124,8 @@ def foretold(lines: int) -> tuple[float, dict[str, float]]:
     plan = resolve(parse(config(Path("/dev"), 1883, lines), port_trouble=lambda _: None, real_path=str).config)
     line = plan.lines[0]
     timing, (poll, *_) = line.line.timing, load_of(line, plan)
-    asked = parse_request(poll.poll.request)
-    end = timing.silence(poll.poll.of.profile.idle_chars)
+    asked = parse_request(poll.declared.poll.request)
+    end = timing.silence(poll.declared.of.profile.idle_chars)
     phases = {
         "request": timing.frame(len(asked.data)),
         "wait": end + ANSWER_TIME,

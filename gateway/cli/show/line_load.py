@@ -7,16 +7,15 @@ from gateway.cli.kit.columns import align, without_middles
 from gateway.config.plan.line_load import PollLoad, ReadRate, load_of, total_share
 from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan
 from gateway.config.values.duration import show_duration
-from gateway.config.values.reserved_names import MQTT
 
 
 def polls_as_text(owner: OwnerPlan, plan: Plan) -> Iterator[str]:
     """Show a table of the declared polls of a line or upstream, if it has any."""
     load = load_of(owner, plan)
     if load:
-        rows = [(one.poll.by, one.poll.of.name, one.poll.what, show_duration(one.poll.every),
+        rows = [(", ".join(each.by), each.of.name, str(each.poll), show_duration(each.poll.every),
                  _time(one.time) if one.time else "-", _percent(one.share) if one.time else "-")
-                for one in load]  # fmt: skip
+                for one in load for each in (one.declared,)]  # fmt: skip
         of, time = ("line", "LINE TIME") if isinstance(owner, LinePlan) else ("connection", "TIME")
         table = align([("BY", "OF", "READS", "EVERY", time, "SHARE"), *without_middles(rows, (1,))], "    ")
         yield f"  Declared polls take {_total(load)} of the {of}{_assumed(load)}{_bridged(load)}\n{table}"
@@ -31,17 +30,18 @@ def _total(load: tuple[PollLoad, ...]) -> str:
 
 def _assumed(load: tuple[PollLoad, ...]) -> str:
     """Say whose answer times are not in the sum."""
-    profiles = dict.fromkeys(one.poll.of.profile.name for one in load if not one.has_time)
+    profiles = dict.fromkeys(one.declared.of.profile.name for one in load if not one.has_time)
     return f" (answer times not known: {', '.join(profiles)})" if profiles else ""
 
 
 def _bridged(load: tuple[PollLoad, ...]) -> str:
     """Say how few requests are sent because they read over gaps; nothing if none does."""
-    over = sum(one.poll.bridged for one in load)
+    over = sum(one.declared.poll.bridged for one in load)
     if not over:
         return ""
-    points = sum(one.poll.wanted for one in load if one.poll.by == MQTT)
-    ranges = sum(one.poll.wanted for one in load if one.poll.by != MQTT)
+    all_wanted = [each for one in load for each in one.declared.wanted]
+    points = sum(each.is_point for each in all_wanted)
+    ranges = len(all_wanted) - points
     wanted = " and ".join(f"{count} {what}" for count, what in ((points, "points"), (ranges, "ranges")) if count)
     return f"\n    {len(load)} requests for {wanted}, over {over} addresses between them (max_gap)"
 
@@ -60,12 +60,12 @@ def polls_as_json(load: Iterable[PollLoad]) -> list[dict[str, Any]]:
     """Make the declared polls for programs: times in milliseconds, and shares of the line's time."""
     return [
         {
-            "by": one.poll.by,
-            "of": one.poll.of.name,
-            "addresses": one.poll.what,
-            "wanted": one.poll.wanted,
-            "bridged": one.poll.bridged,
-            "every_ms": round(1000 * one.poll.every, 3),
+            "by": one.declared.by,
+            "of": one.declared.of.name,
+            "addresses": str(one.declared.poll),
+            "wanted": len(one.declared.wanted),
+            "bridged": one.declared.poll.bridged,
+            "every_ms": round(1000 * one.declared.poll.every, 3),
             "line_time_ms": round(1000 * one.time, 3),
             "share": round(one.share, 4),
             "answer_time_known": one.has_time,

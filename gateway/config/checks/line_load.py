@@ -23,5 +23,9 @@ def check_load(config: Config, plan: Plan) -> Iterator[Problem]:
 
 
 def _pollers(config: Config) -> str:
-    has_mirrors = any(image.of is not None for image in config.image)
-    return " and ".join([*(["mirrors"] if has_mirrors else []), *(["MQTT"] if config.mqtt else [])])
+    pollers = {
+        "mirrors": any(image.of is not None for image in config.image),
+        "virtual units": any(image.map for image in config.image),
+        "MQTT": config.mqtt is not None,
+    }
+    return " and ".join(name for name, polls in pollers.items() if polls)

@@ -1,22 +1,20 @@
 """What a plan asks of its lines and upstreams: what declared polls take of each, and how often devices can be read."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from gateway.config.plan.forecast import most_items, one_of_each_kind
 from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan, UpstreamPlan
-from gateway.config.values.reserved_names import MQTT
+from gateway.config.plan.wanted_polls import WantedPoll, wanted_polls
 from gateway.devices.device import DeviceSettings
 from gateway.errors import RequestError
-from gateway.images.polls import joined
+from gateway.images.polls import Poll, joined
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import RequestPdu, Span, parse_request
 from gateway.ports.port import SerialSettings
 from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
-from gateway.profiles.published import timed_batches
 from gateway.profiles.read_rules import ReadRules
 from gateway.registers.items import read_request
 from gateway.timing.budget import NETWORK_LATENCY, Pace
@@ -29,21 +27,17 @@ _USUAL_COUNTS: Final = (1, 10)
 _AREAS: Final = (Area.HOLDING, Area.INPUT, Area.COILS, Area.DISCRETE)
 
 
-@dataclass(frozen=True, slots=True)
-class DeclaredPoll:
-    """A read that the config declares: `by` which client, of which device, how often. `what` names its addresses.
+class DeclaredPoll(NamedTuple):
+    """A request that the config declares: the device `of` is sent `poll`, for all that is `wanted` and read with it."""
 
-    It reads so many points, or ranges for a mirror: `wanted`. `bridged` is the number of addresses between them that it
-    reads too, so that one request is enough.
-    """
-
-    by: str
     of: DeviceSettings
-    what: str
-    request: bytes
-    every: float
-    wanted: int = 1
-    bridged: int = 0
+    poll: Poll
+    wanted: tuple[WantedPoll, ...]
+
+    @property
+    def by(self) -> tuple[str, ...]:
+        """The clients that want it."""
+        return tuple(dict.fromkeys(each.by for each in self.wanted))
 
 
 class PollLoad(NamedTuple):
@@ -52,7 +46,7 @@ class PollLoad(NamedTuple):
     Unless the profile of the device `has_time` for it, they are the least that it can take.
     """
 
-    poll: DeclaredPoll
+    declared: DeclaredPoll
     time: float
     share: float
     has_time: bool
@@ -75,28 +69,22 @@ class ReadRate(NamedTuple):
     has_time: bool
 
 
-def declared_polls(plan: Plan) -> Iterator[DeclaredPoll]:
-    """Find every read that the gateway sends by itself, because the config says so."""
-    devices = {device.name: device for owner in plan.owners for device in owner.devices}
-    for mirror in plan.mirrors:
-        if mirror.of in devices:
-            for poll in joined(mirror.polls, ReadRules.of(mirror.profile), Holes()):
-                of, what = devices[mirror.of], str(poll)
-                yield DeclaredPoll(mirror.name, of, what, poll.request, poll.every, len(poll.joined) or 1, poll.bridged)
-    for published in plan.mqtt.devices if plan.mqtt else ():
-        if published.name in devices:
-            for every, batch in timed_batches(published, Holes()):
-                of, what = devices[published.name], f"{batch.span.area} {batch.span.addresses}"
-                yield DeclaredPoll(MQTT, of, what, batch.request, every, len(batch.points), batch.bridged)
+def declared_polls(owner: OwnerPlan, plan: Plan) -> Iterator[DeclaredPoll]:
+    """Find every read that is sent to a line or upstream because the config says so: as few as its devices allow."""
+    wanted = wanted_polls(plan)
+    for device in owner.devices:
+        by_poll: dict[Poll, list[WantedPoll]] = {}
+        for each in wanted.get(device.name, ()):
+            by_poll.setdefault(each.poll, []).append(each)
+        for poll in joined(by_poll, ReadRules.of(device.profile), Holes()):
+            yield DeclaredPoll(device, poll, tuple(each for part in poll.wanted for each in by_poll[part]))
 
 
 def load_of(owner: OwnerPlan, plan: Plan) -> tuple[PollLoad, ...]:
     """Compute what the declared polls take of a line or upstream. If it is more than there is, they come less often."""
-    names, at_once = {device.name for device in owner.devices}, 1
-    if isinstance(owner, UpstreamPlan):
-        at_once = owner.upstream.in_flight
-    found = ((poll, time_of(owner, poll.of, poll.request)) for poll in declared_polls(plan) if poll.of.name in names)
-    return tuple(PollLoad(poll, time, time / poll.every / at_once, _has_time(poll)) for poll, time in found)
+    at_once = owner.upstream.in_flight if isinstance(owner, UpstreamPlan) else 1
+    found = ((each, time_of(owner, each.of, each.poll.request)) for each in declared_polls(owner, plan))
+    return tuple(PollLoad(each, time, time / each.poll.every / at_once, _has_time(each)) for each, time in found)
 
 
 def total_share(load: tuple[PollLoad, ...]) -> float:
@@ -158,8 +146,8 @@ def _time_of_read(line: LinePlan, device: DeviceSettings, count: int) -> float:
     return 0.0 if span is None else time_of(line, device, read_request(span))
 
 
-def _has_time(poll: DeclaredPoll) -> bool:
-    return poll.request[0] in poll.of.profile.timing.rows
+def _has_time(declared: DeclaredPoll) -> bool:
+    return declared.poll.request[0] in declared.of.profile.timing.rows
 
 
 def _pace(owner: OwnerPlan, device: DeviceSettings) -> Pace:

@@ -136,7 +136,7 @@ def test_the_share_of_a_line_that_polls_take_is_shown(config, capsys):
     assert main(["check", config(FILE + MIRROR.replace("EVERY", "500 ms"))]) == 0
     said = capsys.readouterr().out
     assert "  Declared polls take at least 6.5 % of the line (answer times not known: weigher)\n" in said
-    assert " BY OF READS EVERY LINE TIME SHARE image-241 silo-1 holding 0-9 500 ms 27.9 ms 5.6 % " in " ".join(
+    assert " BY OF READS EVERY LINE TIME SHARE mirror image-241 silo-1 holding 0-9 500 ms 27.9 ms 5.6 % " in " ".join(
         said.split()
     )
     assert "warning" not in said.replace("no warnings", "")
@@ -153,7 +153,7 @@ def test_polls_and_their_shares_as_json(config, capsys):
     main(["check", "--json", config(FILE + MIRROR.replace("EVERY", "500 ms"))])
     (line,) = json.loads(capsys.readouterr().out)["lines"]
     assert line["polls"][0] == {
-        "by": "image-241",
+        "by": ["mirror image-241"],
         "of": "silo-1",
         "addresses": "holding 0-9",
         "wanted": 1,
@@ -209,9 +209,25 @@ def test_how_few_requests_read_the_points_over_gaps_is_told(config, capsys):
     main(["check", "--json", config(BRIDGING.replace("GAP", "4"))])
     polls = json.loads(capsys.readouterr().out)["lines"][0]["polls"]
     assert [(each["addresses"], each["wanted"], each["bridged"]) for each in polls] == [
-        ("holding 0-5", 2, 2),
         ("coils 1", 1, 0),
         ("holding 0-9", 3, 7),
+        ("holding 0-5", 2, 2),
+    ]
+
+
+def test_polls_of_one_device_are_counted_once_and_name_all_who_want_them(config, capsys):
+    shared = BRIDGING.replace("GAP", "4").replace('of = "other"', 'of = "meter"\nname = "copy"')
+    shared = shared.replace('["0-1", "4-5"], every', '["4", "6-9"], every')
+    main(["check", config(shared)])
+    said = capsys.readouterr().out
+    assert "    2 requests for 4 points and 2 ranges, over 4 addresses between them (max_gap)\n" in said
+    assert " ".join(said.split()).count(" mqtt, mirror copy meter holding 0-9 1 s ") == 1
+    main(["check", "--json", config(shared.replace('"1 s" }]\n\n[mqtt]', '"2 s" }]\n\n[mqtt]'))])
+    polls = json.loads(capsys.readouterr().out)["lines"][0]["polls"]
+    assert [(each["by"], each["addresses"], each["every_ms"]) for each in polls] == [
+        (["mqtt"], "coils 1", 1000.0),
+        (["mqtt"], "holding 0-9", 1000.0),
+        (["mirror copy"], "holding 4-9", 2000.0),
     ]
 
 
@@ -638,8 +654,8 @@ def test_a_device_behind_a_server_is_shown_as_one_on_a_line_and_so_are_the_manne
           38    2                  meter     generic   5.31 s
           inverter sleeps: after 5 min without a request its first read is sent twice.
           Declared polls take 15.0 % of the connection
-            BY         OF        READS        EVERY  TIME      SHARE
-            image-241  inverter  holding 0-9  1 s    150.0 ms  15.0 %
+            BY                OF        READS        EVERY  TIME      SHARE
+            mirror image-241  inverter  holding 0-9  1 s    150.0 ms  15.0 %
           Time limits of inverter, unit 37
             FUNCTION  LIMIT FOR 1 ITEM  MOST ITEMS  LIMIT FOR MOST
             3         115 ms            10          250 ms
@@ -676,7 +692,7 @@ def test_the_share_of_a_connection_is_not_invented(config, capsys):
     assert main(["check", config(text.replace('gap = "50 ms"', 'gap = "0"'))]) == 0
     said = capsys.readouterr().out
     assert "  Declared polls take an unknown share of the connection (answer times not known: generic)\n" in said
-    assert "    image-241  meter  holding 0-9  1 s    -     -\n" in said
+    assert "    mirror image-241  meter  holding 0-9  1 s    -     -\n" in said
 
 
 def test_polls_that_need_all_of_a_connection_are_a_warning(config, capsys):

@@ -146,11 +146,11 @@ def test_the_reads_count_in_the_forecast_as_they_are_sent():
     plan = plan_of(
         'publish = [{ device = "silo-1", every = "1 s" }, { device = "silo-2", points = ["level"], every = "2 s" }]'
     )
-    polls = [(one.poll.by, one.poll.of.name, one.poll.what, one.poll.every) for one in load_of(plan.lines[0], plan)]
-    assert polls == [
-        ("mqtt", "silo-1", "holding 0-2", 1.0),
-        ("mqtt", "silo-1", "holding 20", 1.0),
-        ("mqtt", "silo-2", "holding 20", 2.0),
+    polls = [one.declared for one in load_of(plan.lines[0], plan)]
+    assert [(one.by, one.of.name, str(one.poll), one.poll.every) for one in polls] == [
+        (("mqtt",), "silo-1", "holding 0-2", 1.0),
+        (("mqtt",), "silo-1", "holding 20", 1.0),
+        (("mqtt",), "silo-2", "holding 20", 2.0),
     ]
 
 

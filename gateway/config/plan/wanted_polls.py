@@ -1,0 +1,38 @@
+"""Who wants to have polled what of the devices, as the config says."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from gateway.config.plan.settings import Plan
+from gateway.config.values.reserved_names import MQTT
+from gateway.images.polls import Poll
+
+
+class WantedPoll(NamedTuple):
+    """What one point, or one row of the config, wants of the device named `of`. `trace` shows `by` as the client."""
+
+    by: str
+    of: str
+    poll: Poll
+    is_point: bool
+
+
+def wanted_polls(plan: Plan) -> Mapping[str, tuple[WantedPoll, ...]]:
+    """Find all that mirrors and MQTT want to have polled, by the names of the devices, images and mirrors."""
+    found: dict[str, list[WantedPoll]] = {}
+    for wanted in (*_of_mirrors(plan), *_of_mqtt(plan)):
+        found.setdefault(wanted.of, []).append(wanted)
+    return {name: tuple(each) for name, each in found.items()}
+
+
+def _of_mirrors(plan: Plan) -> Iterator[WantedPoll]:
+    for mirror in plan.mirrors:
+        for poll in mirror.wanted:
+            yield WantedPoll(mirror.label, mirror.of, poll, is_point=False)
+
+
+def _of_mqtt(plan: Plan) -> Iterator[WantedPoll]:
+    for device in plan.mqtt.devices if plan.mqtt else ():
+        for each in device.points:
+            if each.is_readable:
+                yield WantedPoll(MQTT, device.name, Poll.of(each.point, each.every), is_point=True)
