@@ -269,7 +269,7 @@ def test_ranges_that_the_device_refuses_to_read_together_are_read_apart():
     bench.answers("83 02")
     assert client.came() == [FIVE]
     assert client.ask("03 0001 0001") == ["83 0B"]
-    assert bench.events == [PollRefused("mirror silo", "silo-1", "holding 1-1", 2, "gateway.toml:9")]
+    assert bench.events == [PollRefused("mirror silo", "silo-1", "holding 1", 2, "gateway.toml:9")]
 
 
 def bridging(*more: Poll) -> Bench:

@@ -36,8 +36,8 @@ def test_no_read_is_longer_than_the_device_takes():
 
 
 def test_no_read_is_longer_than_the_protocol_takes():
-    assert pieces([holding(0, 125)]) == ["holding 0-124", "holding 125-125"]
-    assert pieces([Poll(Area.COILS, 0, 2000, 1.0)]) == ["coils 0-1999", "coils 2000-2000"]
+    assert pieces([holding(0, 125)]) == ["holding 0-124", "holding 125"]
+    assert pieces([Poll(Area.COILS, 0, 2000, 1.0)]) == ["coils 0-1999", "coils 2000"]
     assert runs([holding(0, 99), holding(100, 199)]) == ["holding 0-99", "holding 100-199"]
 
 
@@ -76,20 +76,20 @@ def test_each_area_has_its_function(area, function, request_pdu):
 
 def test_ranges_are_joined_over_as_many_addresses_as_the_profile_allows():
     polls = [holding(0, 1), holding(4, 5), holding(9, 9)]
-    assert runs(polls, max_gap=1) == ["holding 0-1", "holding 4-5", "holding 9-9"]
-    assert runs(polls, max_gap=2) == ["holding 0-5", "holding 9-9"]
+    assert runs(polls, max_gap=1) == ["holding 0-1", "holding 4-5", "holding 9"]
+    assert runs(polls, max_gap=2) == ["holding 0-5", "holding 9"]
     assert runs(polls, max_gap=3) == ["holding 0-9"]
-    assert runs(polls, {3: 8}, max_gap=3) == ["holding 0-5", "holding 9-9"]
-    assert runs(polls, max_gap=3, areas={Area.HOLDING: ((0, 6), (8, 9))}) == ["holding 0-5", "holding 9-9"]
+    assert runs(polls, {3: 8}, max_gap=3) == ["holding 0-5", "holding 9"]
+    assert runs(polls, max_gap=3, areas={Area.HOLDING: ((0, 6), (8, 9))}) == ["holding 0-5", "holding 9"]
 
 
 def test_a_poll_over_holes_knows_what_is_declared_and_is_split_at_them_first():
     (poll,) = joined([holding(0, 1), holding(2, 2), holding(5, 6), holding(9, 9)], ReadRules(max_gap=2), Holes())
-    assert [str(each) for each in poll.wanted] == ["holding 0-1", "holding 2-2", "holding 5-6", "holding 9-9"]
+    assert [str(each) for each in poll.wanted] == ["holding 0-1", "holding 2", "holding 5-6", "holding 9"]
     assert poll.bridged == 4
-    assert [str(part) for part in poll.parts] == ["holding 0-6", "holding 9-9"]
+    assert [str(part) for part in poll.parts] == ["holding 0-6", "holding 9"]
     assert [str(part) for part in poll.parts[0].parts] == ["holding 0-2", "holding 5-6"]
-    assert [str(part) for part in poll.parts[0].parts[0].parts] == ["holding 0-1", "holding 2-2"]
+    assert [str(part) for part in poll.parts[0].parts[0].parts] == ["holding 0-1", "holding 2"]
     assert poll.parts[1] == holding(9, 9)
 
 
