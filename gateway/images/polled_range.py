@@ -6,6 +6,7 @@ from typing import Protocol
 
 from gateway.images.polls import Poll
 from gateway.profiles.holes import Split
+from gateway.registers.items import has_bits
 
 
 @dataclass(slots=True)
@@ -106,7 +107,6 @@ class PolledRange:
 
     def __init__(self, poll: Poll, parts: Sequence[Part], due_at: float, within: Split | None = None) -> None:
         self.poll = poll
-        self.parts = parts
         self.due_at = due_at
         self.within = within
         self.split: Split | None = None
@@ -115,13 +115,25 @@ class PolledRange:
         self.is_asked = self.is_refused = self.is_over = False
         self._asked_at = 0.0
         self._asked_after = 0
-        size = poll.width if poll.area in ("holding", "input") else 1
+        self.serve(parts)
+
+    def serve(self, parts: Sequence[Part]) -> None:
+        """Read for these parts from now on, instead of others that want the same."""
+        self.parts = parts
+        size = 1 if has_bits(self.poll.area) else self.poll.width
         #: The parts of each reader, with the place of their items among those that are read.
         self._places: dict[Reader, list[tuple[Part, slice]]] = {}
         for part in parts:
-            start = (part.poll.first - poll.first) * size
+            start = (part.poll.first - self.poll.first) * size
             place = slice(start, start + part.poll.span.count * size)
             self._places.setdefault(part.reader, []).append((part, place))
+        for half in self.halves:
+            half.serve(self._parts_of(half.poll))
+
+    @property
+    def is_urgent(self) -> bool:
+        """Whether one of its parts is, and no poll is sent or waits that may be for it."""
+        return not self.is_asked and not self.halves and any(part.is_urgent for part in self.parts)
 
     @property
     def readers(self) -> tuple[Reader, ...]:
@@ -156,9 +168,12 @@ class PolledRange:
 
     def half(self, poll: Poll, now: float) -> "PolledRange":
         """Add a part of it that is read instead."""
-        wanted = set(poll.wanted)
-        half = PolledRange(poll, [part for part in self.parts if part.poll in wanted], now, self.split)
+        half = PolledRange(poll, self._parts_of(poll), now, self.split)
         for part in half.parts:
             part.is_awaited = True
         self.halves.append(half)
         return half
+
+    def _parts_of(self, poll: Poll) -> list[Part]:
+        wanted = set(poll.wanted)
+        return [part for part in self.parts if part.poll in wanted]

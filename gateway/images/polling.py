@@ -17,7 +17,7 @@ It has no clock: time is an argument, and `deadline` says when to call `tick`.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from itertools import count
 from math import ceil
 from typing import Final, Protocol
@@ -45,12 +45,14 @@ from gateway.request import Origin, Request
 _REFUSALS: Final = frozenset({IllegalDataAddress.code, IllegalDataValue.code, ServerDeviceFailure.code})
 #: Exceptions of a gateway that does not reach the unit, or gets no answer from it.
 _NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})
-#: The pause before repeating a poll that was not sent, because the line is down or busy, in seconds.
+#: The pause before repeating a poll that was not sent, or that the device is too busy for, in seconds.
 UNSENT_PAUSE: Final = 0.25
 #: After a poll without an answer the next one comes no later than this, in seconds.
 RETRY: Final = 5.0
 #: After this many seconds parts that are read apart are tried together again, unless that is known to be refused.
 TOGETHER_AGAIN: Final = 60.0
+#: How many times of a range may be in the heap on average. More are old ones: each write makes polls due sooner.
+_MOST_ENTRIES: Final = 16
 
 
 class PolledTarget(Protocol):
@@ -103,22 +105,29 @@ class DevicePolls:
     def change(self, come: Iterable[Part], gone: Iterable[Part], now: float) -> None:
         """Poll for the parts that `come`, at once, and no more for those that are `gone`.
 
-        All others keep their values, and their intervals as well as they can.
+        All others keep their values, and their intervals as well as they can. A request that stays the same goes on.
         """
         for part in gone:
             self._parts.pop(part, None)
         self._parts |= dict.fromkeys(come)
-        due = {poll: each.due_at for each in self._ranges for poll in each.poll.wanted}
         by_poll: dict[Poll, list[Part]] = {}
         for part in self._parts:
             by_poll.setdefault(part.poll, []).append(part)
-        for old in self._ranges:
-            old.is_over = True
-        self._ranges.clear()
+        due = {poll: now if each.is_asked else each.due_at for each in self._ranges for poll in each.poll.wanted}
+        halves = {half for each in self._ranges for half in each.halves}
+        before = {each.poll: each for each in self._ranges if each not in halves}
         for poll in joined(by_poll, self.unit.rules, self._target.holes):
             parts = [part for wanted in poll.wanted for part in by_poll[wanted]]
-            due_at = min(now if part.is_urgent else due.get(part.poll, now) for part in parts)
-            self._add(PolledRange(poll, parts, due_at))
+            if (same := before.pop(poll, None)) is not None:
+                same.serve(parts)
+            else:
+                self._add(PolledRange(poll, parts, min(due.get(wanted, now) for wanted in poll.wanted)))
+        for old in before.values():
+            self._end_halves(old)
+            self._end(old)
+        for polled in self._ranges:
+            if polled.is_urgent:
+                self._plan(polled, min(polled.due_at, now))
 
     def changed(self, span: Span | None, now: float) -> None:
         """Note that a write to `span` has finished (None: every address); the values there are unknown until polled.
@@ -197,8 +206,12 @@ class DevicePolls:
     def _plan(self, polled: PolledRange, due_at: float) -> None:
         """Set when a range is due; one whose poll is in progress is so again when that is over."""
         polled.due_at = due_at
-        if not polled.is_asked and not polled.is_over:
-            heappush(self._due, (due_at, next(self._number), polled))
+        if polled.is_asked or polled.is_over:
+            return
+        heappush(self._due, (due_at, next(self._number), polled))
+        if len(self._due) > _MOST_ENTRIES * (len(self._ranges) + 1):
+            self._due = [(each.due_at, next(self._number), each) for each in self._ranges if not each.is_asked]
+            heapify(self._due)
 
     def _take(self, polled: PolledRange, response: bytes, now: float) -> bool:
         """Hand the items of a response to their readers. Return False if it has another length."""
@@ -211,11 +224,13 @@ class DevicePolls:
 
     def _accepted(self, polled: PolledRange, now: float) -> None:
         """Note a response: if its parts were read apart, they are read together again."""
+        if polled.is_over:
+            return
         polled.is_refused = False
         if polled.within is not None:
             polled.within.part_was_read()
             polled.within = None
-        if polled.halves and not polled.is_over:
+        if polled.halves:
             self._plan(polled, now + polled.poll.every)
             self._end_halves(polled)
 
@@ -223,12 +238,11 @@ class DevicePolls:
         if polled.is_over:  # its parts are read in another way now
             return
         code = 0 if response is None else response[1]
-        is_unsent = isinstance(poll.error, Busy) or code == Busy.code
-        answers = None if is_unsent else response is not None and code not in _NO_ANSWER
+        answers = None if isinstance(poll.error, Busy) else response is not None and code not in _NO_ANSWER
         polled.missed(now, answers=answers, was_sent=True)
         if code == PathUnavailable.code:
             self._plan(polled, now + UNSENT_PAUSE)
-        elif not answers:
+        elif not answers or code == Busy.code:
             self._plan(polled, max(now + UNSENT_PAUSE, min(polled.due_at, now + RETRY)))
         elif code in _REFUSALS and not polled.is_refused:
             self._refused(polled, code, now)
