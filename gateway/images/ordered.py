@@ -92,9 +92,9 @@ class OrderedUnit(ABC):
 
     def wrote(self, request: Request, polls: DevicePolls, sent: Request, response: bytes | None, now: float) -> None:
         """Note that `sent`, which was passed on for `request`, may have changed values of the device."""
-        if not only_reads(sent.pdu) and response is not None and not _has_no_effect(response):
+        if may_have_written(sent.pdu, response):
             polls.changed(parse_sent(sent.pdu).write, now)
-            if not response[0] & EXCEPTION_BIT:
+            if response is not None and not response[0] & EXCEPTION_BIT:
                 self.last_writes.done(request)
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
@@ -194,6 +194,8 @@ class ForwardedOrigin(DerivedOrigin):
         self._answers_to.passed(self.original, self._polls, request, pdu)
 
 
-def _has_no_effect(response: bytes) -> bool:
-    """Tell whether the response is an exception after which nothing was written."""
-    return bool(response[0] & EXCEPTION_BIT) and response[1] in _WITHOUT_EFFECT
+def may_have_written(pdu: bytes, response: bytes | None) -> bool:
+    """Tell whether a request with this response, or without one, may have changed values of a device."""
+    if only_reads(pdu) or response is None:
+        return False
+    return not (response[0] & EXCEPTION_BIT and response[1] in _WITHOUT_EFFECT)

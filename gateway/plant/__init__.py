@@ -1,6 +1,6 @@
 """Publishes what points of devices read to a broker (MQTT), and takes writes from there (ADR 22, 23).
 
-- publisher, polls, changes    when devices are read, and which values are published
+- publisher, changes, device_reader    which values are published, and how they are read
 - messages, topics, plain    the protocol of a form, and the plain one
 - sparkplug, sparkplug_payload, births    Sparkplug B
 - discovery    announcements for Home Assistant

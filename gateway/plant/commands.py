@@ -25,8 +25,8 @@ MOST_REMEMBERED: Final = 1000
 _CLOSED: Final = "the gateway stops, or takes up another config: send it again"
 
 
-class PlantOrigin(Origin, Protocol):
-    """An Origin of reads that also takes the responses to requests of commands."""
+class TakesResponses(Protocol):
+    """Takes the responses to requests of commands."""
 
     def written(self, command: Command, request: Request, response: bytes | None) -> None:
         """Take the response to a request of a command: the write, or the read of the scale before it."""
@@ -60,7 +60,7 @@ class CarriedOut:
 
 
 class Commands:
-    """Carries out commands as writes to `writes_to`; the responses come to `origin`.
+    """Carries out commands as writes to `writes_to`; `responses_to` takes the responses.
 
     `tell` is called with the result of each: the error, or None. Commands in `carried_out` are refused. `clock` is the
     clock of every `now`.
@@ -69,7 +69,7 @@ class Commands:
     def __init__(
         self,
         writes_to: Target,
-        origin: PlantOrigin,
+        responses_to: TakesResponses,
         emit: Emit,
         clock: Callable[[], float],
         tell: Callable[[Command | Misdirected, str | None, float], None],
@@ -77,7 +77,7 @@ class Commands:
     ) -> None:
         self.counts = CommandCounts()
         self._target = writes_to
-        self._origin = origin
+        self._responses_to = responses_to
         self._emit = emit
         self._clock = clock
         self._tell = tell
@@ -120,7 +120,7 @@ class Commands:
         self._carried_out.add(command.delivery)
         self._in_progress += 1
         expiry = command.delivery.expiry
-        origin = _Writer(self._origin, command, self._clock, None if expiry is None else now + expiry)
+        origin = _Writer(self._responses_to, command, self._clock, None if expiry is None else now + expiry)
         self._send(command, first, origin, now)
 
     def refuse(self, misdirected: Misdirected, now: float) -> None:
@@ -176,8 +176,10 @@ class _Writer:
 
     caller = CALLER
 
-    def __init__(self, origin: PlantOrigin, command: Command, clock: Callable[[], float], until: float | None) -> None:
-        self._origin = origin
+    def __init__(
+        self, responses_to: TakesResponses, command: Command, clock: Callable[[], float], until: float | None
+    ) -> None:
+        self._responses_to = responses_to
         self._command = command
         self._clock = clock
         self._until = until
@@ -187,8 +189,8 @@ class _Writer:
         return self._until is None or self._clock() < self._until
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Pass the response to the origin of the reads."""
-        self._origin.written(self._command, request, pdu)
+        """Hand on the response."""
+        self._responses_to.written(self._command, request, pdu)
 
 
 def _audit(command: Command) -> WriteAudit:
@@ -230,7 +232,7 @@ def _write(command: Command, before: bytes | None = None) -> Write:
         ValueError, ArithmeticError, DoesNotFit: the point cannot be written, or not with this value.
     """
     device = command.device
-    return request_to_write([written(command.point.point, command.text, before)], device.rules.limits, device.functions)
+    return request_to_write([written(command.point.point, command.text, before)], device.limits, device.functions)
 
 
 def _key(topic: str, correlation: bytes) -> bytes:

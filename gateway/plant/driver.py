@@ -1,4 +1,4 @@
-"""Connects a publisher to the clock and the event loop."""
+"""Connects a publisher to the polls of devices, the clock and the event loop."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
@@ -6,27 +6,29 @@ from typing import Any
 
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
-from gateway.plant.commands import CALLER, CLIENT, CarriedOut
+from gateway.images.ordered import may_have_written
+from gateway.images.polled_range import PollCounts
+from gateway.modbus.pdu import parse_sent
+from gateway.plant.commands import CLIENT, CarriedOut
+from gateway.plant.device_reader import DeviceReader, Polled
 from gateway.plant.messages import Command, Delivery, Form, Message
-from gateway.plant.polls import PolledTarget
 from gateway.plant.publisher import Publisher, PublisherSettings
+from gateway.profiles.point import Point
 from gateway.request import Request, Target
 
 
 class PublisherDriver:
-    """Hands time, responses and deliveries to its `publisher`. It is the Origin of the publisher's reads.
+    """Hands time, readings, responses and deliveries to its `publisher`. `polls` read the devices, by their names.
 
     `wake` is set when there is something to publish. `unix` returns the present Unix time. An unexpected error ends
     here: it is logged, and reading goes on.
     """
 
-    caller = CALLER
-
     def __init__(
         self,
         settings: PublisherSettings,
         form: Form,
-        targets: Mapping[str, PolledTarget],
+        polls: Mapping[str, Polled],
         writes_to: Target,
         emit: Emit,
         unix: Callable[[], float],
@@ -35,12 +37,17 @@ class PublisherDriver:
         loop = asyncio.get_running_loop()
         self.wake = asyncio.Event()
         self.now = loop.time
+        #: Requests that have read points.
+        self.counts = PollCounts()
         self._emit = emit
         self._is_open = False
+        self._polls = polls
+        self._readers = {
+            device.name: DeviceReader(device, settings.source, self.counts, self) for device in settings.devices
+        }
         self.publisher = Publisher(
             settings,
             form,
-            targets,
             writes_to,
             self,
             emit,
@@ -53,24 +60,30 @@ class PublisherDriver:
     def start(self) -> None:
         """Begin to read."""
         self._is_open = True
-        self._timer.set(self.publisher.deadline())
+        for name, reader in self._readers.items():
+            self._polls[name].change(come=reader.parts)
 
     def close(self) -> None:
-        """Read no more, and carry out no more commands; waiting reads are not sent."""
-        self._is_open = False
+        """Read no more, and carry out no more commands."""
         self.publisher.commands.close()
         self._timer.close()
+        if self._is_open:
+            self._is_open = False
+            for name, reader in self._readers.items():
+                self._polls[name].change(gone=reader.parts)
 
-    def wants(self, request: Request) -> bool:  # noqa: ARG002 - the same for every read
-        """Tell whether waiting reads should be sent: from `start` to `close`."""
-        return self._is_open
+    def took(self, device: str, items: Sequence[tuple[Point, bytes]], now: float) -> None:
+        """Take the items of points that one request has read."""
+        self._run(self.publisher.took, device, items, now)
 
-    def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Take the response to a read."""
-        self._run(self.publisher.answered, request, pdu, self.now())
+    def missed(self, device: str, now: float, *, answers: bool | None) -> None:
+        """Note that a request has read nothing."""
+        self._run(self.publisher.missed, device, now, answers=answers)
 
     def written(self, command: Command, request: Request, response: bytes | None) -> None:
-        """Take the response to a command's write."""
+        """Take the response to a command's request. After a write its device is polled again at once."""
+        if may_have_written(request.pdu, response):
+            self._polls[command.device.name].wrote(parse_sent(request.pdu).write)
         self._run(self.publisher.written, command, request, response, self.now())
 
     def received(self, delivery: Delivery) -> None:
@@ -84,9 +97,9 @@ class PublisherDriver:
     def _tick(self) -> None:
         self._run(self.publisher.tick, self.now())
 
-    def _run(self, step: Callable[..., None], *arguments: Any) -> None:
+    def _run(self, step: Callable[..., None], *arguments: Any, **options: Any) -> None:
         try:
-            step(*arguments)
+            step(*arguments, **options)
         except Exception as error:  # noqa: BLE001 - the error boundary of the publisher: a defect must not reach a line
             self._emit(PartFailed.of(CLIENT, error))
         if self._is_open:

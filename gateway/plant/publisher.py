@@ -1,7 +1,7 @@
-"""Decides what is published, and when: between the reads of devices and the connection to a broker.
+"""Decides what is published, and when: between what is read of devices and the connection to a broker.
 
 It has no timer and no connection: `deadline` says when to call `tick`, messages are taken from it, and deliveries are
-handed to it. Without a connection it goes on reading, and keeps the last reading of each point.
+handed to it. Without a connection it keeps the last reading of each point.
 """
 
 from collections import deque
@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from gateway.events import Emit
-from gateway.modbus.functions import only_reads
 from gateway.plant.births import Births
 from gateway.plant.changes import Watch
-from gateway.plant.commands import CarriedOut, Commands, PlantOrigin
+from gateway.plant.commands import CarriedOut, Commands, TakesResponses
 from gateway.plant.messages import (
     Command,
     Delivery,
@@ -26,8 +25,9 @@ from gateway.plant.messages import (
     Readings,
     Rebirth,
 )
-from gateway.plant.polls import Answer, PolledTarget, Polls
+from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice
+from gateway.registers.datatypes import Value
 from gateway.request import Request, Target
 
 #: The most results that wait to be published; for further ones the oldest are dropped.
@@ -68,7 +68,7 @@ class _Results:
 
 
 class Publisher:
-    """Publishes `settings.devices` in a `form`; reads go to `targets` as requests of `origin`, writes to `writes_to`.
+    """Publishes `settings.devices` in a `form`; writes go to `writes_to`, and `responses_to` takes the responses.
 
     `clock` is the clock of every `now`; `unix` converts its times to Unix times.
     """
@@ -77,9 +77,8 @@ class Publisher:
         self,
         settings: PublisherSettings,
         form: Form,
-        targets: Mapping[str, PolledTarget],
         writes_to: Target,
-        origin: PlantOrigin,
+        responses_to: TakesResponses,
         emit: Emit,
         clock: Callable[[], float],
         unix: Callable[[float], float],
@@ -90,13 +89,12 @@ class Publisher:
         self.form = form
         #: Whether the connection must be ended, and a new one made.
         self.must_leave = False
-        self.commands = Commands(writes_to, origin, emit, clock, self._tell, carried_out)
+        self.commands = Commands(writes_to, responses_to, emit, clock, self._tell, carried_out)
         self._clock = clock
         self._unix = unix
         self._watches = {
             device.name: Watch(device, settings.patience.get(device.name, 0.0)) for device in settings.devices
         }
-        self.polls = Polls(settings.devices, targets, origin, emit, settings.source, clock())
         self._is_connected = False
         self._births = Births()
         self._results = _Results()
@@ -116,18 +114,20 @@ class Publisher:
 
     def deadline(self) -> float | None:
         """Return when `tick` must be called, or None."""
-        return min((at for at in (self.polls.deadline(), self._births.next_at) if at is not None), default=None)
+        return self._births.next_at
 
     def tick(self, now: float) -> None:
-        """Send the reads that are due, and begin a birth that was put off."""
+        """Begin a birth that was put off."""
         if self._births.next_at is not None and now >= self._births.next_at:
             self._be_born(now)
-        for answer in self.polls.tick(now):
-            self._heed(answer, now)
 
-    def answered(self, request: Request, response: bytes | None, now: float) -> None:
-        """Take the response to a read; None if there was none."""
-        self._heed(self.polls.answered(request, response, now), now)
+    def took(self, device: str, items: Iterable[tuple[Point, bytes]], now: float) -> None:
+        """Take the items of points that one request has read."""
+        self._heed(device, {point.name: point.value(own) for point, own in items}, now, answers=True)
+
+    def missed(self, device: str, now: float, *, answers: bool | None) -> None:
+        """Note that a request has read nothing. `answers`: whether the device answers; None if it was not asked."""
+        self._heed(device, {}, now, answers=answers)
 
     def will(self, now: float) -> Message:
         """Return the message that the broker publishes when the connection is lost. Begins a session."""
@@ -216,15 +216,14 @@ class Publisher:
             watch.published(state.readings)
             yield self._told(state)
 
-    def _heed(self, answer: Answer, now: float) -> None:
-        name = answer.device.name
+    def _heed(self, name: str, values: Mapping[str, Value | None], now: float, *, answers: bool | None) -> None:
         watch = self._watches[name]
-        if not answer.values:
+        if not values:
             watch.expire(now)
-        if answer.answers is None:
+        if answers is None:
             self._note_change(name)
             return
-        has_turned = watch.answered(answer.values, now) if answer.answers else watch.failed()
+        has_turned = watch.answered(values, now) if answers else watch.failed()
         if has_turned or name in self._refused:
             self._refused.discard(name)
             self._came_or_went[name] = None
@@ -260,10 +259,7 @@ class Publisher:
         return {name: Reading(reading.value, self._unix(reading.at)) for name, reading in readings.items()}
 
     def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
-        """Take the response to a command's request, None if there was none; after a write read the point again soon."""
-        if not only_reads(request.pdu):
-            point = command.point.point
-            self.polls.read_soon(command.device.name, (point.read_span, point.write_span), now)
+        """Take the response to a command's request; None if there was none."""
         self.commands.written(command, request, response, now)
 
     def _tell(self, command: Command | Misdirected, error: str | None, now: float) -> None:

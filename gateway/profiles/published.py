@@ -1,13 +1,9 @@
-"""What is published of a device, and the reads that this takes."""
+"""What is published of a device."""
 
-from dataclasses import dataclass
-from itertools import groupby
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
-from gateway.profiles.batches import Batch, batches
-from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
-from gateway.profiles.read_rules import NO_RULES, ReadRules
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +35,16 @@ class PublishedPoint:
 class PublishedDevice:
     """A device with the points that are published, in the order of its configuration.
 
-    `unit` is the number that clients use for it, or what stands in its place; then it is `on_the_wire` there. `line` is
-    the name of its line or upstream, `profile` the title of its profile, or its name, and `maker` its maker, if known.
-    It has these `functions` (all if None); `rules` say what one read may take.
+    `unit` is the number that clients use for it, or what stands in its place; then it is `on_the_wire` there. `profile`
+    is the title of its profile, or its name, and `maker` its maker, if known.
+    It has these `functions` (all if None); `limits` is the most items for a function.
     """
 
     name: str
     unit: int
-    line: str
     profile: str
     points: tuple[PublishedPoint, ...]
-    rules: ReadRules = NO_RULES
+    limits: Mapping[int, int] = field(default_factory=dict)
     functions: frozenset[int] | None = None
     on_the_wire: int | None = None
     maker: str = ""
@@ -62,20 +57,3 @@ class PublishedDevice:
     def point(self, name: str) -> PublishedPoint | None:
         """Find its point with this name; None if there is none."""
         return next((point for point in self.points if point.name == name), None)
-
-
-class TimedBatch(NamedTuple):
-    """Points that one request reads every `every` seconds."""
-
-    every: float
-    batch: Batch
-
-
-def timed_batches(device: PublishedDevice, holes: Holes) -> list[TimedBatch]:
-    """Make the reads of a device's points: as few as it allows; `holes` are those that it has refused."""
-    readable = sorted((point for point in device.points if point.is_readable), key=lambda each: each.every)
-    return [
-        TimedBatch(every, batch)
-        for every, points in groupby(readable, key=lambda each: each.every)
-        for batch in batches((each.point for each in points), device.rules, holes)
-    ]

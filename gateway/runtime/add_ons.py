@@ -7,6 +7,7 @@ its section.
 from typing import NamedTuple, Self
 
 from gateway.events import Emit
+from gateway.images.drivers.polls_driver import Pollers
 from gateway.runtime.fleet.add_on import Fleet
 from gateway.runtime.kept_state import KeptState
 from gateway.runtime.mqtt.add_on import Publishing
@@ -21,6 +22,8 @@ class AddOns(NamedTuple):
     fleet: Fleet
 
     @classmethod
-    def without_plan(cls, router: MakeRouter, emit: Emit, contexts: TlsStore, kept: KeptState) -> Self:
+    def without_plan(
+        cls, router: MakeRouter, emit: Emit, contexts: TlsStore, kept: KeptState, pollers: Pollers
+    ) -> Self:
         """Make them; they do nothing yet."""
-        return cls(Publishing(router, emit, contexts, kept), Fleet(router, emit, contexts))
+        return cls(Publishing(router, emit, contexts, kept, pollers), Fleet(router, emit, contexts))

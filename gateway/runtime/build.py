@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Literal
 from gateway.config.plan.settings import LinePlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device
 from gateway.events import Emit
-from gateway.images.drivers.polls_driver import Pollers, PollsDriver
+from gateway.images.drivers.polls_driver import Pollers
 from gateway.images.drivers.store import Store
 from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.images.image import Image, ImageSettings
 from gateway.images.mirror import Mirror
 from gateway.images.persistent import PersistentImage
-from gateway.images.polling import PolledUnit
 from gateway.images.polls import MirrorSettings
 from gateway.images.self_image import SelfImage
 from gateway.listeners.settings import ListenSettings
@@ -23,13 +22,13 @@ from gateway.listeners.tls import TlsListener
 from gateway.listeners.udp import UdpListener
 from gateway.ports.addresses import Addresses
 from gateway.ports.port import Opener, OpenPort, SiteSettings
-from gateway.profiles.read_rules import ReadRules
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import CertifiedRouter, Router
 from gateway.runtime.gateway import Gateway, Listener
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
+from gateway.runtime.polls import polls_of
 from gateway.runtime.reach import with_routes
 from gateway.state.memory import Memory
 from gateway.tls.store import TlsStore
@@ -164,7 +163,7 @@ class _Parts:
 
     def mirror(self, settings: MirrorSettings, device: Device) -> UnitDriver[Mirror]:
         """Build a mirror, also if only its device was rebuilt."""
-        old, by, polls = self._mirrors.get(settings.name), self._by, self._polls(device)
+        old, by, polls = self._mirrors.get(settings.name), self._by, polls_of(device, self._by.pollers)
         if old is not None and old.unit.settings == settings and old.pollers == {settings.of: polls}:
             return old
 
@@ -172,12 +171,6 @@ class _Parts:
             return Mirror(settings, polls.polls, device, driver, by.emit, by.ring)
 
         return UnitDriver(made, {settings.of: polls}, by.loop, by.emit)
-
-    def _polls(self, device: Device) -> PollsDriver:
-        settings = device.settings
-        unit = settings.unit if settings.client_unit is None else settings.client_unit
-        polled = PolledUnit(device.name, unit, ReadRules.of(settings.profile))
-        return self._by.pollers.of(device, polled, device.line_name)
 
 
 def _listener(

@@ -60,7 +60,8 @@ class Running:
         self.contexts = contexts or TlsStore()
         make_router = partial(NamingRouter, clock=loop.time, emit=emit, ring=self.ring)
         self.routers = Routers.without_routes(make_router)
-        self.add_ons = AddOns.without_plan(make_router, emit, self.contexts, kept)
+        pollers = Pollers(loop, emit)
+        self.add_ons = AddOns.without_plan(make_router, emit, self.contexts, kept, pollers)
         self.builder = Builder(
             loop=loop,
             emit=emit,
@@ -71,7 +72,7 @@ class Running:
             opener=opener,
             open_site=self.add_ons.fleet.opener,
             buckets=self.add_ons.fleet.bucket,
-            pollers=Pollers(loop, emit),
+            pollers=pollers,
         )
         #: The address of the web page, or why there is none though the config has one.
         self.page = ""

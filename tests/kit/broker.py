@@ -23,12 +23,9 @@ class FakeBroker:
     @classmethod
     def of(cls, bench: GatewayBench, announcements: Sequence[Message] = ()) -> "FakeBroker":
         """The broker of a gateway; its devices are read from now on. Times of messages are those of the loop."""
-        gateway, plan, unix = bench.gateway, bench.gateway.plan.mqtt, asyncio.get_running_loop().time
-        return cls(
-            reading(
-                plan, gateway, bench.running.add_ons.mqtt.router, bench.events.append, CarriedOut(), unix, announcements
-            )
-        )
+        gateway, running, unix = bench.gateway, bench.running, asyncio.get_running_loop().time
+        router, pollers, plan = running.add_ons.mqtt.router, running.builder.pollers, gateway.plan.mqtt
+        return cls(reading(plan, gateway, router, pollers, bench.events.append, CarriedOut(), unix, announcements))
 
     def connect(self) -> list[str]:
         """Connect and take the birth; the topics of commands that are subscribed to."""

@@ -123,7 +123,13 @@ async def publishing(config=CONFIG):
         bench.attach("hall", SimulatedLine("rtu", device))
         loop, gateway = asyncio.get_running_loop(), bench.gateway
         driver = reading(
-            gateway.plan.mqtt, gateway, bench.running.add_ons.mqtt.router, bench.events.append, CarriedOut(), loop.time
+            gateway.plan.mqtt,
+            gateway,
+            bench.running.add_ons.mqtt.router,
+            bench.running.builder.pollers,
+            bench.events.append,
+            CarriedOut(),
+            loop.time,
         )
         broker = Broker("broker", lambda: None, driver, bench.events.append, loop.time)
         task = asyncio.create_task(broker.run())

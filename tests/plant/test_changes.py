@@ -11,7 +11,7 @@ from gateway.profiles.published import PublishedDevice, PublishedPoint
 
 def watch(**options):
     point = PublishedPoint(Point("a", Area.HOLDING, 0), 1.0, **options)
-    return Watch(PublishedDevice("d", 1, "line", "profile", (point,)), patience=0.5)
+    return Watch(PublishedDevice("d", 1, "profile", (point,)), patience=0.5)
 
 
 @pytest.mark.parametrize(

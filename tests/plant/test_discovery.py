@@ -51,7 +51,7 @@ ALL = (
 
 def device(*points, name="silo-1", writable=True):
     published = tuple(PublishedPoint(each, 1.0, is_writable=writable and each.write != "no") for each in points)
-    return PublishedDevice(name, 41, "hall-a", "Weigher", published)
+    return PublishedDevice(name, 41, "Weigher", published)
 
 
 def announced(*points, **more):

@@ -30,7 +30,6 @@ AT = 1700000000.5
 SCALE = PublishedDevice(
     "silo-1",
     41,
-    "hall-a",
     "Weigher",
     (
         PublishedPoint(Point("weight", Area.HOLDING, 0, "float32", count=2, unit="kg"), 1.0),
@@ -40,7 +39,6 @@ SCALE = PublishedDevice(
 DRIVE = PublishedDevice(
     "drive-1",
     42,
-    "hall-a",
     "Drive",
     (
         PublishedPoint(Point("speed", Area.HOLDING, 0, "int16", write="yes"), 1.0, is_writable=True),
@@ -136,7 +134,7 @@ def test_each_requirement_is_tested_or_left_out_for_a_reason():
 )
 @pytest.mark.parametrize("is_known", [True, False])
 def test_each_point_has_a_type_that_holds_its_values_and_says_when_it_has_none(point, value, data_type, is_known):
-    device = PublishedDevice("d", 1, "line", "Any", (PublishedPoint(point, 1.0),))
+    device = PublishedDevice("d", 1, "Any", (PublishedPoint(point, 1.0),))
     node = Sparkplug("plant", "gw", (device,))
     node.will(AT)
     readings = {"a": Reading(value if is_known else None, AT - 1)}
@@ -153,7 +151,7 @@ def test_every_type_of_a_point_has_one_in_sparkplug():
     for data_type in (each for each in get_args(datatypes.DataType) if each != "bit"):
         count, bits = datatypes.registers_of(data_type), (0, 7) if data_type in datatypes.BYTE_TYPES else None
         point = Point("a", Area.INPUT, 0, data_type, count=count, bits=bits)
-        device = PublishedDevice("d", 1, "line", "Any", (PublishedPoint(point, 1.0),))
+        device = PublishedDevice("d", 1, "Any", (PublishedPoint(point, 1.0),))
         node = Sparkplug("plant", "gw", (device,))
         node.will(AT)
         birth = list(node.born([DeviceState(device, is_available=True)], AT))[1]

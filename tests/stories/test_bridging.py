@@ -6,8 +6,8 @@ from json import loads
 import pytest
 
 from gateway.events import PollRefused
+from gateway.images.polling import TOGETHER_AGAIN
 from gateway.modbus.codes import Area
-from gateway.plant.polls import TOGETHER_AGAIN
 from gateway.profiles.batches import batches
 from gateway.profiles.holes import Holes
 from gateway.profiles.read_rules import NO_RULES

@@ -13,16 +13,14 @@ from gateway.images.polls import MirrorSettings
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.profiles.published import PublishedDevice, PublishedPoint
-from gateway.profiles.read_rules import ReadRules
 from gateway.tls.settings import ClientTls
 
 
 class Publishable(NamedTuple):
-    """A unit that has points: a device on the line with this name, an image, a mirror; see PublishedDevice."""
+    """A unit that has points: a device, an image, a mirror; see PublishedDevice."""
 
     name: str
     unit: int
-    line: str
     profile: Profile
     points: tuple[Point, ...]
     on_the_wire: int | None = None
@@ -35,16 +33,14 @@ def add_mqtt(plan: Plan, config: Config) -> Plan:
 
 def publishable(plan: Plan) -> Iterator[Publishable]:
     """Find every unit that can be published."""
-    behind = ((one.line.name, one.shared) for one in plan.lines)
-    others = ((one.upstream.name, one.devices) for one in plan.upstreams)
-    for line, devices in (*behind, *others):
-        for device in devices:
-            points = plan.points.get(device.known_as, ())
-            on_the_wire = device.unit if device.client_unit is None else None
-            yield Publishable(device.name, device.known_as, line, device.profile, points, on_the_wire)
+    behind = (*(one.shared for one in plan.lines), *(one.devices for one in plan.upstreams))
+    for device in (device for devices in behind for device in devices):
+        points = plan.points.get(device.known_as, ())
+        on_the_wire = device.unit if device.client_unit is None else None
+        yield Publishable(device.name, device.known_as, device.profile, points, on_the_wire)
     own: tuple[ImageSettings | MirrorSettings, ...] = (*plan.images, *plan.mirrors)
     for each in own:
-        yield Publishable(each.name, each.unit, "", each.profile, plan.points.get(each.unit, ()))
+        yield Publishable(each.name, each.unit, each.profile, plan.points.get(each.unit, ()))
 
 
 def names_device(row: Publish, name: str) -> bool:
@@ -72,10 +68,8 @@ def _published(unit: Publishable, mqtt: Mqtt) -> PublishedDevice:
     points = tuple(_points(unit.points, rows, may_write=mqtt.write))
     profile = unit.profile
     title = profile.title or profile.name
-    # What the gateway answers itself costs nothing to ask, and has its own addresses only.
-    rules = ReadRules.of(profile) if unit.line else ReadRules(profile.limits)
     return PublishedDevice(
-        unit.name, unit.unit, unit.line, title, points, rules, profile.functions, unit.on_the_wire, profile.maker
+        unit.name, unit.unit, title, points, profile.limits, profile.functions, unit.on_the_wire, profile.maker
     )
 
 

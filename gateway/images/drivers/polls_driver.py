@@ -7,10 +7,12 @@ from weakref import WeakValueDictionary
 
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
+from gateway.images.at_once import AtOnce
 from gateway.images.polled_range import Part
 from gateway.images.polling import DevicePolls, PolledTarget, PolledUnit
 from gateway.images.turns import PollTurns
-from gateway.request import Caller, Request
+from gateway.modbus.pdu import Span
+from gateway.request import Caller, Request, Target
 
 
 class PollsDriver:
@@ -43,6 +45,10 @@ class PollsDriver:
         """Take the response to a poll."""
         self._run(self.polls.polled, request, pdu, self._time())
 
+    def wrote(self, span: Span | None) -> None:
+        """Note that a write to `span` has finished, or one to any address if that is None."""
+        self._run(self.polls.changed, span, self._time())
+
     def changed(self) -> None:
         """Set the timer again: polls may be due at another time than before."""
         self._timer.set(self.polls.deadline())
@@ -71,8 +77,15 @@ class Pollers:
 
     def of(self, target: PolledTarget, unit: PolledUnit, line: str = "") -> PollsDriver:
         """Return the polls of a target, which is on this line."""
+        turns = self._turns.setdefault(line, PollTurns()) if line else PollTurns()
+        return self._of(target, target, unit, turns)
+
+    def at_once(self, target: Target, unit: PolledUnit) -> PollsDriver:
+        """Return the polls of an image, a mirror or a virtual unit."""
+        return self._of(target, AtOnce(target), unit, PollTurns())
+
+    def _of(self, target: Target, polled: PolledTarget, unit: PolledUnit, turns: PollTurns) -> PollsDriver:
         found = self._drivers.get(id(target))
         if found is None:
-            turns = self._turns.setdefault(line, PollTurns()) if line else PollTurns()
-            found = self._drivers[id(target)] = PollsDriver(unit, target, turns, self._loop, self._emit)
+            found = self._drivers[id(target)] = PollsDriver(unit, polled, turns, self._loop, self._emit)
         return found

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from gateway import events
 from gateway.config.values.reserved_names import MQTT
 from gateway.diagnosis.finding import Finding
+from gateway.images.drivers.polls_driver import Pollers
 from gateway.observe.families import Family
 from gateway.plant.status import BrokerStatus
 from gateway.routing.access import EntryPoint
@@ -35,10 +36,13 @@ class Publishing(AddOn):
     key: ClassVar = MQTT
     shown_as: ClassVar = "brokers"
 
-    def __init__(self, router: MakeRouter, emit: events.Emit, contexts: TlsStore, kept: KeptState) -> None:
+    def __init__(
+        self, router: MakeRouter, emit: events.Emit, contexts: TlsStore, kept: KeptState, pollers: Pollers
+    ) -> None:
         super().__init__(router(EntryPoint(MQTT, "local")))
         self._emit = emit
         self._contexts = contexts
+        self._pollers = pollers
         self._announced = AnnouncedDevices(kept.open_file(FILE_NAME, is_entry))
         self._carried_out: CarriedOut | None = None
         #: The present publication; None without [mqtt].
@@ -61,7 +65,15 @@ class Publishing(AddOn):
             if self._carried_out is None:
                 self._carried_out = import_module("gateway.plant.commands").CarriedOut()
             self.part = publication(
-                plan, gateway, self.router, self._emit, self._contexts, announcing, self._carried_out, time.time
+                plan,
+                gateway,
+                self.router,
+                self._pollers,
+                self._emit,
+                self._contexts,
+                announcing,
+                self._carried_out,
+                time.time,
             )
 
     async def stop(self, *, is_over: bool = False) -> None:

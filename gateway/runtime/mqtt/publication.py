@@ -14,21 +14,21 @@ from typing import Any, Final
 from gateway import events
 from gateway.config.plan.settings import MqttPlan
 from gateway.config.values.broker import HOME_ASSISTANT
+from gateway.images.drivers.polls_driver import Pollers
 from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Form, Message
 from gateway.plant.plain import PlainForm
-from gateway.plant.polls import PolledTarget
 from gateway.plant.publisher import PublisherSettings
 from gateway.plant.sparkplug import Sparkplug
 from gateway.plant.status import BrokerStatus
-from gateway.profiles.holes import Holes
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password
-from gateway.request import Request, Target
+from gateway.request import Target
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.mqtt.announcing import Announcing
+from gateway.runtime.polls import polls_of
 from gateway.tls.contexts import load
 from gateway.tls.store import TlsStore
 
@@ -40,20 +40,21 @@ def reading(
     plan: MqttPlan,
     gateway: Gateway,
     router: Router,
+    pollers: Pollers,
     emit: events.Emit,
     carried_out: CarriedOut,
     unix: Callable[[], float] = time.time,
     announcements: Sequence[Message] = (),
 ) -> PublisherDriver:
-    """Begin to read what the plan publishes of a gateway, by the routes of `router`.
+    """Begin to read what the plan publishes of a gateway, by the routes of `router`, with the polls of its units.
 
     `announcements` are sent with each birth.
     """
-    targets = {name: _as_target(each) for name, each in _destinations(plan, router).items()}
+    polls = {name: polls_of(each, pollers) for name, each in _destinations(plan, router).items()}
     patience = gateway.longest_waits
     waits = {each.name: patience.get(each.name, 0.0) for each in plan.devices}
     settings = PublisherSettings(plan.devices, waits, plan.source)
-    driver = PublisherDriver(settings, _form(plan, announcements), targets, router, emit, unix, carried_out)
+    driver = PublisherDriver(settings, _form(plan, announcements), polls, router, emit, unix, carried_out)
     driver.start()
     return driver
 
@@ -66,6 +67,7 @@ class Publication:
         plan: MqttPlan,
         gateway: Gateway,
         router: Router,
+        pollers: Pollers,
         emit: events.Emit,
         contexts: TlsStore,
         announcing: Announcing,
@@ -76,7 +78,7 @@ class Publication:
         self._router = router
         self._announcing = announcing
         self._destinations = _destinations(plan, router)
-        self.driver = reading(plan, gateway, router, emit, carried_out, unix, announcing.messages)
+        self.driver = reading(plan, gateway, router, pollers, emit, carried_out, unix, announcing.messages)
         #: What keeps the connection; None if it cannot, because its library is missing.
         self.broker: Any = None
         self.reason = ""
@@ -123,8 +125,8 @@ class Publication:
             refused_messages=0 if broker is None else broker.counts.refused,
             commands=publisher.commands.counts.received,
             refused_commands=publisher.commands.counts.refused,
-            polls=publisher.polls.counts.polls,
-            failed_polls=publisher.polls.counts.failed,
+            polls=self.driver.counts.polls,
+            failed_polls=self.driver.counts.failed,
             last_refused_ms=None if refused_at is None else 1000 * (now - refused_at),
             unsteady="" if broker is None else broker.unsteady,
         )
@@ -184,29 +186,9 @@ class _Access:
         )
 
 
-class _AtOnce:
-    """An image or a mirror as a target of reads: it answers at once, and never backs off."""
-
-    def __init__(self, destination: Target) -> None:
-        self.holes = Holes()
-        self._destination = destination
-
-    def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - nobody waits
-        """See PolledTarget."""
-        self._destination.submit(request, now)
-
-    def is_resting(self, now: float) -> bool:  # noqa: ARG002 - at any time
-        """See PolledTarget."""
-        return False
-
-
 def _destinations(plan: MqttPlan, router: Router) -> Mapping[str, Target]:
     """Find what answers for each published device."""
     return {device.name: router.routes[device.unit] for device in plan.devices}
-
-
-def _as_target(destination: Any) -> PolledTarget:
-    return destination if hasattr(destination, "is_resting") else _AtOnce(destination)
 
 
 def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:

@@ -133,7 +133,7 @@ def test_the_first_row_counts_that_matches_device_and_point():
     assert [(point.name, point.every) for point in first.points] == [("weight", 1.0), ("state", 5.0), ("level", 5.0)]
     assert (first.points[0].on_change, first.points[0].at_least) == (0.5, 60.0)
     assert [(point.name, point.every) for point in second.points] == [("weight", 5.0), ("state", 5.0), ("level", 5.0)]
-    assert (first.name, first.unit, first.line, first.profile) == ("silo-1", 41, "a", "A scale")
+    assert (first.name, first.unit, first.profile) == ("silo-1", 41, "A scale")
 
 
 def test_what_is_only_written_is_there_if_writing_is():
