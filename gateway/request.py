@@ -56,7 +56,8 @@ class Request:
     """
 
     __slots__ = (
-        "caller", "error", "in_one_turn", "is_over", "origin", "pdu", "place", "received_at", "transaction", "unit",
+        "caller", "device", "error", "in_one_turn", "is_over", "origin", "pdu", "place", "received_at", "transaction",
+        "unit",
     )  # fmt: skip
 
     def __init__(self, unit: int, pdu: bytes, origin: Origin, received_at: float, transaction: int = 0) -> None:
@@ -72,6 +73,8 @@ class Request:
         #: With function 22, for a write of the gateway itself to some bits of a register: the function, 06 or 16, that
         #: writes the register after it was read, in one turn, if the device's profile does not name 22. Else 0.
         self.in_one_turn = 0
+        #: The name of the device to which a virtual unit has passed it on; empty for all others.
+        self.device = ""
         #: Where it waits, while it does.
         self.place: Place | None = None
 

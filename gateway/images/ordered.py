@@ -53,8 +53,8 @@ class ClientRequests:
 class Passed(Protocol):
     """Takes the responses to requests that were passed on."""
 
-    def passed(self, request: Request, polls: DevicePolls, sent: Request, response: bytes | None) -> None:
-        """Take the response to `sent`, which was passed on for `request` to the device that `polls` polls."""
+    def passed(self, request: Request, polls: DevicePolls | None, sent: Request, response: bytes | None) -> None:
+        """Take the response to `sent`, which was passed on for `request` to what `polls` polls; None: nobody does."""
 
 
 class OrderedUnit(ABC):
@@ -167,8 +167,8 @@ class OrderedUnit(ABC):
                 sent.fail(ServerDeviceFailure())
             raise
 
-    def _derived(self, request: Request, pdu: bytes, polls: DevicePolls, now: float) -> Request:
-        """Make the request to a device that is passed on for a client's one."""
+    def _derived(self, request: Request, pdu: bytes, polls: DevicePolls | None, now: float) -> Request:
+        """Make the request that is passed on for a client's one to what `polls` polls; None: nobody does."""
         return Request(request.unit, pdu, ForwardedOrigin(request, polls, self._answers_to), now)
 
     def _fail(self, request: Request, error: RequestError, now: float) -> None:
@@ -182,7 +182,7 @@ class OrderedUnit(ABC):
 class ForwardedOrigin(DerivedOrigin):
     """The Origin of a client's request that is passed on to a device."""
 
-    def __init__(self, original: Request, polls: DevicePolls, answers_to: Passed) -> None:
+    def __init__(self, original: Request, polls: DevicePolls | None, answers_to: Passed) -> None:
         super().__init__(original)
         self._polls = polls
         self._answers_to = answers_to
@@ -190,7 +190,8 @@ class ForwardedOrigin(DerivedOrigin):
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Hand on the response, with the error if there is one."""
         self.original.error = request.error
-        self.original.in_one_turn = request.in_one_turn
+        if self.original.in_one_turn:
+            self.original.in_one_turn = request.in_one_turn
         self._answers_to.passed(self.original, self._polls, request, pdu)
 
 

@@ -76,6 +76,11 @@ class Part:
         self._changed_by = writes
         self.is_awaited = True
 
+    def go_on_from(self, old: "Part") -> None:
+        """Have the age of a part of the same polls that this one replaces."""
+        self.sampled_at, self.is_awaited = old.sampled_at, old.is_awaited
+        self._sampled_after, self._changed_by = old._sampled_after, old._changed_by  # noqa: SLF001 - of its own kind
+
     def is_known(self, writes: int) -> bool:
         """Tell whether its values include the first `writes` writes."""
         return self.sampled_at is not None and self._sampled_after >= min(self._changed_by, writes)

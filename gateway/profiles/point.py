@@ -114,12 +114,12 @@ class Point:
         """
         if has_bits(self.area):
             return self.labels.get(items[0], items[0])
-        carried = self._carried(self.own(items))
+        carried = self.carried(self.own(items))
         if carried is None or isinstance(carried, str):
             return carried
         if isinstance(carried, int) and carried in self.labels:
             return self.labels[carried]
-        exponent = self._exponent(items)
+        exponent = self.exponent(items)
         value = None if exponent is None else self._scaled(carried, exponent)
         return None if value is None or abs(value) > float_info.max else value
 
@@ -142,7 +142,7 @@ class Point:
         """
         if self.type == "string":
             return encode(text, self.type, self.swap, self.count * self.width // REGISTER)
-        exponent = 0 if before is None else self._exponent(before)
+        exponent = 0 if before is None else self.exponent(before)
         if exponent is None or (self.scale_at is not None and before is None):
             raise ValueError(f"the device has no scale for {self.name} now")
         number = self._number(text, exponent)
@@ -151,10 +151,17 @@ class Point:
                 raise ValueError(f"{text} is not a bit: {_WORDS_OF_A_BIT}")
             return bytes((int(number),))
         self._check_limits(text, number)
-        encoded = self._encoded(text, number, exponent)
+        return self.carrying(self._encoded(text, number, exponent))
+
+    def carrying(self, number: float) -> bytes:
+        """Make its own items for an encoded number, which its bits can hold.
+
+        Raises:
+            ValueError: the type cannot hold it.
+        """
         if self.bits is None:
-            return encode(encoded, self.type, self.swap)
-        bits = (int(encoded) << self.bits[0]) & self.mask
+            return encode(number, self.type, self.swap)
+        bits = (int(number) << self.bits[0]) & self.mask
         return swapped(bits.to_bytes(self.count * self.width, "big"), self.swap)
 
     @property
@@ -163,7 +170,7 @@ class Point:
         first, last = self.bits or (0, 8 * self.count * self.width - 1)
         return (1 << (last + 1)) - (1 << first)
 
-    def _carried(self, own: bytes) -> Value | None:
+    def carried(self, own: bytes) -> Value | None:
         """Find the number that its own items carry; None for one that means no value."""
         if self.type == "string" and self.bits is not None:  # one character in each register
             own = own[1::2] if self.bits[0] == 0 else own[::2]
@@ -178,7 +185,7 @@ class Point:
         judged = number if self.type in BYTE_TYPES else whole
         return None if judged in self.invalid else number
 
-    def _exponent(self, items: bytes) -> int | None:
+    def exponent(self, items: bytes) -> int | None:
         """Find the power of ten that its scale register holds; 0 without one, None if it holds none."""
         if self.scale_at is None:
             return 0

@@ -12,7 +12,8 @@ from gateway.request import Origin, Request
 class AuditedOrigin:
     """The origin of a write: logs the result, then passes the response to the client's origin.
 
-    `clock` is the clock of `received_at`; `device` is for the log, if the unit of the request is not that of clients.
+    `clock` is the clock of `received_at`; `device` is for the log, if the unit of the request is not that of clients. A
+    write through a virtual unit is told with the device that it went to.
     """
 
     __slots__ = ("_clock", "_device", "_emit", "_is_broadcast", "_listener", "caller", "origin")
@@ -56,7 +57,7 @@ class AuditedOrigin:
                 elapsed_ms=round((self._clock() - request.received_at) * 1000, 1),
                 subject=self.caller.subject,
                 role=self.caller.role,
-                device=self._device,
+                device=self._device or request.device,
             )
         )
         self.origin.answer(request, pdu)

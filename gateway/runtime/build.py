@@ -1,7 +1,7 @@
 """Builds the parts of a gateway from a plan; nothing else does."""
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -16,6 +16,9 @@ from gateway.images.mirror import Mirror
 from gateway.images.persistent import PersistentImage
 from gateway.images.polls import MirrorSettings
 from gateway.images.self_image import SelfImage
+from gateway.images.virtual.row import Source
+from gateway.images.virtual.settings import VirtualSettings
+from gateway.images.virtual.unit import VirtualUnit
 from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.tls import TlsListener
@@ -63,7 +66,7 @@ class Builder:
         Raises:
             StateError: it cannot be read.
         """
-        if any(image.persist != "never" for image in plan.images):
+        if any(image.persist != "never" for image in (*plan.images, *(each.own for each in plan.virtual))):
             self.opened_store()
 
     def build(self, plan: Plan, before: Gateway | None = None) -> Gateway:
@@ -78,14 +81,17 @@ class Builder:
         behind = (*on_lines, *(upstream.devices for upstream in upstreams))
         devices = {device.name: device for units in behind for device in units.values()}
         parts.hand_on_holes(devices.values())
+        images = tuple(map(parts.image, plan.images))
+        sources: dict[str, Device | Image] = {**{image.settings.name: image for image in images}, **devices}
         gateway = Gateway(
             plan=plan,
             listeners=tuple(map(parts.listener, plan.listeners)),
             lines=lines,
             servers=tuple(map(parts.server, plan.servers)),
             upstreams=upstreams,
-            images=tuple(map(parts.image, plan.images)),
+            images=images,
             mirrors=tuple(parts.mirror(one, devices[one.of]) for one in plan.mirrors),
+            virtual=tuple(parts.virtual(one, {name: sources[name] for name in one.devices}) for one in plan.virtual),
             devices=on_lines,
         )
         return with_routes(gateway, self.ring)
@@ -106,8 +112,9 @@ class _Parts:
         self._servers = {one.name: one for one in before.servers}
         self._upstreams = {one.name: one for one in before.upstreams}
         self._listeners = {one.settings.name: one for one in before.listeners}
-        self._images = {one.settings.name: one for one in before.images}
+        self._images = {one.settings.name: one for one in before.tables}
         self._mirrors = {one.name: one for one in before.mirrors}
+        self._virtual = {one.name: one for one in before.virtual}
         behind = (*before.devices, *(one.devices for one in before.upstreams))
         self._devices = {device.name: device for units in behind for device in units.values()}
 
@@ -171,6 +178,19 @@ class _Parts:
             return Mirror(settings, polls.polls, device, driver, by.emit, by.ring)
 
         return UnitDriver(made, {settings.of: polls}, by.loop, by.emit)
+
+    def virtual(self, settings: VirtualSettings, devices: Mapping[str, Device | Image]) -> UnitDriver[VirtualUnit]:
+        """Build a virtual unit, also if only one of its sources was rebuilt."""
+        old, by, own = self._virtual.get(settings.name), self._by, self.image(settings.own)
+        polls = {name: polls_of(device, by.pollers) for name, device in devices.items()}
+        if old is not None and old.unit.settings == settings and old.pollers == polls:
+            return old
+        sources = {name: Source(polls[name].polls, device, device.settings.profile) for name, device in devices.items()}
+
+        def made(driver: UnitDriver[VirtualUnit]) -> VirtualUnit:
+            return VirtualUnit(settings, sources, own, driver, by.emit, by.ring)
+
+        return UnitDriver(made, polls, by.loop, by.emit)
 
 
 def _listener(

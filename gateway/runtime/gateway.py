@@ -10,6 +10,7 @@ from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
 from gateway.images.persistent import PersistentImage
+from gateway.images.virtual.unit import VirtualUnit
 from gateway.lines.driver import LineDriver
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.tcp import TcpListener
@@ -61,6 +62,7 @@ class Gateway:
     upstreams: tuple[GatewayUpstream, ...] = ()
     images: tuple[Image, ...] = ()
     mirrors: tuple[UnitDriver[Mirror], ...] = ()
+    virtual: tuple[UnitDriver[VirtualUnit], ...] = ()
     devices: tuple[dict[int, Device], ...] = ()
     everywhere: Reach = NOWHERE
     routings: tuple[tuple[Router, Reach], ...] = ()
@@ -76,9 +78,14 @@ class Gateway:
         return (*self.lines, *self.upstreams)
 
     @property
-    def polling_units(self) -> tuple[UnitDriver[Mirror], ...]:
+    def polling_units(self) -> tuple[UnitDriver[Mirror] | UnitDriver[VirtualUnit], ...]:
         """The units whose reads are answered from polls."""
-        return self.mirrors
+        return (*self.mirrors, *self.virtual)
+
+    @property
+    def tables(self) -> tuple[Image, ...]:
+        """The images, and the own registers of virtual units."""
+        return (*self.images, *(driver.unit.own for driver in self.virtual))
 
     @property
     def longest_waits(self) -> Mapping[str, float]:
@@ -87,7 +94,7 @@ class Gateway:
 
     def load_images(self) -> None:
         """Let new persistent images load the values saved under their names."""
-        for image in self.images:
+        for image in self.tables:
             if isinstance(image, PersistentImage):
                 image.start()
 
@@ -105,3 +112,6 @@ class Gateway:
             image.settings = image_settings
         for driver, mirror_settings in zip(self.mirrors, self.plan.mirrors, strict=True):
             driver.unit.settings = mirror_settings
+        for virtual, virtual_settings in zip(self.virtual, self.plan.virtual, strict=True):
+            virtual.unit.settings = virtual_settings
+            virtual.unit.own.settings = virtual_settings.own

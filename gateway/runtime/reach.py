@@ -13,6 +13,7 @@ from gateway.devices.device import Device
 from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
+from gateway.images.virtual.unit import VirtualUnit
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 from gateway.request import NamedTarget
@@ -38,7 +39,7 @@ def with_routes(gateway: Gateway, ring: Ring) -> Gateway:
     """Add to a gateway what clients reach. Broadcasts are recorded in `ring`."""
     plans, targets = gateway.plan.lines, _targets(gateway)
     on_lines = [Recipient(line.every_device, one.broadcasts) for line, one in zip(gateway.lines, plans, strict=True)]
-    everyone = _everything(targets, [*on_lines, *map(_recipient, gateway.images)])
+    everyone = _everything(targets, [*on_lines, *map(_recipient, gateway.tables)])
     alone = {
         one.line.name: _one_line(units.values(), recipient, targets)
         for one, units, recipient in zip(plans, gateway.devices, on_lines, strict=True)
@@ -89,9 +90,16 @@ def _routes_of_listener(settings: ListenSettings, reach: _Reach, ring: Ring) -> 
 def _routes_of_server(plan: ServerPlan, reach: _Reach, ring: Ring) -> Mapping[int, NamedTarget]:
     """Choose the units that a server line serves, and as unit 0 the recipients of its broadcasts."""
     served = {unit: reach.routes[unit] for unit in plan.line.serves}
-    images = [_recipient(target) for target in served.values() if isinstance(target, Image)]
+    images = [_recipient(image) for target in served.values() if (image := _image_of(target)) is not None]
     recipients = {"images": images, "all": reach.recipients, "none": []}[plan.broadcast_to]
     return {**served, BROADCAST_UNIT: Broadcast(recipients, ring)}
+
+
+def _image_of(target: NamedTarget) -> Image | None:
+    """Find the image that a target is, or that has the own registers of a virtual unit."""
+    if isinstance(target, UnitDriver) and isinstance(target.unit, VirtualUnit):
+        return target.unit.own
+    return target if isinstance(target, Image) else None
 
 
 def _recipient(image: Image) -> Recipient:

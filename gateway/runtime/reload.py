@@ -222,7 +222,7 @@ def _tables(plan: Plan) -> Mapping[str, object]:
         **{f"line {server.line.name}": server for server in plan.servers},
         **{f"upstream {one.upstream.name}": one for one in plan.upstreams},
         **{f"image {one.name}": one for one in plan.images},
-        **{f"image {mirror.name}": mirror for mirror in plan.mirrors},
+        **{f"image {one.name}": one for one in (*plan.mirrors, *plan.virtual)},
         "access": plan.access,
         "trace": plan.ring,
         **{key: part for key, part in plan.add_ons.items() if not part.needs_restart},

@@ -224,7 +224,12 @@ class Running:
 
 
 def _close_units(old: Gateway, new: Gateway) -> None:
-    """Close the mirrors and virtual units that are gone."""
+    """Close the mirrors and virtual units that are gone. What virtual units had that are new goes to these."""
+    before = {each.name: each for each in old.virtual}
+    for one in new.virtual:
+        same = before.get(one.name)
+        if same is not None and same is not one:
+            one.unit.take_over(same.unit)
     for each in old.polling_units:
         if each not in new.polling_units:
             each.close()

@@ -12,6 +12,7 @@ from gateway.config.values.unitset import show_units
 from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings
+from gateway.images.virtual.settings import VirtualSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import ServerSettings
 from gateway.listeners.settings import ListenSettings
@@ -265,6 +266,7 @@ class Plan:
     upstreams: tuple[UpstreamPlan, ...] = ()
     images: tuple[ImageSettings, ...] = ()
     mirrors: tuple[MirrorSettings, ...] = ()
+    virtual: tuple[VirtualSettings, ...] = ()
     access: tuple[AccessRow, ...] = DEFAULT_ROWS
     log: LogSettings = LogSettings()
     #: What the coils and registers of a unit mean. Units without points are not here.

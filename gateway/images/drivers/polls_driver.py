@@ -70,7 +70,7 @@ class Pollers:
     def __init__(self, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         self._loop = loop
         self._emit = emit
-        #: By the identity of the target.
+        #: By the identity of the target, or of what answers at once.
         self._drivers: WeakValueDictionary[int, PollsDriver] = WeakValueDictionary()
         #: By the name of the line; what has none has turns of its own.
         self._turns: dict[str, PollTurns] = {}

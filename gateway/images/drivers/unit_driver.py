@@ -56,12 +56,14 @@ class UnitDriver(Generic[Unit]):
         if not self._run(self.unit.submit, request, now):
             self._run(self.unit.abandon, request)
 
-    def passed(self, request: Request, polls: DevicePolls, sent: Request, response: bytes | None) -> None:
-        """Take the response to `sent`, which was passed on to a device for `request`."""
+    def passed(self, request: Request, polls: DevicePolls | None, sent: Request, response: bytes | None) -> None:
+        """Take the response to `sent`, which was passed on to a source, or within the unit, for `request`."""
         now = self._time()
-        self._run(self.unit.wrote, request, polls, sent, response, now)
+        if polls is not None:
+            self._run(self.unit.wrote, request, polls, sent, response, now)
         self._run(self.unit.passed, request, response, now)
-        self._drivers[polls].changed()
+        if polls is not None:
+            self._drivers[polls].changed()
 
     def _parts(self) -> dict[DevicePolls, list[Part]]:
         found: dict[DevicePolls, list[Part]] = {}

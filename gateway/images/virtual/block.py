@@ -1,0 +1,112 @@
+"""The block of registers of a virtual unit: its rows write there when they are polled, all else is put in when read."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from gateway.images.image import Image
+from gateway.images.polled_range import Reader
+from gateway.images.tables import make_tables
+from gateway.images.virtual.layout import Layout, Own, Touched
+from gateway.images.virtual.row import Freshness, Row, Source
+from gateway.images.virtual.settings import FreshBits, SourceAge, VirtualSettings
+from gateway.modbus.pdu import Span
+from gateway.registers.items import REGISTER, has_bits, pack_bits, unpack_bits
+
+#: The age of a source that has not answered yet, in its register; greater ages are one less.
+NO_ANSWER: Final = 0xFFFF
+
+
+class Block:
+    """The values of `rows`, which `reader` polls of `sources`, and the registers of the image `own`.
+
+    `changes` grows whenever values that were fresh may not be so any more, but for their age.
+    """
+
+    def __init__(self, settings: VirtualSettings, sources: Mapping[str, Source], own: Image, reader: Reader) -> None:
+        self.own = own
+        self.stale = settings.stale
+        self.changes = 0
+        self.rows = tuple(Row(each, sources[each.device], reader, self) for each in settings.values)
+        self._tables = make_tables(settings.areas, {})
+        self._layout = Layout(settings, self.rows)
+        self._by_device = {
+            name: Freshness(tuple(row for row in self.rows if row.mapped.device == name)) for name in sources
+        }
+
+    def has(self, span: Span) -> bool:
+        """Tell whether all addresses of `span` exist."""
+        return self._tables[span.area].has(span)
+
+    def touched(self, span: Span, head: bytes = b"") -> Touched:
+        """Find what a read of `span` touches, whose response begins with `head`."""
+        return Touched(span, head, self._layout.touched(span))
+
+    def take(self, row: Row, items: bytes) -> None:
+        """Take what was read for a row."""
+        found = row.take(items)
+        if found is not None:
+            self._tables[row.place.area].write(row.place, pack_bits(found) if has_bits(row.place.area) else found)
+
+    def take_over(self, old: "Block") -> None:
+        """Have the values and ages of rows that the block which this one replaces has too, from the same polls."""
+        before = {row.place: row for row in old.rows}
+        for row in self.rows:
+            same = before.get(row.place)
+            if same is not None and same.mapped == row.mapped and same.source.polls is row.source.polls:
+                row.take_over(same)
+                table = self._tables[row.place.area]
+                table.write(row.place, old.values(Touched(row.place, b"", (row,)), 0.0))
+        self.changes += 1
+
+    def are_fresh(self, read: Touched, now: float) -> bool:
+        """Tell whether all rows that a read touches are fresh."""
+        return read.freshness.lasts(now, self.stale, self.changes)
+
+    def is_device_fresh(self, device: str, now: float) -> bool:
+        """Tell whether all rows of a source are fresh, or will be when the poll after a write is answered."""
+        stale, rows = self.stale, self._by_device.get(device)
+        if rows is None:
+            return False
+        return rows.lasts(now, stale, self.changes) or all(row.is_expected(now, stale) for row in rows.rows)
+
+    def age_of(self, device: str, now: float) -> float | None:
+        """Return the seconds since the last answer of a source; None if there was none."""
+        rows = self._by_device[device].rows if device in self._by_device else ()
+        answers = [row.sampled_at for row in rows if row.sampled_at is not None]
+        return now - max(answers) if answers else None
+
+    def values(self, read: Touched, now: float, fills: Sequence[tuple[Span, bytes]] = ()) -> bytes:
+        """Return what a read gets, encoded as in a response: the values of rows, with some `fills`, and all else.
+
+        Whether they are known and fresh is up to the caller.
+        """
+        span = read.span
+        data = self._tables[span.area].read(span)
+        if not read.others and not fills:
+            return data
+        are_bits, size = has_bits(span.area), 1 if has_bits(span.area) else REGISTER
+        items = bytearray(unpack_bits(data, span.count) if are_bits else data)
+        for place, own in (*fills, *((each.place, self._computed(each, now)) for each in read.others)):
+            start, end = max(place.start, span.start), min(place.end, span.end)
+            part = own[size * (start - place.start) : size * (end - place.start)]
+            items[size * (start - span.start) : size * (end - span.start)] = part
+        return pack_bits(bytes(items)) if are_bits else bytes(items)
+
+    def _computed(self, piece: FreshBits | SourceAge | Own, now: float) -> bytes:
+        """Make the items at what is no row."""
+        place = piece.place
+        if isinstance(piece, Own):
+            data = self.own.tables[place.area].read(place)
+            return unpack_bits(data, place.count) if has_bits(place.area) else data
+        if isinstance(piece, SourceAge):
+            age = self.age_of(piece.device, now)
+            return (NO_ANSWER if age is None else min(int(age), NO_ANSWER - 1)).to_bytes(REGISTER, "big")
+        bits = bytes(self.is_device_fresh(each, now) for each in piece.devices)
+        if has_bits(place.area):
+            return bits
+        return _registers(int.from_bytes(pack_bits(bits), "little"), place.count)
+
+
+def _registers(number: int, count: int) -> bytes:
+    """Spread a number over registers, the lowest bits in the first."""
+    return b"".join((number >> 16 * at & 0xFFFF).to_bytes(REGISTER, "big") for at in range(count))

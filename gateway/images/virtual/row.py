@@ -1,0 +1,151 @@
+"""A row of a virtual unit: a part of what is polled, and its values as clients read them."""
+
+from collections.abc import Callable
+from math import inf
+from typing import Literal, NamedTuple, Protocol
+
+from gateway.images.polled_range import Part, Reader
+from gateway.images.polling import DevicePolls
+from gateway.images.virtual.settings import MappedValue
+from gateway.profiles.conversion import Conversion, arranged
+from gateway.profiles.profile import Profile
+from gateway.registers.items import REGISTER, has_bits
+from gateway.request import Target
+
+#: What the values of a row are. Those that are not fresh are not sent, unless the row says otherwise.
+State = Literal["fresh", "stale", "unknown", "invalid"]
+#: The registers that change places with one another in a range with a `swap`.
+_PAIR = 2 * REGISTER
+
+
+class Source(NamedTuple):
+    """A device, or a local image, with its polls and its profile."""
+
+    polls: DevicePolls
+    target: Target
+    profile: Profile
+
+
+class Changing(Protocol):
+    """What a row tells of its changes: see Block."""
+
+    changes: int
+
+
+class Row(Part):
+    """What a row maps, and its source. `items` are those that were read last, as the device sent them.
+
+    `is_valid`: they have a value that fits the row. It `holds` a value if they ever had one.
+    """
+
+    __slots__ = ("_block", "_convert", "_size", "back", "holds", "is_valid", "items", "mapped", "place", "source")
+
+    def __init__(self, mapped: MappedValue, source: Source, reader: Reader, block: Changing) -> None:
+        super().__init__(mapped.poll, reader)
+        self._block = block
+        self.mapped = mapped
+        self.place = mapped.place
+        self.source = source
+        self.items: bytes | None = None
+        self.is_valid = False
+        self.holds = False
+        self._size = mapped.place.count * (1 if has_bits(mapped.place.area) else REGISTER)
+        self._convert = _conversion(mapped)
+        point = mapped.point
+        #: From what a client writes to what the device gets.
+        self.back: Conversion | None = None
+        if point is not None:
+            self.back = Conversion(point, None) if mapped.target is None else Conversion(mapped.target, point)
+
+    def take(self, items: bytes) -> bytes | None:
+        """Take what was read. Return the items of its place if they are others than before."""
+        if items == self.items:
+            return None
+        self.items = items
+        found = self._convert(items)
+        if found is not None and len(found) != self._size:
+            found = None
+        is_valid = found is not None
+        self._block.changes += is_valid is not self.is_valid
+        self.is_valid = is_valid
+        self.holds |= is_valid
+        return found
+
+    def changed(self, writes: int) -> None:
+        """See Part."""
+        super().changed(writes)
+        self._block.changes += 1
+
+    def take_over(self, old: "Row") -> None:
+        """Have the values and the age of an equal row of the unit that this one replaces."""
+        self.go_on_from(old)
+        self.items, self.is_valid, self.holds = old.items, old.is_valid, old.holds
+
+    def since(self, now: float, stale: float) -> float | None:
+        """Return when its values were asked for, if they are fresh."""
+        at = self.sampled_at
+        fresh = at is not None and self.is_valid and self._sampled_after >= self._changed_by and now - at <= stale
+        return at if fresh else None
+
+    def is_expected(self, now: float, stale: float) -> bool:
+        """Tell whether its values are fresh, or will be when the poll after a write is answered."""
+        at = self.sampled_at
+        if at is None or not self.is_valid or now - at > stale:
+            return False
+        return self.is_awaited or self._sampled_after >= self._changed_by
+
+    def is_missing(self, now: float, stale: float, writes: int) -> bool:
+        """Tell whether there is nothing to wait for, and no fresh value that includes so many writes."""
+        return self.is_lost(now, stale, writes) or (self.is_known(writes) and not self.is_valid)
+
+    def state(self, now: float, stale: float) -> State:
+        """Say what its values are."""
+        age = self.age(now)
+        if age is None:
+            return "unknown"
+        if age > stale:
+            return "stale"
+        return "fresh" if self.is_valid else "invalid"
+
+    def trouble(self, now: float, stale: float) -> str:
+        """Say why there is no fresh value: `meter-7 (holding 0-1) has not answered for too long`."""
+        span = self.poll.span
+        where = f"{self.mapped.device} ({span.area} {span.addresses})"
+        if self.state(now, stale) != "invalid" or self.items is None:
+            return f"{where} has not answered for too long"
+        point = self.mapped.point
+        has_value = point is None or Conversion(point, None).has_value(self.items)
+        return f"the value of {where} does not fit its row" if has_value else f"{where} has no valid value"
+
+
+class Freshness:
+    """Whether all of some rows are fresh: most of the time one comparison tells."""
+
+    __slots__ = ("_changes", "_oldest", "rows")
+
+    def __init__(self, rows: tuple[Row, ...]) -> None:
+        self.rows = rows
+        #: When the oldest of their values was asked for, after so many changes.
+        self._oldest = -inf
+        self._changes = -1
+
+    def lasts(self, now: float, stale: float, changes: int) -> bool:
+        """Tell whether all are fresh; `changes` are those of their reader."""
+        if changes == self._changes and now - self._oldest <= stale:
+            return True
+        oldest = inf
+        for row in self.rows:
+            since = row.since(now, stale)
+            if since is None:
+                return False
+            oldest = min(oldest, since)
+        self._oldest, self._changes = oldest, changes
+        return True
+
+
+def _conversion(mapped: MappedValue) -> Callable[[bytes], bytes | None]:
+    if mapped.point is not None:
+        return Conversion(mapped.point, mapped.target)
+    poll = mapped.poll
+    size = poll.span.count * (1 if has_bits(poll.area) else poll.width)
+    return bytes if has_bits(poll.area) else arranged(mapped.swap, size, _PAIR)
