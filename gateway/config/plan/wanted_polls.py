@@ -18,9 +18,9 @@ class WantedPoll(NamedTuple):
 
 
 def wanted_polls(plan: Plan) -> Mapping[str, tuple[WantedPoll, ...]]:
-    """Find all that mirrors and MQTT want to have polled, by the names of the devices, images and mirrors."""
+    """Find all that mirrors, virtual units and MQTT want to have polled, by the names of the devices and units."""
     found: dict[str, list[WantedPoll]] = {}
-    for wanted in (*_of_mirrors(plan), *_of_mqtt(plan)):
+    for wanted in (*_of_mirrors(plan), *_of_virtual_units(plan), *_of_mqtt(plan)):
         found.setdefault(wanted.of, []).append(wanted)
     return {name: tuple(each) for name, each in found.items()}
 
@@ -29,6 +29,12 @@ def _of_mirrors(plan: Plan) -> Iterator[WantedPoll]:
     for mirror in plan.mirrors:
         for poll in mirror.wanted:
             yield WantedPoll(mirror.label, mirror.of, poll, is_point=False)
+
+
+def _of_virtual_units(plan: Plan) -> Iterator[WantedPoll]:
+    for unit in plan.virtual:
+        for value in unit.values:
+            yield WantedPoll(unit.label, value.device, value.poll, is_point=value.point is not None)
 
 
 def _of_mqtt(plan: Plan) -> Iterator[WantedPoll]:

@@ -154,6 +154,8 @@ class VirtualUnit(OrderedUnit):
         Raises:
             StaleValue: a value is not fresh, and there is nothing else to send for it.
         """
+        if self._is_closed:
+            raise StaleValue(f"{self.name} is no longer polled")
         stale, waits, fills = self.settings.stale, False, []
         for each in read.rows:
             polls = each.source.polls
@@ -168,8 +170,6 @@ class VirtualUnit(OrderedUnit):
                 waits = True
         if not waits:
             return read.head + self.block.values(read, now, fills)
-        if self._is_closed:
-            raise StaleValue(f"{self.name} is no longer polled")
         return None
 
     def _write(self, request: Request, row: ClientRequests, now: float) -> None:
