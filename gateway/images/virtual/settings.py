@@ -70,6 +70,11 @@ class VirtualSettings:
     source: str = field(default="", compare=False)
 
     @property
+    def label(self) -> str:
+        """What logs and the trace call it: the client of its polls."""
+        return f"virtual unit {self.name}"
+
+    @property
     def devices(self) -> tuple[str, ...]:
         """The names of its sources, each once, in the order of the config."""
         return tuple(dict.fromkeys(each.device for each in self.values))

@@ -56,7 +56,7 @@ class VirtualUnit(OrderedUnit):
     @property
     def label(self) -> str:
         """What logs and the trace call it."""
-        return f"virtual unit {self.name}"
+        return self.settings.label
 
     @property
     def place(self) -> str:
