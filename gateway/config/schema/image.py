@@ -1,10 +1,10 @@
-"""The keys of `[[image]]`: register images and mirrors."""
+"""The keys of `[[image]]`: register images, mirrors and virtual units."""
 
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from gateway.config.schema.profile import Limit
+from gateway.config.schema.mapped import Mapped
 from gateway.config.schema.table import Table
 from gateway.config.values.key_types import (
     Item,
@@ -12,13 +12,9 @@ from gateway.config.values.key_types import (
     LongerDuration,
     Name,
     OwnUnit,
-    PointAddresses,
     Ranges,
+    WhenStale,
 )
-from gateway.registers.datatypes import DataType, Swap
-
-#: What a read gets of a stale value.
-WhenStale = Literal["exception", "hold"] | Annotated[int, Field(ge=0, le=65535)]
 
 
 class Polled(Table):
@@ -29,36 +25,6 @@ class Polled(Table):
     coils: Ranges | None = Field(None, description="Coils to read.")
     discrete: Ranges | None = Field(None, description="Discrete inputs to read.")
     every: LongerDuration = Field(description="Time from one poll to the next.")
-
-
-class Mapped(Table):
-    """A row of a virtual unit: a value or a range of a device, the freshness of devices, or the age of one."""
-
-    at: Annotated[int, Field(ge=0, le=65535)] | str = Field(
-        description="First address in this unit; with a profile also the name of one of its points."
-    )
-    area: Literal["holding", "input", "coils", "discrete"] = Field("holding", description="Area in this unit.")
-    device: str | None = Field(None, description="Name of the device, or of a local image.")
-    point: str | None = Field(
-        None, description="Name of a point of the device; `*` for all of its points, one behind the other."
-    )
-    holding: PointAddresses | None = Field(None, description="Holding registers of the device, as they are.")
-    input: PointAddresses | None = Field(None, description="Input registers of the device, as they are.")
-    coils: PointAddresses | None = Field(None, description="Coils of the device.")
-    discrete: PointAddresses | None = Field(None, description="Discrete inputs of the device.")
-    every: LongerDuration | None = Field(None, description="Time from one read of it to the next.")
-    type: DataType | None = Field(
-        None, description="Type in which the value of a point is written here. Default: its registers as they are."
-    )
-    swap: Swap | None = Field(None, description="Order of words and bytes here; of a range, in each pair of registers.")
-    scale: Limit | None = Field(None, description="The register here is (value - offset) / scale, rounded.")
-    offset: Limit | None = Field(None, description="See `scale`.")
-    write: bool = Field(False, description="Writes to it go to the device.")
-    when_stale: WhenStale | None = Field(None, description="As for the whole unit, for this row.")
-    fresh: Annotated[tuple[str, ...], ListOf] = Field(
-        (), description="One bit for each of these devices, the lowest first: 1 while all of its rows are fresh."
-    )
-    age: str | None = Field(None, description="Seconds since the last answer of this device; 65535: none yet.")
 
 
 class InitialValues(Table):
@@ -78,7 +44,11 @@ class Initial(Table):
 
 
 class Image(Table):
-    """A unit that the gateway answers itself: a register image, or with `of` a mirror of a device."""
+    """A unit that the gateway answers itself: a register image; with `of` a mirror of a device; with `map` a virtual unit.
+
+    A virtual unit gathers registers of many devices. `holding`, `input`, `coils` and `discrete` are registers of its
+    own, beside those; addresses that are neither are answered with exception 02.
+    """
 
     unit: OwnUnit = Field(
         description="Its unit ID for clients, 1-247; or 255, which many Modbus TCP clients use for the server itself."
@@ -102,15 +72,16 @@ class Image(Table):
     )
     read: Annotated[tuple[Polled, ...], ListOf] = Field((), description="Mirrors: what to poll, and how often.")
     map: Annotated[tuple[Mapped, ...], ListOf] = Field(
-        (), description="Makes it a virtual unit: where its registers come from."
+        (), description="Makes it a virtual unit: rows that say where its registers come from."
     )
     stale: LongerDuration = Field(
         2.0, description="Mirrors and virtual units: older values are answered with exception 0B."
     )
     when_stale: WhenStale = Field(
         "exception",
-        description="Virtual units: what a read gets of stale values: `exception` 0B, `hold` (the last value), or a "
-        "number in each register or coil.",
+        description="Virtual units: what a read gets of stale values: `exception` (0B), `hold` (the last value; 0B as "
+        "long as there was none), or a number in each register or coil. All but `exception` needs a `fresh` bit for "
+        "each device.",
     )
 
     @property

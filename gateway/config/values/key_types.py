@@ -29,6 +29,7 @@ from gateway.config.values.files import check_path, in_folder, parse_file, parse
 from gateway.config.values.fleet import parse_servers
 from gateway.config.values.kind import NUMBER, TRUTH, WORD, Kind, any_of, list_of, map_to, one_of, text
 from gateway.config.values.limits import parse_item, parse_limits
+from gateway.config.values.map_keys import parse_map_place, parse_when_stale
 from gateway.config.values.names import parse_name, parse_role
 from gateway.config.values.networks import parse_networks, parse_networks_or_sites
 from gateway.config.values.point_keys import (
@@ -51,6 +52,7 @@ from gateway.config.values.unitset import (
     parse_units_or_all,
     parse_units_or_none,
 )
+from gateway.images.virtual import settings as virtual
 from gateway.modbus.codes import Area
 from gateway.profiles.identity import Identity
 from gateway.profiles.point import Writing
@@ -171,6 +173,14 @@ PointWriting = Annotated[
         any_of(TRUTH, one_of("only")),
         {"no": "false", "yes": "true", "only": '"only"'}.__getitem__,
     ),
+]
+MapPlace = Annotated[
+    int | str, PlainValidator(parse_map_place), Kind("address, or name of a point", any_of(NUMBER, WORD))
+]
+WhenStale = Annotated[
+    virtual.WhenStale,
+    PlainValidator(parse_when_stale),
+    Kind('`"exception"`, `"hold"` or a number', any_of(one_of("exception", "hold"), NUMBER), '"{}"'.format),
 ]
 Networks = Annotated[tuple[IPv4Network | IPv6Network, ...], PlainValidator(parse_networks), _NETWORKS]
 NetworksOrSites = Annotated[
