@@ -1,6 +1,6 @@
 """Checks the tables of a config against each other: what no single key can tell."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
 from gateway.config.add_ons import ADD_ONS
@@ -10,6 +10,7 @@ from gateway.config.checks.images import check_images
 from gateway.config.checks.line_load import check_load
 from gateway.config.checks.lines import check_lines
 from gateway.config.checks.listeners import check_binds, check_ipv6, check_shared_ports
+from gateway.config.checks.maps import check_planned_maps
 from gateway.config.checks.own_listeners import check_own_listeners
 from gateway.config.checks.points import check_points
 from gateway.config.checks.profiles import check_profiles, check_profiles_of_devices
@@ -25,8 +26,9 @@ from gateway.config.checks.units import (
     check_references,
 )
 from gateway.config.checks.upstreams import check_upstreams
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import Path, Problem, error, warning
-from gateway.config.resolve import resolve
+from gateway.config.resolve import complete, without_rows
 from gateway.config.schema.config import Config
 from gateway.config.values.address import Address
 
@@ -54,8 +56,8 @@ def check(
     looked_at = (*_look_at_ports(config, port_trouble), *_look_at_addresses(config, address_trouble))
     found = [*_check_tables(config, failed, real_path), *looked_at]
     yield from found
-    if not failed and all(problem.severity == "warning" for problem in found):
-        yield from _check_plan(config)
+    if not failed and not _errors(found):
+        yield from _check_settings(config)
 
 
 def _check_tables(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:
@@ -86,13 +88,24 @@ def _check_tables(config: Config, failed: frozenset[str], real_path: Callable[[s
     yield from check_upstreams(config, failed)
 
 
-def _check_plan(config: Config) -> Iterator[Problem]:
+def _check_settings(config: Config) -> Iterator[Problem]:
     """Find what only the settings of the parts tell. The config has passed all other checks."""
-    plan = resolve(config)
+    plan, maps = without_rows(config)
+    found = [*check_planned_maps(maps)]
+    yield from found
+    if not _errors(found):
+        yield from _check_plan(config, complete(plan, maps, config))
+
+
+def _check_plan(config: Config, plan: Plan) -> Iterator[Problem]:
     yield from check_retries(config, plan)
     yield from check_load(config, plan)
     for add_on in ADD_ONS:
         yield from add_on.check_plan(config, plan)
+
+
+def _errors(found: Iterable[Problem]) -> bool:
+    return any(problem.severity == "error" for problem in found)
 
 
 def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 from gateway.config.add_ons import ADD_ONS
 from gateway.config.plan.access import access_row
-from gateway.config.plan.images import image_settings, mirror_settings
+from gateway.config.plan.images import image_settings, kind_of, mirror_settings
 from gateway.config.plan.lines import line_plan, server_plan, upstream_plan
 from gateway.config.plan.listeners import listen_settings
 from gateway.config.plan.profiles import profile_of
 from gateway.config.plan.reach import client_lines
 from gateway.config.plan.settings import DEFAULT_LISTENER, LinePlan, LogSettings, Plan, UpstreamPlan
-from gateway.config.plan.unit_points import own_points, points_of_units
+from gateway.config.plan.unit_points import own_points, points_of_devices, points_of_profiles, points_of_units
+from gateway.config.plan.virtual import Maps, map_target
 from gateway.config.schema.config import Config
 from gateway.images.self_image import self_settings
 from gateway.routing.access import DEFAULT_ROWS
@@ -18,24 +19,33 @@ from gateway.routing.access import DEFAULT_ROWS
 
 def resolve(config: Config) -> Plan:
     """Turn a config that has passed its checks into the settings that it asks for."""
-    plan = _without_add_ons(config)
+    return complete(*without_rows(config), config)
+
+
+def complete(plan: Plan, maps: Maps, config: Config) -> Plan:
+    """Add virtual units and add-ons to a plan, after the rows of virtual units have passed their checks, too."""
+    plan = maps.added_to(plan)
     for add_on in ADD_ONS:
         plan = add_on.add(plan, config)
     return plan
 
 
-def _without_add_ons(config: Config) -> Plan:
+def without_rows(config: Config) -> tuple[Plan, Maps]:
+    """Plan all that the rows of virtual units need, and nothing that needs them."""
     profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
     lines = tuple(line_plan(line, profiles, config) for line in client_lines(config))
     upstreams = tuple(upstream_plan(upstream, profiles, config) for upstream in config.upstream)
     owners: tuple[LinePlan | UpstreamPlan, ...] = (*lines, *upstreams)
     devices = {device.name: device for owner in owners for device in owner.devices}
-    images = tuple(image_settings(image, profiles) for image in config.image if image.of is None)
+    images = tuple(image_settings(image, profiles) for image in config.image if kind_of(image) == "image")
     own = () if config.own is None else (self_settings(config.own.unit, config.own.place),)
     mirrors = tuple(mirror_settings(image, devices[image.of]) for image in config.image if image.of is not None)
     behind = {device.known_as: device.profile for line in lines for device in line.shared}
     behind |= {device.known_as: device.profile for upstream in upstreams for device in upstream.devices}
     behind |= {each.unit: each.profile for each in (*images, *own, *mirrors)}
+    behind |= {image.unit: profiles[image.profile] for image in config.image if kind_of(image) == "virtual unit"}
+    of_profile = points_of_profiles(config)
+    of_devices = tuple(points_of_devices(config, of_profile))
     plan = Plan(
         site=config.site,
         listeners=tuple(listen_settings(listen, config.listen) for listen in config.listen) or (DEFAULT_LISTENER,),
@@ -46,10 +56,11 @@ def _without_add_ons(config: Config) -> Plan:
         mirrors=mirrors,
         access=tuple(map(access_row, config.access)) or DEFAULT_ROWS,
         log=LogSettings(config.log.level, config.log.format),
-        points={unit: points for unit, points in points_of_units(config, images, mirrors) if points},
+        points={unit: points for unit, points in points_of_units(of_devices, images, mirrors, of_profile) if points},
         control=None if config.control is None else config.control.socket,
         ring=config.trace.ring,
     )
     if config.own is not None:
         plan = replace(plan, points={**plan.points, config.own.unit: own_points(plan)})
-    return plan
+    targets = (map_target(image, profiles, of_profile) for image in config.image if kind_of(image) == "virtual unit")
+    return plan, Maps(plan, of_devices, tuple(targets))

@@ -1,13 +1,13 @@
 """The devices of a line or upstream, as `check` shows them: their units, longest waits and time limits."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align, without_middles
 from gateway.cli.show.limits import limits_as_json, limits_table, milliseconds, round_up
 from gateway.config.plan.forecast import FunctionLimits, function_limits, owed_after_waking
-from gateway.config.plan.settings import LinePlan, OwnerPlan
+from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan
 from gateway.config.values.duration import show_duration
 from gateway.config.values.unitset import show_unit, show_units
 from gateway.devices.device import DeviceSettings
@@ -51,13 +51,43 @@ def _shown(
     return ShownDevice(units, wire_units, device, limits, waits[device.name])
 
 
-def devices_table(devices: Iterable[ShownDevice], place: str) -> str:
-    """Show devices as a table; `place` is the heading of their units on the wire, or behind the server."""
+def devices_table(devices: Iterable[ShownDevice], place: str, writers: Mapping[str, Sequence[str]]) -> str:
+    """Show devices as a table; `place` is the heading of their units on the wire, or behind the server.
+
+    `writers` are the other units through which a device can be written, by its name.
+    """
     rows = [
-        (one.units, one.wire_units, one.device_name, one.device.profile.name, round_up(one.longest_wait))
+        (
+            one.units,
+            one.wire_units,
+            one.device_name,
+            one.device.profile.name,
+            round_up(one.longest_wait),
+            ", ".join(writers.get(one.device_name, ())),
+        )
         for one in devices
     ]
-    return align([("UNIT", place, "DEVICE", "PROFILE", "LONGEST WAIT"), *without_middles(rows, (0, 1, 2))], "  ")
+    headings = ("UNIT", place, "DEVICE", "PROFILE", "LONGEST WAIT", "WRITTEN THROUGH, TOO")
+    shown = len(headings) if any(row[-1] for row in rows) else len(headings) - 1
+    return align([headings[:shown], *without_middles([row[:shown] for row in rows], (0, 1, 2))], "  ")
+
+
+def units_that_write(plan: Plan) -> dict[str, list[str]]:
+    """List the mirrors and virtual units through which each device can be written, by its name."""
+    found: dict[str, list[str]] = {}
+    for mirror in plan.mirrors:
+        found.setdefault(mirror.of, []).append(f"{mirror.unit} {mirror.name}")
+    for unit in plan.virtual:
+        for name in dict.fromkeys(value.device for value in unit.values if value.write):
+            found.setdefault(name, []).append(f"{unit.unit} {unit.name}")
+    return found
+
+
+def writers_of_each(devices: Iterable[DeviceSettings], writers: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Say it of the devices of a line that passes all units through, which have one row for all."""
+    for device in devices:
+        if device.name in writers:
+            yield f"  {device.name} is written through {', '.join(writers[device.name])}, too."
 
 
 def one_of_each_kind(devices: Iterable[ShownDevice]) -> Iterator[tuple[ShownDevice, str]]:
@@ -101,13 +131,14 @@ def wakes_as_text(plan: OwnerPlan) -> Iterator[str]:
             yield f"  The other answer may come for {round_up(owed)}; until then, a read with that function {fate}."
 
 
-def device_as_json(one: ShownDevice) -> dict[str, Any]:
-    """Make a device for programs, but for its unit on the wire."""
+def device_as_json(one: ShownDevice, writers: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+    """Make a device for programs, but for its unit on the wire; `writers` as for the table."""
     return {
         "unit": None if one.device.client_unit is None else one.units,
         "device": one.device_name,
         "profile": one.device.profile.name,
         "longest_wait_ms": milliseconds(one.longest_wait),
+        "written_through": list(writers.get(one.device_name, ())),
         "limits": limits_as_json(one.limits),
     }
 

@@ -12,7 +12,9 @@ from gateway.cli.show.devices import (
     limits_as_text,
     one_of_each_kind,
     shown_devices,
+    units_that_write,
     wakes_as_text,
+    writers_of_each,
 )
 from gateway.cli.show.limits import milliseconds
 from gateway.cli.show.line_load import polls_as_json, polls_as_text, rates_as_json, rates_as_text
@@ -39,13 +41,14 @@ def _devices(plan: LinePlan, whole: Plan) -> list[ShownDevice]:
 def line_as_text(plan: LinePlan, whole: Plan) -> str:
     """Show a line with its units, their time limits, and what its polls take of it."""
     timing, wire = plan.line.timing, predict_wire(plan.line.wire, plan.port)
-    devices = _devices(plan, whole)
+    devices, writers = _devices(plan, whole), units_that_write(whole)
     return "\n".join(
         [
             f"Line {plan.line.name}: {plan.port.port}",
             f"  {timing.mode} {timing.baud} {timing.format}, gap {_gap(plan)}, latency {_latency(plan)}, wire {wire}",
             *failures_as_text(plan.line, _retry_within(plan)),
-            devices_table(devices, "ON THE WIRE"),
+            devices_table(devices, "ON THE WIRE", writers),
+            *(writers_of_each(plan.devices, writers) if plan.passes_through else ()),
             *_list_listeners(plan, whole),
             *wakes_as_text(plan),
             *polls_as_text(plan, whole),
@@ -96,7 +99,7 @@ def _limits(devices: list[ShownDevice], plan: LinePlan) -> Iterator[str]:
 
 def line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
     """Make the same for programs."""
-    timing, load = plan.line.timing, load_of(plan, whole)
+    timing, load, writers = plan.line.timing, load_of(plan, whole), units_that_write(whole)
     return {
         "name": plan.line.name,
         "port": plan.port.port,
@@ -119,7 +122,7 @@ def line_as_json(plan: LinePlan, whole: Plan) -> dict[str, Any]:
         "units": [
             {
                 "on_the_wire": one.wire_units,
-                **device_as_json(one),
+                **device_as_json(one, writers),
                 "reads": rates_as_json(read_rates(plan, one.device)),
             }
             for one in _devices(plan, whole)

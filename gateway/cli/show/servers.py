@@ -11,6 +11,7 @@ from gateway.cli.show.devices import (
     limits_as_text,
     one_of_each_kind,
     shown_devices,
+    units_that_write,
     wakes_as_text,
 )
 from gateway.cli.show.limits import milliseconds, round_up
@@ -42,7 +43,7 @@ def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
             f"  {', '.join(_pace(plan))}",
             *_peculiarities(plan.upstream),
             *failures_as_text(plan.upstream),
-            *([devices_table(devices, "BEHIND THE SERVER")] if devices else []),
+            *([devices_table(devices, "BEHIND THE SERVER", units_that_write(whole))] if devices else []),
             *([f"{names}: 0-255, as behind the server; longest wait {longest}."] if names else []),
             *timeout_advice(plan),
             *wakes_as_text(plan),
@@ -92,6 +93,7 @@ def server_as_text(server: ServerPlan, plan: Plan) -> str:
 def upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
     """Make an upstream for programs."""
     settings, waits, load = plan.upstream, longest_waits_behind(plan), load_of(plan, whole)
+    writers = units_that_write(whole)
     return {
         "name": plan.name,
         "to": plan.port.port,
@@ -111,7 +113,7 @@ def upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
         "units": [
             {
                 "behind_the_server": one.wire_units,
-                **device_as_json(one),
+                **device_as_json(one, writers),
                 "wake_ms": milliseconds(one.device.wake),
             }
             for one in shown_devices(plan, plan.devices, waits)

@@ -1,9 +1,12 @@
-"""Cross-checks of images and mirrors."""
+"""Cross-checks of images, mirrors and virtual units."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 
+from gateway.config.checks.maps import check_map
 from gateway.config.checks.units import claims, profile_of_row
 from gateway.config.plan.areas import initial_values, ranges_in
+from gateway.config.plan.images import kind_of
+from gateway.config.plan.map_sources import cannot_be_polled
 from gateway.config.plan.names import device_names, owners, rows_of
 from gateway.config.plan.reach import client_lines, units_without_devices
 from gateway.config.problem import Problem, did_you_mean, error, warning
@@ -12,26 +15,55 @@ from gateway.config.schema.image import Image
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.values.duration import show_duration
 from gateway.config.values.ranges import show_ranges
-from gateway.images.polls import polling_function
+from gateway.images.self_image import NAME
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers
 
 
 def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
-    """Find images without the addresses of their initial values, and mirrors of what cannot be polled."""
+    """Find images without the addresses of their initial values, and mirrors and rows of what cannot be polled.
+
+    What rows ask of their devices is found in the settings that follow: see `maps`.
+    """
     profiles = _profiles_of_devices(config)
     for image in config.image:
-        if image.of is None:
-            yield from _check_local(image, config.profile.get(image.profile or ""))
+        if image.of is not None:
+            yield from _check_mirror(image)
+            if image.of not in profiles and not failed & {"line", "upstream"}:
+                yield error(
+                    (*image.path, "of"), f'there is no device "{image.of}"', _advise_on(image.of, config, profiles)
+                )
+            profile = profiles.get(image.of)
+            if profile is not None:
+                yield from _check_polled(image, image.of, profile)
             continue
-        yield from _check_mirror(image)
-        if image.of not in profiles and not failed & {"line", "upstream"}:
-            remedy = _owner_of(image.of, config) or _name_of_unit(image.of, config) or did_you_mean(image.of, profiles)
-            yield error((*image.path, "of"), f'there is no device "{image.of}"', remedy)
-        profile = profiles.get(image.of)
-        if profile is not None:
-            yield from _check_polled(image, image.of, profile)
+        yield from _check_own_registers(image, config.profile.get(image.profile or ""))
+        if kind_of(image) == "virtual unit":
+            yield from check_map(image)
+        else:
+            yield from _check_local(image)
+    if not failed & {"line", "upstream", "image", "self"}:
+        yield from _check_sources(config, profiles)
+
+
+def _check_sources(config: Config, devices: Collection[str]) -> Iterator[Problem]:
+    """Find rows of maps that name what is no device and no image."""
+    others = {image.label: kind for image in config.image if (kind := kind_of(image)) != "image"}
+    known = {*devices, *(image.label for image in config.image if image.label not in others)}
+    known |= set() if config.own is None else {NAME}
+    for image in config.image:
+        unknown = {row.device: row for row in reversed(image.map) if row.device is not None and row.device not in known}
+        for name, row in reversed(unknown.items()):
+            what, remedy = f'there is no device "{name}"', _advise_on(name, config, known)
+            if name in others:
+                what, remedy = f'"{name}" is a {others[name]}, and rows read devices and images', "name its device"
+            yield error((*row.path, "device"), what, remedy)
+
+
+def _advise_on(name: str, config: Config, known: Iterable[str]) -> str:
+    """Say which device may be meant by the name of one that does not exist."""
+    return _owner_of(name, config) or _name_of_unit(name, config) or did_you_mean(name, known)
 
 
 def _owner_of(name: str, config: Config) -> str:
@@ -49,7 +81,7 @@ def _name_of_unit(text: str, config: Config) -> str:
     named = (
         (str(unit), name) for claim in claims(config) for unit, name in zip(claim.units, claim.names, strict=False)
     )
-    return next((f'write the name of unit {unit}: of = "{name}"' for unit, name in named if unit == text), "")
+    return next((f'write the name of unit {unit}: "{name}"' for unit, name in named if unit == text), "")
 
 
 def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
@@ -65,14 +97,21 @@ def _profiles_of_devices(config: Config) -> dict[str, ProfileTable | None]:
     return profiles
 
 
-def _check_local(image: Image, profile: ProfileTable | None) -> Iterator[Problem]:
-    for key in ("read", "stale"):
-        if image.has(key):
-            yield error((*image.path, key), "only a mirror has this key", 'name the device to poll: of = "DEVICE"')
-    if profile is not None and profile.wide:
-        yield error((*image.path, "profile"), "an image has no registers of four bytes", "choose another profile")
+def _check_local(image: Image) -> Iterator[Problem]:
+    remedies = {
+        "read": ("only a mirror has this key", 'name the device to poll: of = "DEVICE"'),
+        "stale": ("only mirrors and virtual units have this key", 'name the device to poll: of = "DEVICE"'),
+        "when_stale": ("only a virtual unit has this key", "say what it consists of: map = [...]"),
+    }
+    for key in filter(image.has, remedies):
+        yield error((*image.path, key), *remedies[key])
     if not any(ranges_in(area, image) for area in Area):
         yield error(image.path, "has no register and no coil", "write how many, such as holding = 100")
+
+
+def _check_own_registers(image: Image, profile: ProfileTable | None) -> Iterator[Problem]:
+    if profile is not None and profile.wide:
+        yield error((*image.path, "profile"), "an image has no registers of four bytes", "choose another profile")
     for area in Area:
         yield from _check_initial(image, area)
 
@@ -94,6 +133,8 @@ def _check_mirror(image: Image) -> Iterator[Problem]:
     for key in ("profile", "persist", "initial", *Area):
         if image.has(key):
             yield error((*image.path, key), "a mirror has what its device has", "take the key out, or of")
+    for key in filter(image.has, ("map", "when_stale")):
+        yield error((*image.path, key), "a mirror has no map", "take the key out, or of")
     if not image.read:
         remedy = 'write read = [{ holding = "0-1", every = "500 ms" }]'
         yield error(image.path, "is a mirror that polls nothing", remedy)
@@ -122,16 +163,11 @@ def _check_polled_once(image: Image) -> Iterator[Problem]:
 def _check_polled(image: Image, device: str, profile: ProfileTable) -> Iterator[Problem]:
     """Find polls of what the device does not have."""
     for row, area in ((row, area) for row in image.read for area in Area if row.has(area)):
-        function = polling_function(area)
-        if profile.functions is not None and function not in profile.functions:
-            yield error((*row.path, area), f"{device} has no function {function:d}, which reads {area}")
+        path, exist = (*row.path, area), getattr(profile, area)
         wide = profile.wide.get(area, ())
         if any(one[0] <= other[1] and other[0] <= one[1] for one in ranges_in(area, row) for other in wide):
-            yield error(
-                (*row.path, area), f"registers of {device} with four bytes cannot be mirrored", "leave them out"
-            )
-        existing: tuple[Range, ...] | None = getattr(profile, area)
-        for first, last in ranges_in(area, row):
-            if not covers(existing, Span(area, first, last + 1 - first)):
-                what = f"{device} does not have all of {area} {first}-{last}"
-                yield error((*row.path, area), what, f"its {area}: {show_ranges(existing or ())}")
+            yield error(path, f"registers of {device} with four bytes cannot be mirrored", "leave them out")
+        spans = [Span(area, first, last + 1 - first) for first, last in ranges_in(area, row)]
+        found = (each for span in spans for each in cannot_be_polled(device, profile.functions, exist, span))
+        for what, remedy in dict.fromkeys(found):
+            yield error(path, what, remedy)

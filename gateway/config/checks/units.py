@@ -134,14 +134,14 @@ def check_passing_through(config: Config, failed: frozenset[str]) -> Iterator[Pr
 def check_asked(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     """Find units that no client can reach, if every listener is for one line or upstream. `failed` as in `check`.
 
-    Server lines and mirrors lead to units too.
+    Server lines lead to units too, and so do mirrors and virtual units.
     """
     if leads_everywhere(config) or failed & {"listen", "line", "image"}:
         return
-    served, mirrored = _served_to_outside_clients(config), _mirrored(config)
+    served, polled_names = _served_to_outside_clients(config), _polled(config)
     own = {part.path for part in owners(config) if listeners_for(part, config)}
     for claim in claims(config):
-        polled = {unit for unit, name in zip(claim.units, claim.names, strict=False) if name in mirrored}
+        polled = {unit for unit, name in zip(claim.units, claim.names, strict=False) if name in polled_names}
         unasked = set(claim.units) - served - polled
         if unasked and claim.path[:2] not in own:
             what = f"no listener leads to {show_units(unasked)}: each is for one line or upstream"
@@ -188,16 +188,17 @@ def _called(config: Config, addresses: set[int]) -> str:
 def _is_asked(line: Line, config: Config) -> bool:
     """Tell whether any client can reach a line without devices that has no listener of its own."""
     units = _served_to_outside_clients(config).intersection(passing_units(config))
-    return leads_everywhere(config) or bool(units) or not _mirrored(config).isdisjoint(all_device_names(line))
+    return leads_everywhere(config) or bool(units) or not _polled(config).isdisjoint(all_device_names(line))
 
 
 def _served_to_outside_clients(config: Config) -> frozenset[int]:
     return frozenset(unit for line in config.line for unit in line.serves or ())
 
 
-def _mirrored(config: Config) -> frozenset[str]:
-    """Name the devices that have a mirror."""
-    return frozenset(image.of for image in config.image if image.of is not None)
+def _polled(config: Config) -> frozenset[str]:
+    """Name the devices that have a mirror, or are in a virtual unit."""
+    names = {image.of for image in config.image} | {row.device for image in config.image for row in image.map}
+    return frozenset(name for name in names if name is not None)
 
 
 def _check_row(row: Device, owner: Owner) -> Iterator[Problem]:

@@ -187,6 +187,8 @@ def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]
     waits = {device.known_as: (device.name, behind[device.name]) for device in shared}
     waits |= {image.unit: (image.name, 0.0) for image in plan.images}
     waits |= {mirror.unit: (mirror.name, behind[mirror.of]) for mirror in plan.mirrors}
+    for unit in plan.virtual:
+        waits[unit.unit] = unit.name, max((behind.get(name, 0.0) for name in unit.devices), default=0.0)
     return {unit: waits[unit] for unit in sorted(server.line.serves)}
 
 

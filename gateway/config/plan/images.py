@@ -1,6 +1,7 @@
 """The settings of register images and mirrors."""
 
 from collections.abc import Mapping
+from typing import Literal
 
 from gateway.config.plan.areas import initial_values, ranges_in
 from gateway.config.schema.image import Image
@@ -10,6 +11,11 @@ from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Profile
+
+
+def kind_of(image: Image) -> Literal["image", "mirror", "virtual unit"]:
+    """Tell what the keys of a table make it."""
+    return "mirror" if image.of is not None else "virtual unit" if image.has("map") else "image"
 
 
 def image_settings(image: Image, profiles: Mapping[str, Profile]) -> ImageSettings:

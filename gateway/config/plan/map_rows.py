@@ -112,9 +112,7 @@ class _Values:
         written = as_written(self.row, point, place, self.target)
         count = registers_as_they_are(point) if written is None else written.count
         # The values are numbers here: no register has a label.
-        return self._value(
-            self.target.span(place.area, place.start, count), poll, replace(point, labels={}), written
-        )
+        return self._value(self.target.span(place.area, place.start, count), poll, replace(point, labels={}), written)
 
     def of_every_point(self, place: RowPlace) -> Iterator[MappedValue]:
         """Plan all points of registers, or of coils and discrete inputs, one behind the other from the place on."""
@@ -144,7 +142,7 @@ class _Values:
         if span.count > most:
             what = f"one request reads a row, and {source.name} answers {most} of {span.area} at once, not {span.count}"
             raise WrongRow(key, what, "make several rows of it")
-        return Poll(span.area, span.start, span.end - 1, self.row.every or 0.0)
+        return Poll(span.area, span.start, span.end - 1, self.row.every or 0.0, width=width)
 
     def _check_swap(self, span: Span) -> None:
         swap = self.row.swap

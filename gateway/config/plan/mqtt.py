@@ -10,6 +10,7 @@ from gateway.config.schema.config import Config
 from gateway.config.schema.mqtt import Mqtt, Publish
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings
+from gateway.images.virtual.settings import VirtualSettings
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.profiles.published import PublishedDevice, PublishedPoint
@@ -17,7 +18,7 @@ from gateway.tls.settings import ClientTls
 
 
 class Publishable(NamedTuple):
-    """A unit that has points: a device, an image, a mirror; see PublishedDevice."""
+    """A unit that has points: a device, or an image of any kind; see PublishedDevice."""
 
     name: str
     unit: int
@@ -38,7 +39,7 @@ def publishable(plan: Plan) -> Iterator[Publishable]:
         points = plan.points.get(device.known_as, ())
         on_the_wire = device.unit if device.client_unit is None else None
         yield Publishable(device.name, device.known_as, device.profile, points, on_the_wire)
-    own: tuple[ImageSettings | MirrorSettings, ...] = (*plan.images, *plan.mirrors)
+    own: tuple[ImageSettings | MirrorSettings | VirtualSettings, ...] = (*plan.images, *plan.mirrors, *plan.virtual)
     for each in own:
         yield Publishable(each.name, each.unit, each.profile, plan.points.get(each.unit, ()))
 

@@ -1,23 +1,68 @@
-"""The settings of virtual units, and their points."""
+"""The settings of virtual units."""
 
-from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Final
-import re
 
 from gateway.config.plan.images import image_settings
 from gateway.config.plan.map_place import MapTarget
 from gateway.config.plan.map_rows import planned_rows
-from gateway.config.plan.map_sources import MapSource
-from gateway.config.plan.unit_points import points_in
-from gateway.config.schema.config import Config
+from gateway.config.plan.map_sources import MapSource, map_sources
+from gateway.config.plan.settings import Plan
+from gateway.config.plan.unit_points import DevicePoints, points_in
+from gateway.config.plan.virtual_points import points_of_rows
 from gateway.config.schema.image import Image
-from gateway.config.values.names import LONGEST_NAME
 from gateway.config.values.ranges import join_ranges
 from gateway.images.virtual.settings import FreshBits, MappedValue, SourceAge, VirtualSettings
 from gateway.modbus.codes import Area
-from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
-from gateway.profiles.profile import Profile, Range
-from gateway.registers.items import REGISTER, has_bits
+from gateway.profiles.profile import Profile
+
+
+class Maps:
+    """The virtual units of a config, and what their rows may name.
+
+    `plan` has all parts but virtual units and add-ons, and `of_devices` are the points of its devices.
+    """
+
+    def __init__(self, plan: Plan, of_devices: Iterable[DevicePoints], targets: tuple[MapTarget, ...]) -> None:
+        self.targets = targets
+        self.sources = map_sources(plan, of_devices) if targets else {}
+
+    def added_to(self, plan: Plan) -> Plan:
+        """Add the virtual units, whose rows have passed their checks, and their points."""
+        units = tuple(_settings(target, self.sources) for target in self.targets)
+        points = {
+            unit.unit: points_in(unit.areas, target.points.values()) or points_of_rows(unit, self.sources)
+            for unit, target in zip(units, self.targets, strict=True)
+        }
+        return replace(
+            plan, virtual=units, points={**plan.points, **{key: each for key, each in points.items() if each}}
+        )
+
+
+def map_target(
+    image: Image, profiles: Mapping[str, Profile], of_profile: Callable[[str], tuple[Point, ...]]
+) -> MapTarget:
+    """Make the unit whose rows are planned."""
+    return MapTarget(image, profiles[image.profile], {point.name: point for point in of_profile(image.profile)})
+
+
+def _settings(target: MapTarget, sources: Mapping[str, MapSource]) -> VirtualSettings:
+    image = target.image
+    parts = [part for row in planned_rows(target, sources) for part in row.parts]
+    own = image_settings(image, {image.profile: target.profile})
+    ranges = {area: list(own.areas.get(area, ())) for area in Area}
+    for part in parts:
+        ranges[part.place.area].append((part.place.start, part.place.end - 1))
+    return VirtualSettings(
+        unit=image.unit,
+        name=image.label,
+        profile=target.profile,
+        areas={area: join_ranges(found) for area, found in ranges.items() if found},
+        own=own,
+        values=tuple(part for part in parts if isinstance(part, MappedValue)),
+        fresh=tuple(part for part in parts if isinstance(part, FreshBits)),
+        ages=tuple(part for part in parts if isinstance(part, SourceAge)),
+        stale=image.stale,
+        source=image.place,
+    )

@@ -44,10 +44,10 @@ class Initial(Table):
 
 
 class Image(Table):
-    """A unit that the gateway answers itself: a register image; with `of` a mirror of a device; with `map` a virtual unit.
+    """A unit that the gateway answers itself: a register image, with `of` a mirror, with `map` a virtual unit.
 
-    A virtual unit gathers registers of many devices. `holding`, `input`, `coils` and `discrete` are registers of its
-    own, beside those; addresses that are neither are answered with exception 02.
+    A virtual unit gathers registers of many devices in one block. `holding`, `input`, `coils` and `discrete` are those
+    of its own, beside them; addresses that are neither are answered with exception 02.
     """
 
     unit: OwnUnit = Field(

@@ -1,0 +1,102 @@
+"""The virtual units of a config, as `check` shows them."""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from gateway.cli.kit.columns import align
+from gateway.cli.show.mapped import MappedLine, mapped_lines
+from gateway.config.plan.settings import Plan
+from gateway.config.values.duration import show_duration
+from gateway.images.virtual.settings import VirtualSettings, WhenStale
+from gateway.registers.items import has_bits, reference
+
+_HEADINGS: Final = ("ADDRESS", "REFERENCE", "DEVICE", "POINT", "THERE", "TYPE", "EVERY", "WRITE", "STALE", "MEANING")
+_NOTHING: Final = "-"
+#: What stands where there is no value of a row.
+_MEANINGS: Final = {
+    "own": "registers of its own",
+    "gap": "nothing: a read over it is answered 02",
+    "fresh": "1 while the values are fresh, from bit 0 on: {}",
+    "age": "seconds since its last answer; 65535: none yet",
+}
+
+
+def virtual_as_text(plan: Plan) -> Iterator[str]:
+    """Show a table of the rows of each virtual unit."""
+    for unit in plan.virtual:
+        rows = [_row(line) for line in mapped_lines(unit)]
+        stale = f"values older than {show_duration(unit.stale)} are stale"
+        title = f"Virtual unit {unit.unit}, {unit.name}: profile {unit.profile.name}, {stale}"
+        yield "\n".join([title, align([_HEADINGS, *rows], "  "), *_notes(unit)])
+
+
+def virtual_as_json(plan: Plan) -> list[dict[str, Any]]:
+    """Make the virtual units for programs; times are in milliseconds."""
+    return [
+        {
+            "unit": unit.unit,
+            "name": unit.name,
+            "profile": unit.profile.name,
+            "stale_ms": 1000 * unit.stale,
+            "map": [line_as_json(line) for line in mapped_lines(unit)],
+        }
+        for unit in plan.virtual
+    ]
+
+
+def line_as_json(line: MappedLine) -> dict[str, Any]:
+    """Make what stands at some addresses for programs."""
+    return {
+        "area": line.place.area,
+        "first": line.place.start,
+        "last": line.place.end - 1,
+        "what": line.what,
+        "device": line.device,
+        "there": line.there,
+        "point": line.point,
+        "type": line.type,
+        "swap": line.swap,
+        "scale": line.scale,
+        "offset": line.offset,
+        "unit": line.unit,
+        "every_ms": None if line.every is None else 1000 * line.every,
+        "write": line.write,
+        "when_stale": line.when_stale,
+    }
+
+
+def meaning(line: MappedLine) -> str:
+    """Say what a number there means: `x 0.1 kW`; empty for a plain number."""
+    scale = f"x {line.scale:g}" if line.scale != 1 else ""
+    power = f"x 10^({line.scale_there} there)" if line.scale_there else ""
+    offset = f"{line.offset:+g}" if line.offset else ""
+    return " ".join(filter(None, (scale, power, offset, line.unit)))
+
+
+def _row(line: MappedLine) -> tuple[str, ...]:
+    is_value = line.what == "value"
+    return (
+        f"{line.place.area} {line.place.addresses}",
+        reference(line.place.area, line.place.start),
+        "" if line.what == "fresh" else line.device,
+        line.point or (_NOTHING if is_value else ""),
+        line.there,
+        " ".join(filter(None, (line.type, line.swap))) or ("as there" if is_value else ""),
+        "" if line.every is None else show_duration(line.every),
+        "yes" if line.write else "" if line.what == "gap" else _NOTHING,
+        _when_stale(line.when_stale, is_bit=has_bits(line.place.area)) if is_value else "",
+        _MEANINGS[line.what].format(line.device) if line.what in _MEANINGS else meaning(line),
+    )
+
+
+def _when_stale(when_stale: WhenStale | None, *, is_bit: bool) -> str:
+    if isinstance(when_stale, int):
+        return str(when_stale) if is_bit else f"0x{when_stale:04X}"
+    return "hold" if when_stale == "hold" else "0B"
+
+
+def _notes(unit: VirtualSettings) -> Iterator[str]:
+    """Say what a device without an answer means for the others."""
+    strict = {value.device for value in unit.values if value.when_stale == "exception"}
+    if strict and len(unit.devices) > 1:
+        yield "  One device that does not answer makes every read with values of it 0B, that of a whole block, too."

@@ -1,0 +1,125 @@
+"""The points of a virtual unit without a profile that has some: those of its rows, named after device and point."""
+
+import re
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import Final
+
+from gateway.config.plan.map_sources import MapSource
+from gateway.config.values.names import LONGEST_NAME
+from gateway.images.virtual.settings import MappedValue, VirtualSettings
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
+from gateway.profiles.point import Point
+from gateway.registers.items import REGISTER, has_bits
+
+#: What the name of a point cannot have, and what it cannot begin with.
+_NO_PART: Final = re.compile(r"[^\w.-]+")
+_NO_BEGINNING: Final = re.compile(r"^[\W\d_]+")
+#: Scale registers are read together with their points.
+_MOST_AT_ONCE: Final = 125
+
+
+def points_of_rows(unit: VirtualSettings, sources: Mapping[str, MapSource]) -> tuple[Point, ...]:
+    """Make the points of the rows of a unit, in the order of the rows: `meter-1.power` at its place here.
+
+    Names that two of them would have get numbers behind them, from 2 on.
+    """
+    layouts = {name: _Layout(sources[name].points.values()) for name in unit.devices}
+    places = _Places(unit.values)
+    taken = set[str]()
+    return tuple(
+        replace(point, name=_unique(_name(value.device, point.name), taken))
+        for value in unit.values
+        for point in _points(value, sources[value.device], layouts[value.device], places)
+    )
+
+
+class _Layout:
+    """The points of a device by area, in the order of their addresses."""
+
+    def __init__(self, points: Iterable[Point]) -> None:
+        self._points: dict[Area, list[Point]] = {}
+        for point in sorted(points, key=lambda each: each.address):
+            self._points.setdefault(point.area, []).append(point)
+
+    def within(self, span: Span) -> Iterator[Point]:
+        """Yield the points that are wholly in a span."""
+        points = self._points.get(span.area, [])
+        for point in points[bisect_left(points, span.start, key=lambda each: each.address) :]:
+            if point.address >= span.end:
+                break
+            if point.span.end <= span.end and point.write != "only" and point.width == REGISTER:
+                yield point
+
+
+class _Places:
+    """Where registers of devices are in a unit, as they are."""
+
+    def __init__(self, values: Iterable[MappedValue]) -> None:
+        self._found: dict[tuple[str, Area, int], Span] = {}
+        for value in values:
+            if value.target is None and value.swap == "none" and value.poll.width == REGISTER:
+                there = value.poll.span if value.point is None else value.point.span
+                for index in range(there.count):
+                    here = Span(value.place.area, value.place.start + index, 1)
+                    self._found.setdefault((value.device, there.area, there.start + index), here)
+
+    def of_scale(self, device: str, point: Point, place: Span) -> int | None:
+        """Find where the scale register of a point is, if it is near its place in the unit; None if it is not."""
+        found = self._found.get((device, point.area, -1 if point.scale_at is None else point.scale_at))
+        if found is None or found.area is not place.area:
+            return None
+        return found.start if place.up_to(found.start).count <= _MOST_AT_ONCE else None
+
+
+def _points(value: MappedValue, source: MapSource, layout: _Layout, places: _Places) -> Iterator[Point]:
+    """Make the points of a row: that of a point, or those within a range that is as the device has it."""
+    if value.target is not None and value.point is not None:
+        of_device = source.points[value.point.name]
+        is_number_alike = (value.target.scale, value.target.offset) == (of_device.scale, of_device.offset)
+        yield replace(value.target, labels=of_device.labels if is_number_alike and of_device.scale_at is None else {})
+    elif value.point is not None:
+        yield from _moved(source.points[value.point.name], value, value.place, places)
+    elif value.swap == "none":
+        for point in layout.within(value.poll.span):
+            start = value.place.start + point.address - value.poll.first
+            yield from _moved(point, value, Span(value.place.area, start, point.count), places)
+
+
+def _moved(point: Point, value: MappedValue, place: Span, places: _Places) -> Iterator[Point]:
+    """Make the point at its place in the unit; none if its scale register is not there, too."""
+    scale_at = None
+    if point.scale_at is not None:
+        scale_at = places.of_scale(value.device, point, place)
+        if scale_at is None:
+            return
+    is_writable = value.write and point.write != "no" and (value.point is not None or point.write_at is None)
+    yield replace(
+        point,
+        area=place.area,
+        address=place.start,
+        count=place.count,
+        width=REGISTER,
+        scale_at=scale_at,
+        write="yes" if is_writable else "no",
+        write_at=None,
+        write_function="auto",
+        bits=None if has_bits(place.area) else point.bits,
+    )
+
+
+def _name(device: str, point: str) -> str:
+    """Make the name of a point from those of a device and its point."""
+    name = _NO_BEGINNING.sub("", _NO_PART.sub("-", f"{device}.{point}"))
+    return name if len(name) <= LONGEST_NAME else name[-LONGEST_NAME:].lstrip("-_.0123456789")
+
+
+def _unique(name: str, taken: set[str]) -> str:
+    found, number = name, 2
+    while found in taken:
+        ending = f"-{number}"
+        found, number = name[: LONGEST_NAME - len(ending)] + ending, number + 1
+    taken.add(found)
+    return found
