@@ -47,6 +47,7 @@ VERBS: Final[Mapping[str, str]] = {
     "calibrate": "measure how long a device needs to respond",
     "bench": "measure what a line can carry",
     "profile": "list, show and add kinds of devices",
+    "map": "show the registers of a unit, for those who set up its clients",
     "ports": "list the serial ports of this machine",
     "simulate": "run simulated devices on a virtual port, or behind a server",
     "import": "turn the config of another program into one for the gateway, or a table of registers into a profile",

@@ -48,6 +48,10 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("profile add meter.toml", "check the file of a profile, and let every config use it"),
         ("profile mint --csv > mint.csv", "its points, for a spreadsheet"),
     ),
+    "map": (
+        ("map hall", "what stands at each address of a virtual unit, and where it comes from"),
+        ("map 240 --csv > hall.csv", "the same for the one who sets up the SCADA"),
+    ),
     "ports": (("ports", "serial ports, and the path of each for the config"),),
     "simulate": (
         ("simulate weigher:1 v80:6 --port /tmp/hall", "two devices on a virtual serial port"),

@@ -18,24 +18,39 @@ What = Literal["value", "fresh", "age", "own", "gap"]
 class MappedLine:
     """What stands at `place`. Of a value: from which `device` and addresses `there`, which `point`, and how often.
 
-    `type` and `swap` are those here, empty for what is as it is. The value is the number times `scale` plus `offset`, in
-    `unit`; before, it is multiplied by ten to the power of the number at `scale_there`, if that is not empty.
+    `bits` are those there that it is, if not all. `type` and `swap` are those here, empty for what is as it is. The
+    value is the number times `scale` plus `offset`, in `unit`; before, it is multiplied by ten to the power of the
+    number at the place `scale_at`.
     """
 
     place: Span
     what: What
     device: str = ""
-    there: str = ""
+    there: Span | None = None
+    bits: str = ""
     point: str = ""
     type: str = ""
     swap: str = ""
     scale: float = 1.0
     offset: float = 0.0
-    scale_there: str = ""
+    scale_at: str = ""
     unit: str = ""
     every: float | None = None
     write: bool = False
     when_stale: WhenStale | None = None
+
+    @property
+    def place_there(self) -> str:
+        """Its addresses there, as text."""
+        return "" if self.there is None else f"{self.there.area} {self.there.addresses}{self.bits}"
+
+    @property
+    def meaning(self) -> str:
+        """What a number there means: `x 0.1 kW`; empty for a plain number."""
+        scale = f"x {self.scale:g}" if self.scale != 1 else ""
+        power = f"x 10^({self.scale_at})" if self.scale_at else ""
+        offset = f"{self.offset:+g}" if self.offset else ""
+        return " ".join(filter(None, (scale, power, offset, self.unit)))
 
 
 def mapped_lines(unit: VirtualSettings) -> list[MappedLine]:
@@ -51,7 +66,7 @@ def _value(value: MappedValue) -> MappedLine:
         value.place,
         "value",
         value.device,
-        str(value.poll),
+        value.poll.span,
         type="bit" if has_bits(value.place.area) else "",
         swap=_order(value.swap),
         every=value.poll.every,
@@ -63,13 +78,14 @@ def _value(value: MappedValue) -> MappedLine:
         return line
     return replace(
         line,
-        there=f"{point.area} {point.span.addresses}{point.bits_shown}",
+        there=point.span,
+        bits=point.bits_shown,
         point=point.name,
         type=line.type or shown.type,
         swap=_order(shown.swap),
         scale=shown.scale,
         offset=shown.offset,
-        scale_there="" if value.target is not None or point.scale_at is None else f"{point.area} {point.scale_at}",
+        scale_at="" if point.scale_at is None or value.target else f"{point.area} {point.scale_at} there",
         unit=point.unit,
     )
 

@@ -12,11 +12,10 @@ from gateway.registers.items import has_bits, reference
 
 _HEADINGS: Final = ("ADDRESS", "REFERENCE", "DEVICE", "POINT", "THERE", "TYPE", "EVERY", "WRITE", "STALE", "MEANING")
 _NOTHING: Final = "-"
-#: What stands where there is no value of a row.
+#: What stands in the place of a device where there is no value of one, and what bits and ages mean.
+_NO_DEVICE: Final = {"own": "its own", "gap": "nothing: 02", "fresh": "fresh"}
 _MEANINGS: Final = {
-    "own": "registers of its own",
-    "gap": "nothing: a read over it is answered 02",
-    "fresh": "1 while the values are fresh, from bit 0 on: {}",
+    "fresh": "1 while its values are fresh, from bit 0 on: {}",
     "age": "seconds since its last answer; 65535: none yet",
 }
 
@@ -52,12 +51,13 @@ def line_as_json(line: MappedLine) -> dict[str, Any]:
         "last": line.place.end - 1,
         "what": line.what,
         "device": line.device,
-        "there": line.there,
+        "there": line.place_there,
         "point": line.point,
         "type": line.type,
         "swap": line.swap,
         "scale": line.scale,
         "offset": line.offset,
+        "scale_at": line.scale_at,
         "unit": line.unit,
         "every_ms": None if line.every is None else 1000 * line.every,
         "write": line.write,
@@ -65,27 +65,19 @@ def line_as_json(line: MappedLine) -> dict[str, Any]:
     }
 
 
-def meaning(line: MappedLine) -> str:
-    """Say what a number there means: `x 0.1 kW`; empty for a plain number."""
-    scale = f"x {line.scale:g}" if line.scale != 1 else ""
-    power = f"x 10^({line.scale_there} there)" if line.scale_there else ""
-    offset = f"{line.offset:+g}" if line.offset else ""
-    return " ".join(filter(None, (scale, power, offset, line.unit)))
-
-
 def _row(line: MappedLine) -> tuple[str, ...]:
     is_value = line.what == "value"
     return (
         f"{line.place.area} {line.place.addresses}",
         reference(line.place.area, line.place.start),
-        "" if line.what == "fresh" else line.device,
+        _NO_DEVICE.get(line.what, line.device),
         line.point or (_NOTHING if is_value else ""),
-        line.there,
+        line.place_there,
         " ".join(filter(None, (line.type, line.swap))) or ("as there" if is_value else ""),
         "" if line.every is None else show_duration(line.every),
         "yes" if line.write else "" if line.what == "gap" else _NOTHING,
         _when_stale(line.when_stale, is_bit=has_bits(line.place.area)) if is_value else "",
-        _MEANINGS[line.what].format(line.device) if line.what in _MEANINGS else meaning(line),
+        _MEANINGS[line.what].format(line.device) if line.what in _MEANINGS else line.meaning,
     )
 
 

@@ -1,4 +1,4 @@
-"""The points of a virtual unit without a profile that has some: those of its rows, named after device and point."""
+"""The points of a virtual unit whose profile has none: those of its rows, named after device and point."""
 
 import re
 from bisect import bisect_left
@@ -8,7 +8,7 @@ from typing import Final
 
 from gateway.config.plan.map_sources import MapSource
 from gateway.config.values.names import LONGEST_NAME
-from gateway.images.virtual.settings import MappedValue, VirtualSettings
+from gateway.images.virtual.settings import FreshBits, MappedValue, VirtualSettings
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
@@ -22,18 +22,22 @@ _MOST_AT_ONCE: Final = 125
 
 
 def points_of_rows(unit: VirtualSettings, sources: Mapping[str, MapSource]) -> tuple[Point, ...]:
-    """Make the points of the rows of a unit, in the order of the rows: `meter-1.power` at its place here.
+    """Make the points of the rows of a unit, in their order: `meter-1.power`, `meter-1.fresh` and `meter-1.age`.
 
     Names that two of them would have get numbers behind them, from 2 on.
     """
     layouts = {name: _Layout(sources[name].points.values()) for name in unit.devices}
     places = _Places(unit.values)
     taken = set[str]()
-    return tuple(
-        replace(point, name=_unique(_name(value.device, point.name), taken))
+    of_values = (
+        (value.device, point)
         for value in unit.values
         for point in _points(value, sources[value.device], layouts[value.device], places)
     )
+    of_bits = (each for bits in unit.fresh for each in _bits(bits))
+    of_ages = ((age.device, Point("age", age.place.area, age.place.start, unit="s")) for age in unit.ages)
+    named = (*of_values, *of_bits, *of_ages)
+    return tuple(replace(point, name=_unique(_name(device, point.name), taken)) for device, point in named)
 
 
 class _Layout:
@@ -86,6 +90,17 @@ def _points(value: MappedValue, source: MapSource, layout: _Layout, places: _Pla
         for point in layout.within(value.poll.span):
             start = value.place.start + point.address - value.poll.first
             yield from _moved(point, value, Span(value.place.area, start, point.count), places)
+
+
+def _bits(bits: FreshBits) -> Iterator[tuple[str, Point]]:
+    """Make the points of the freshness of devices."""
+    area, start = bits.place.area, bits.place.start
+    for index, device in enumerate(bits.devices):
+        if has_bits(area):
+            yield device, Point("fresh", area, start + index, "bit")
+        else:
+            register, bit = divmod(index, 16)
+            yield device, Point("fresh", area, start + register, bits=(bit, bit))
 
 
 def _moved(point: Point, value: MappedValue, place: Span, places: _Places) -> Iterator[Point]:

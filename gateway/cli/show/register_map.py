@@ -1,0 +1,258 @@
+"""The registers of a unit for those who set up its clients: `map`, as a table, as CSV and as JSON."""
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from io import StringIO
+from typing import Any, Final
+
+from gateway.cli.kit.columns import align
+from gateway.cli.show.mapped import MappedLine, mapped_lines
+from gateway.cli.show.virtual import line_as_json
+from gateway.config.documents.points_csv import number_text
+from gateway.config.plan.settings import Plan
+from gateway.config.values.duration import show_duration
+from gateway.config.values.unitset import show_unit
+from gateway.devices.device import DeviceSettings
+from gateway.images.image import ImageSettings
+from gateway.images.polls import MirrorSettings
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
+from gateway.profiles.columns import ACCESS, labels_cell
+from gateway.profiles.point import Point
+from gateway.profiles.profile import Range
+from gateway.registers.items import WRITERS, has_bits, reference
+
+#: The columns of the CSV; those that `import csv` reads have the names that it knows.
+_COLUMNS: Final = (
+    *("name", "area", "address", "reference", "count", "type", "word order", "bits", "scale", "offset", "unit"),
+    *("access", "labels", "length", "scale from", "device", "point", "source", "every"),
+)
+_HEADINGS: Final = ("ADDRESS", "REFERENCE", "NAME", "TYPE", "UNIT", "SOURCE", "EVERY", "WRITE")
+
+
+@dataclass(frozen=True, slots=True)
+class MapRow:
+    """Some addresses of a unit: what stands there, and the point of the unit that it is, if it is one."""
+
+    line: MappedLine
+    point: Point | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterMap:
+    """All that a unit has that is known; `unit` is its number for clients, as text."""
+
+    unit: str
+    name: str
+    rows: tuple[MapRow, ...]
+
+
+def units_with_maps(plan: Plan) -> dict[str, int | None]:
+    """List the names of all units that may have a map, with their numbers for clients."""
+    known = {device.name: device.client_unit for device in _devices(plan)}
+    known |= {image.name: image.unit for image in plan.images}
+    known |= {mirror.name: mirror.unit for mirror in plan.mirrors}
+    return known | {unit.name: unit.unit for unit in plan.virtual}
+
+
+def register_map(plan: Plan, name: str) -> RegisterMap:
+    """Make the map of the unit with this name; it has no rows if nothing is known of a device's registers."""
+    for unit in plan.virtual:
+        if unit.name == name:
+            lines = [line for line in mapped_lines(unit) if line.what != "gap"]
+            return _map(plan, unit.unit, name, lines)
+    for mirror in plan.mirrors:
+        if mirror.name == name:
+            return _map(plan, mirror.unit, name, _mirrored(mirror))
+    for image in plan.images:
+        if image.name == name:
+            return _map(plan, image.unit, name, _of_image(image))
+    device = next(device for device in _devices(plan) if device.name == name)
+    points = _in_order(plan.points.get(device.known_as, ()))
+    return RegisterMap(
+        show_unit(device.client_unit), name, tuple(MapRow(_of_device(name, each), each) for each in points)
+    )
+
+
+def _devices(plan: Plan) -> Iterator[DeviceSettings]:
+    """Find the devices whose points a plan has: all but those that only a listener for their line leads to."""
+    for line in plan.lines:
+        yield from line.shared
+    for upstream in plan.upstreams:
+        yield from upstream.devices
+
+
+def map_as_text(found: RegisterMap) -> str:
+    """Show a map for people."""
+    rows = [
+        (
+            f"{line.place.area} {line.place.addresses}{_bits(row)}",
+            f"{reference(line.place.area, line.place.start)}{_bits(row)}",
+            row.point.name if row.point else "-",
+            _type(row),
+            line.meaning,
+            " ".join(filter(None, (line.device or "its own", line.place_there))),
+            "" if line.every is None else show_duration(line.every),
+            "yes" if line.write else "-",
+        )
+        for row in found.rows
+        for line in (row.line,)
+    ]
+    return f"Unit {found.unit}, {found.name}\n{align([_HEADINGS, *rows], '  ')}"
+
+
+def map_as_csv(found: RegisterMap) -> str:
+    """Write a map for the program of a PLC or SCADA: a row for each value, and for each range without a name."""
+    text = StringIO()
+    writer = csv.DictWriter(text, _COLUMNS, restval="", lineterminator="\n")
+    writer.writeheader()
+    names = {(row.point.area, row.point.address): row.point.name for row in found.rows if row.point}
+    writer.writerows(_cells(row, names) for row in found.rows)
+    return text.getvalue()
+
+
+def map_as_json(found: RegisterMap) -> dict[str, Any]:
+    """Make a map for programs."""
+    return {
+        "unit": int(found.unit) if found.unit.isdecimal() else None,
+        "name": found.name,
+        "map": [{"name": row.point.name if row.point else "", **line_as_json(row.line)} for row in found.rows],
+    }
+
+
+def _map(plan: Plan, unit: int, name: str, lines: Iterable[MappedLine]) -> RegisterMap:
+    points = [point for point in _in_order(plan.points.get(unit, ())) if point.write != "only"]
+    return RegisterMap(str(unit), name, tuple(_by_points(lines, points)))
+
+
+def _in_order(points: Iterable[Point]) -> list[Point]:
+    order = list(Area)
+    return sorted(points, key=lambda point: (order.index(point.area), point.address, point.bits or (0, 0)))
+
+
+def _by_points(lines: Iterable[MappedLine], points: list[Point]) -> Iterator[MapRow]:
+    """Split lines into the points of the unit, and what is between them. Both are in the order of areas and addresses.
+
+    A point that is not wholly in a line is not shown.
+    """
+    order, number = list(Area), 0
+
+    def place(span: Span) -> tuple[int, int]:
+        return order.index(span.area), span.start
+
+    for line in lines:
+        while number < len(points) and place(points[number].span) < place(line.place):
+            number += 1
+        start = line.place.start
+        while number < len(points) and place(points[number].span) < (order.index(line.place.area), line.place.end):
+            point = points[number]
+            number += 1
+            if point.span.end > line.place.end:
+                continue
+            if point.address > start:
+                yield MapRow(_part(line, start, point.address))
+            yield MapRow(_of_point(line, point), point)
+            start = max(start, point.span.end)
+        if start < line.place.end:
+            yield MapRow(_part(line, start, line.place.end))
+
+
+def _part(line: MappedLine, start: int, end: int) -> MappedLine:
+    """Make a part of a line. Only ranges and registers of the unit's own are divided."""
+    shift, place = start - line.place.start, Span(line.place.area, start, end - start)
+    there = line.there
+    if there is not None and there.count == line.place.count:
+        there = Span(there.area, there.start + shift, place.count)
+    return replace(line, place=place, there=there)
+
+
+def _of_point(line: MappedLine, point: Point) -> MappedLine:
+    """Say of the part of a line that is a point of the unit what the point says."""
+    device = point.name.removesuffix(".fresh") if line.what == "fresh" else line.device
+    return replace(
+        _part(line, point.address, point.span.end),
+        device=device,
+        type="bit" if point.is_bit else point.type,
+        swap="" if point.swap == "none" else point.swap,
+        scale=point.scale,
+        offset=point.offset,
+        scale_at=_scale_at(point),
+        unit=point.unit,
+        write=line.write if line.what == "own" else line.write and point.write != "no",
+    )
+
+
+def _of_image(image: ImageSettings) -> Iterator[MappedLine]:
+    for span in _spans(image.areas):
+        yield MappedLine(span, "own", write=_takes_writes(span) and not image.shows_gateway)
+
+
+def _mirrored(mirror: MirrorSettings) -> Iterator[MappedLine]:
+    order = list(Area)
+    for poll in sorted(mirror.polls, key=lambda each: (order.index(each.area), each.first)):
+        yield MappedLine(poll.span, "value", mirror.of, poll.span, every=poll.every, write=_takes_writes(poll.span))
+
+
+def _of_device(name: str, point: Point) -> MappedLine:
+    return MappedLine(
+        point.write_span if point.write == "only" else point.span,
+        "value",
+        name,
+        type="bit" if point.is_bit else point.type,
+        swap="" if point.swap == "none" else point.swap,
+        scale=point.scale,
+        offset=point.offset,
+        scale_at=_scale_at(point),
+        unit=point.unit,
+        write=point.write != "no",
+    )
+
+
+def _scale_at(point: Point) -> str:
+    return "" if point.scale_at is None else f"{point.area} {point.scale_at}"
+
+
+def _spans(areas: Mapping[Area, tuple[Range, ...]]) -> list[Span]:
+    return [Span(area, first, last + 1 - first) for area in Area for first, last in areas.get(area, ())]
+
+
+def _takes_writes(span: Span) -> bool:
+    return span.area in WRITERS
+
+
+def _bits(row: MapRow) -> str:
+    return row.point.bits_shown if row.point else ""
+
+
+def _type(row: MapRow) -> str:
+    line = row.line
+    kind = line.type or ("bit" if has_bits(line.place.area) else "registers")
+    return " ".join(filter(None, (kind, line.swap)))
+
+
+def _cells(row: MapRow, names: Mapping[tuple[Area, int], str]) -> dict[str, str]:
+    """Write the cells of a row; `names` are those of points, which may be the scales of others."""
+    line, point = row.line, row.point
+    is_text = line.type == "string"
+    return {
+        "name": point.name if point else "",
+        "area": line.place.area.value,
+        "address": str(line.place.start),
+        "reference": reference(line.place.area, line.place.start),
+        "count": str(line.place.count),
+        "type": "" if has_bits(line.place.area) else point.type if point else line.type,
+        "word order": line.swap,
+        "bits": _bits(row)[1:],
+        "scale": "" if line.scale == 1 else number_text(line.scale),
+        "offset": "" if line.offset == 0 else number_text(line.offset),
+        "unit": line.unit,
+        "access": ACCESS["yes" if line.write else "no"],
+        "labels": labels_cell(point.labels) if point else "",
+        "length": str(line.place.count) if is_text else "",
+        "scale from": names.get((point.area, point.scale_at), "") if point and point.scale_at is not None else "",
+        "device": line.device,
+        "point": line.point,
+        "source": line.place_there,
+        "every": "" if line.every is None else show_duration(line.every),
+    }

@@ -1,0 +1,66 @@
+"""`map`: the registers of a unit as the config says them, for those who set up its clients."""
+
+import argparse
+import json
+import sys
+
+from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere, tell_wrong_usage
+from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
+from gateway.cli.show.register_map import (
+    RegisterMap,
+    map_as_csv,
+    map_as_json,
+    map_as_text,
+    register_map,
+    units_with_maps,
+)
+from gateway.config.load import load
+from gateway.config.plan.settings import Plan
+from gateway.config.problem import did_you_mean, errors_in
+from gateway.config.resolve import resolve
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `map`."""
+    let_options_stand_anywhere(parser)
+    add = parser.add_argument
+    add("unit", metavar="UNIT", help="a virtual unit, image, mirror, or device with points: its number or its name")
+    add("--config", default=DEFAULT_CONFIG, metavar="FILE", help=f"the config file (default {DEFAULT_CONFIG})")
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument("--csv", action="store_true", help="print CSV, for the one who sets up the PLC or SCADA")
+    output.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the map of a unit; 1 if the config has errors, 2 if there is no such unit, or nothing is known of it."""
+    loaded = load(args.config)
+    if loaded.config is None:
+        print(*errors_in(loaded.problems), sep="\n", file=sys.stderr)
+        return PROBLEM_FOUND
+    try:
+        found = _find(args.unit, resolve(loaded.config))
+    except WrongUsageError as wrong:
+        return tell_wrong_usage(wrong)
+    if args.csv:
+        sys.stdout.write(map_as_csv(found))
+    else:
+        print(json.dumps(map_as_json(found), indent=2, ensure_ascii=False) if args.json else map_as_text(found))
+    return FINE
+
+
+def _find(unit: str, plan: Plan) -> RegisterMap:
+    """Make the map of the unit with a number or a name.
+
+    Raises:
+        WrongUsageError: there is none, or nothing is known of its registers.
+    """
+    known = units_with_maps(plan)
+    by_number = {str(number): name for name, number in known.items() if number is not None}
+    name = unit if unit in known else by_number.get(unit)
+    if name is None:
+        raise WrongUsageError(f'there is no unit "{unit}" in the config', did_you_mean(unit, known))
+    found = register_map(plan, name)
+    if not found.rows:
+        remedy = "give points to its profile, or to the device itself, in the config"
+        raise WrongUsageError(f"{name} has no points, which say what its registers mean", remedy)
+    return found
