@@ -50,7 +50,7 @@ function _shtab_modbus_gateway_using
   test "$_shtab_modbus_gateway_cmdpath" = "$argv"
 end
 
-set -g _shtab_modbus_gateway_commands demo run check reload status trace doctor read write ask forget scan calibrate bench profile ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
+set -g _shtab_modbus_gateway_commands demo run check reload status trace doctor read write ask forget scan calibrate bench profile map ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
 set -g _shtab_modbus_gateway_opts_with_value --at --baud --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
 
 complete -c modbus-gateway -e
@@ -185,6 +185,11 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l csv -d 'p
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l to -xka "(__fish_complete_directories)" -d 'with add: the folder (default /etc/modbus-gateway/profiles, or profiles beside --config)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile' -l force -d 'with add: replace a file that is there'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile; and test $_shtab_modbus_gateway_npos -eq 1' -ka "(__fish_complete_path (commandline -ct))" -d 'with add: the file; with list: a word to look for'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a map -d 'Show the registers of a unit, for those who set up its clients.'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using map' -s h -l help -d 'show this help message and exit'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using map' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'the config file (default /etc/modbus-gateway/gateway.toml)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using map' -l csv -d 'print CSV, for the one who sets up the PLC or SCADA'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using map' -l json -d 'print JSON instead of a table'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a ports -d 'List the serial ports of this machine.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ports' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ports' -l json -d 'print JSON instead of a table'
