@@ -49,6 +49,8 @@ OF_KIND: Mapping[str, st.SearchStrategy[Any]] = {
     "`true`": st.sampled_from([True, False, "only"]),
     "list such as": st.just(["127.0.0.0/8"]),
     "path or `{": st.just("/nowhere/x.pem"),
+    "address, or name": st.sampled_from([0, 2, 40, 65535, "weight", "a"]),
+    '`"exception"`': st.sampled_from(["exception", "hold", 0, 0x7FC0]),
     "address or range": st.sampled_from([0, 3, 65535, "0-1", "16-19", "1-99", "coils"]),
     "address": st.sampled_from(
         ["tcp://d", "tcp://e:1502", "tcp://127.0.0.1:1", "udp://127.0.0.1:1", "rtu+tcp://[::]:2"]

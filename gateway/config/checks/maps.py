@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from gateway.config.checks.map_rows import check_row
 from gateway.config.plan.map_place import MapTarget
-from gateway.config.plan.map_rows import Part, PlannedRow, planned_rows
+from gateway.config.plan.map_rows import Part, PlannedRow
 from gateway.config.plan.virtual import Maps
 from gateway.config.problem import Path, Problem, did_you_mean, error, warning
 from gateway.config.schema.image import Image
@@ -43,10 +43,10 @@ def check_planned_maps(maps: Maps) -> Iterator[Problem]:
 
     The config has passed all other checks of its tables.
     """
-    for target in maps.targets:
-        planned = tuple(planned_rows(target, maps.sources))
+    for target, planned in zip(maps.targets, maps.rows, strict=True):
         yield from (row.wrong for row in planned if row.wrong is not None)
         yield from _check_numbers(target.image, planned)
+        yield from _check_scales(planned)
         placed = _placed(target, planned)
         for area in Area:
             yield from _check_overlaps(placed[area])
@@ -114,6 +114,27 @@ def _check_numbers(image: Image, planned: Iterable[PlannedRow]) -> Iterator[Prob
     if area is not None:
         what = f"this map has {area}, which can only be 0 or 1"
         yield error((*image.path, "when_stale"), what, "write when_stale in the rows")
+
+
+def _check_scales(planned: Iterable[PlannedRow]) -> Iterator[Problem]:
+    """Warn of points that are mapped as they are, and whose scale is in a register that is not mapped so."""
+    values = [(row, part) for row, parts, _ in planned for part in parts if isinstance(part, MappedValue)]
+    plain = [
+        (row, value, value.point)
+        for row, value in values
+        if value.target is None and value.point is not None and value.point.scale_at is not None
+    ]
+    as_they_are = {
+        (value.device, value.poll.area, address)
+        for _, value in (values if plain else ())
+        if value.target is None and value.swap == "none"
+        for span in (value.poll.span if value.point is None else value.point.span,)
+        for address in range(span.start, span.end)
+    }
+    for row, value, point in plain:
+        if (value.device, point.area, point.scale_at) not in as_they_are:
+            what = f"{point.name} has its scale in {point.area} {point.scale_at} there, and that is not mapped"
+            yield warning((*row.path, "point"), what, 'write type, such as "float32": then the value is scaled')
 
 
 class _Placed(NamedTuple):

@@ -4,13 +4,16 @@ Some devices do have such addresses on the wire, as those of SunSpec (from 40000
 both, and there is none where the address before the first reference number is in the profile, or has a point.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from operator import itemgetter
 from typing import Final
 
 from gateway.config.plan.areas import places_of, ranges_in
 from gateway.config.plan.names import device_names, owners, rows_of
 from gateway.config.problem import Path, Problem, warning
 from gateway.config.schema.config import Config
+from gateway.config.schema.image import Image
+from gateway.config.schema.mapped import Mapped
 from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Range
@@ -22,7 +25,7 @@ _FROM_ZERO: Final = "addresses are those on the wire, from 0"
 
 
 def check_addresses(config: Config) -> Iterator[Problem]:
-    """Warn of such addresses of images, mirrors, profiles and points."""
+    """Warn of such addresses of images, mirrors, virtual units, profiles and points."""
     of_profiles = [(profile, _Known(profile)) for profile in config.profile.values()]
     rows = [
         (device_names(owner, row), row, _Known(config.profile.get(row.profile or owner.profile), row.points))
@@ -36,6 +39,7 @@ def check_addresses(config: Config) -> Iterator[Problem]:
             for polled in image.read:
                 known = of_devices.get(image.of or "", _Known(None))
                 yield from _check_ranges((*polled.path, area), area, ranges_in(area, polled), known)
+            yield from _check_map(image, area, of_devices)
         for profile, known in of_profiles:
             yield from _check_ranges((*profile.path, area), area, ranges_in(area, profile), known)
     yield from _check_points((point, known) for profile, known in of_profiles for point in profile.points)
@@ -64,6 +68,25 @@ def _check_ranges(path: Path, area: Area, ranges: tuple[Range, ...], known: _Kno
     base = MANUAL_BASES[area]
     if last < base + _SPAN and known.may_be_reference(area, first):
         yield _warning(path, area, first, f'"{first - base}-{last - base}"')
+
+
+def _check_map(image: Image, area: Area, of_devices: Mapping[str, _Known]) -> Iterator[Problem]:
+    """Warn of the lowest address of a virtual unit, and of each of its devices, that may be a reference number."""
+    placed = [(row.at, row) for row in image.map if row.area == area and isinstance(row.at, int)]
+    for first, row in [min(placed, key=itemgetter(0))] if placed else []:
+        if _Known(None).may_be_reference(area, first):
+            here = (
+                f"if {first} is a number that counts from {MANUAL_BASES[area]}, write at = {first - MANUAL_BASES[area]}"
+            )
+            yield warning((*row.path, "at"), _FROM_ZERO, here)
+    lowest: dict[str, tuple[Range, Mapped]] = {}
+    for row in image.map:
+        addresses: Range | None = getattr(row, area)
+        if row.device is not None and addresses is not None:
+            before = lowest.setdefault(row.device, (addresses, row))
+            lowest[row.device] = min(before, (addresses, row), key=itemgetter(0))
+    for device, (addresses, row) in lowest.items():
+        yield from _check_ranges((*row.path, area), area, (addresses,), of_devices.get(device, _Known(None)))
 
 
 def _check_points(points: Iterable[tuple[PointTable, _Known]]) -> Iterator[Problem]:

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import cached_property
 
 from gateway.config.plan.images import image_settings
 from gateway.config.plan.map_place import MapTarget
-from gateway.config.plan.map_rows import planned_rows
-from gateway.config.plan.map_sources import MapSource, map_sources
+from gateway.config.plan.map_rows import PlannedRow, planned_rows
+from gateway.config.plan.map_sources import map_sources
 from gateway.config.plan.settings import Plan
 from gateway.config.plan.unit_points import DevicePoints, points_in
 from gateway.config.plan.virtual_points import points_of_rows
@@ -28,9 +29,14 @@ class Maps:
         self.targets = targets
         self.sources = map_sources(plan, of_devices) if targets else {}
 
+    @cached_property
+    def rows(self) -> tuple[tuple[PlannedRow, ...], ...]:
+        """The planned rows of each of the `targets`."""
+        return tuple(tuple(planned_rows(target, self.sources)) for target in self.targets)
+
     def added_to(self, plan: Plan) -> Plan:
         """Add the virtual units, whose rows have passed their checks, and their points."""
-        units = tuple(_settings(target, self.sources) for target in self.targets)
+        units = tuple(_settings(target, rows) for target, rows in zip(self.targets, self.rows, strict=True))
         points = {
             unit.unit: points_in(unit.areas, target.points.values()) or points_of_rows(unit, self.sources)
             for unit, target in zip(units, self.targets, strict=True)
@@ -47,9 +53,9 @@ def map_target(
     return MapTarget(image, profiles[image.profile], {point.name: point for point in of_profile(image.profile)})
 
 
-def _settings(target: MapTarget, sources: Mapping[str, MapSource]) -> VirtualSettings:
+def _settings(target: MapTarget, rows: Iterable[PlannedRow]) -> VirtualSettings:
     image = target.image
-    parts = [part for row in planned_rows(target, sources) for part in row.parts]
+    parts = [part for row in rows for part in row.parts]
     own = image_settings(image, {image.profile: target.profile})
     ranges = {area: list(own.areas.get(area, ())) for area in Area}
     for part in parts:

@@ -425,6 +425,7 @@ def test_the_picture_as_json(config, capsys):
         "device": "silo-1",
         "profile": "weigher",
         "longest_wait_ms": 3157.682,
+        "written_through": [],
     }
     assert limits[0] == {"function": 3, "one_item_ms": 1009.01, "most_items": 125, "most_items_ms": 1151.094}
     assert picture["images"] == [
@@ -649,8 +650,8 @@ def test_a_device_behind_a_server_is_shown_as_one_on_a_line_and_so_are_the_manne
           equal reads do not share a transaction
           retries 1
           rest off
-          UNIT  BEHIND THE SERVER  DEVICE    PROFILE   LONGEST WAIT
-          37    1                  inverter  inverter  3.7 s
+          UNIT  BEHIND THE SERVER  DEVICE    PROFILE   LONGEST WAIT  WRITTEN THROUGH, TOO
+          37    1                  inverter  inverter  3.7 s         241 image-241
           38    2                  meter     generic   5.31 s
           inverter sleeps: after 5 min without a request its first read is sent twice.
           Declared polls take 15.0 % of the connection

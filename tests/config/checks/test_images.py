@@ -43,7 +43,7 @@ def test_first_values_have_their_place_in_the_image(initial, said):
 def test_a_local_image_polls_nothing():
     assert problems('[[image]]\nunit = 1\ncoils = 1\nread = []\nstale = "1 s"\n') == [
         'error: image[0].read: only a mirror has this key | name the device to poll: of = "DEVICE"',
-        'error: image[0].stale: only a mirror has this key | name the device to poll: of = "DEVICE"',
+        'error: image[0].stale: only mirrors and virtual units have this key | name the device to poll: of = "DEVICE"',
     ]
 
 
@@ -70,7 +70,7 @@ def test_a_mirror_of_an_unknown_device():
 
 def test_a_mirror_is_of_the_name_of_a_device():
     assert problems(LINE.replace("unit = 1", "unit = 1, as = 41") + MIRROR.replace("one", "41")) == [
-        'error: image[0].of: there is no device "41" | write the name of unit 41: of = "one"'
+        'error: image[0].of: there is no device "41" | write the name of unit 41: "one"'
     ]
     assert problems(LINE + MIRROR.replace('"one"', "41")) == [
         "error: image[0].of: must be text | write the name of the device in quotes, not its number"
