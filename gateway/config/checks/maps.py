@@ -91,7 +91,8 @@ def _without_bit(path: Path, devices: list[str]) -> Problem:
 def _check_every(image: Image) -> Iterator[Problem]:
     late = [row for row in image.map if row.every is not None and row.every >= image.stale]
     if late:
-        more = f" (and so in {len(late) - 1} more rows)" if len(late) > 1 else ""
+        others = len(late) - 1
+        more = f" (and so in {others} more row{'' if others == 1 else 's'})" if others else ""
         what = f"values become stale between two polls{more}: stale is {show_duration(image.stale)}"
         yield warning((*late[0].path, "every"), what, "make stale two or three times as long as every")
 
@@ -201,7 +202,8 @@ def _check_gaps(area: Area, placed: Sequence[_Placed]) -> Iterator[Problem]:
             at.append(row)
     if gaps:
         told = ", ".join(gap.addresses for gap in gaps[:_MOST_TOLD])
-        more = f" and {len(gaps) - _MOST_TOLD} more gaps" if len(gaps) > _MOST_TOLD else ""
+        others = len(gaps) - _MOST_TOLD
+        more = f" and {others} more gap{'' if others == 1 else 's'}" if others > 0 else ""
         what = f"nothing is at {area} {told}{more}: a read over it is answered 02"
         first, last = gaps[0].start, gaps[0].end - 1
         remedy = f'close it, or make it registers of the unit\'s own, which are 0: {area} = "{first}-{last}"'
