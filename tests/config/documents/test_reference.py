@@ -33,10 +33,7 @@ def test_its_examples_have_no_error(text):
 @pytest.mark.parametrize(
     "row",
     [
-        (
-            "| `write` | `true` or `false` | `false` | Writes to it go to the device. Only of holding registers and coils, "
-            "here and there. |"
-        ),
+        "| `input` | address or range |  | The same for input registers. |",
         "| `baud` | number | `19200` | Any rate; 14400 and other odd ones are set as custom rates. |",
         "| `broadcast` | `true` or `false` | `true` | Whether broadcasts go to this line too. |",
         '| `mode` | `"rtu"` or `"ascii"` | `"rtu"` | What is spoken on the line. |',
