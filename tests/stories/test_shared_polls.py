@@ -6,8 +6,7 @@ import json
 import pytest
 
 from gateway.config.plan.line_load import declared_polls
-from gateway.events import PartFailed
-from gateway.modbus.functions import only_reads
+from gateway.events import PartFailed, RequestRefused
 from gateway.operator.status import status
 from gateway.plant.publisher import Publisher
 from kit.broker import FakeBroker
@@ -100,8 +99,8 @@ async def test_who_reads_the_mirror_after_a_write_by_mqtt_gets_what_was_written(
         broker.connect()
         silo.delay = 0.05
         broker.send(f"{SILO}/state/set", "9")
-        while f"{SILO}/state/result" not in broker.said():
-            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.08)
+        assert broker.said()[f"{SILO}/state/result"]["result"] == "ok"
         assert await client.asks(241, "03 0002 0001") == "03 02 00 09"
 
 
@@ -188,13 +187,15 @@ async def test_a_reload_takes_and_gives_back_what_mqtt_wants_and_the_mirror_goes
 async def test_what_the_gateway_answers_itself_is_read_and_written_as_a_device(unit):
     image = '[[image]]\nunit = 9\nname = "shift"\nprofile = "scale"\nholding = "0-9"\ncoils = 8\n'
     name = {9: "shift", 241: "copy"}[unit]
-    async with gateway_bench(CONFIG + MIRROR + image + MQTT.replace("silo", name)) as bench:
+    mirror = MIRROR.replace('"6"', '"5"')
+    async with gateway_bench(CONFIG + mirror + image + MQTT.replace("silo", name)) as bench:
         silo = furnish(bench)
         broker = FakeBroker.of(bench)
         await asyncio.sleep(2.2)
         broker.connect()
         broker.send(f"modbus/plant/{name}/state/set", "9")
         await asyncio.sleep(0.3)
-        assert broker.said()[f"modbus/plant/{name}"]["state"] == 9
+        said = broker.said()[f"modbus/plant/{name}"]
+        assert (said["state"], said["limit"]) == (9, 0)
         assert ("0600020009" in heard(silo)) is (unit == 241)
-        assert not any(only_reads(bytes.fromhex(pdu)) and pdu == "0300000006" for pdu in heard(silo))
+        assert not [event for event in bench.events if isinstance(event, RequestRefused)], "it has no gaps to read over"
