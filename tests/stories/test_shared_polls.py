@@ -199,3 +199,18 @@ async def test_what_the_gateway_answers_itself_is_read_and_written_as_a_device(u
         assert (said["state"], said["limit"]) == (9, 0)
         assert ("0600020009" in heard(silo)) is (unit == 241)
         assert not [event for event in bench.events if isinstance(event, RequestRefused)], "it has no gaps to read over"
+
+
+async def test_a_line_that_reloads_rebuild_while_its_polls_wait_is_polled_afterwards():
+    ranges = ", ".join(f'"{10 * at}"' for at in range(19))
+    config = CONFIG + MIRROR.replace('"0-2", "6"', ranges)
+    async with gateway_bench(config) as bench:
+        for timeout in ("200 ms", "300 ms", "400 ms"):
+            furnish(bench).silent = True
+            await asyncio.sleep(2.0)
+            await bench.reload(config.replace('"100 ms"\ndevices', f'"{timeout}"\ndevices'))
+        silo = furnish(bench)
+        await asyncio.sleep(20.0)
+        heard(silo)
+        await asyncio.sleep(5.0)
+        assert len(heard(silo)) == 19 * 5 + 1
