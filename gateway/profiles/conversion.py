@@ -7,21 +7,12 @@ that gives it. Where the target holds whole numbers the result is rounded, halve
 from collections.abc import Callable
 from decimal import Decimal
 from fractions import Fraction
-from math import isfinite, lcm
-from operator import itemgetter
-from struct import Struct
-from typing import Final
+from math import lcm
 
+from gateway.profiles.coding import Order, Reader, by_places, finite, reader, writer
 from gateway.profiles.point import Point
-from gateway.registers.datatypes import encode, is_float, is_whole, swapped
+from gateway.registers.datatypes import encode, is_float, swapped
 from gateway.registers.items import REGISTER, has_bits
-
-#: Puts bytes into another order.
-Order = Callable[[bytes], bytes]
-#: Finds the number, or the text, in the items of a point's `read_span`; None if they have no value.
-Reader = Callable[[bytes], float | str | None]
-
-_FLOATS: Final = {"float32": Struct(">f"), "float64": Struct(">d")}
 
 
 class Conversion:
@@ -33,8 +24,8 @@ class Conversion:
     def __init__(self, source: Point, target: Point | None) -> None:
         self.source = source
         self.target = target or source
-        self._number = _reader(source)
-        self._items = _writer(self.target)
+        self._number = reader(source)
+        self._items = writer(self.target)
         self._order = _order(source, target)
         self._is_valid = _validity(source, self.target, self._number)
         #: By the exponents of both: number there = (number here * factor + summand) / divisor.
@@ -92,26 +83,12 @@ class Conversion:
 
 def keeps_limits(point: Point, items: bytes) -> bool:
     """Tell whether the value in the items of the point's `read_span` is within its limits; text has none."""
-    number, exponent = point.carried(point.own(items)) if not has_bits(point.area) else items[0], point.exponent(items)
+    number, exponent = reader(point)(items), point.exponent(items)
     if number is None or exponent is None or isinstance(number, str):
         return True
     value = _decimal(number) * _decimal(point.scale) * Fraction(10) ** exponent + _decimal(point.offset)
     too_low = point.minimum is not None and value < _decimal(point.minimum)
     return not (too_low or (point.maximum is not None and value > _decimal(point.maximum)))
-
-
-def arranged(swap: str, size: int, chunk: int = 0) -> Order:
-    """Make what swaps so many bytes, as the registers of one value, or of several that have `chunk` bytes each."""
-    places = bytes(range(size))
-    chunk = chunk or size
-    return _by_places([at for start in range(0, size, chunk) for at in swapped(places[start : start + chunk], swap)])
-
-
-def _by_places(order: list[int]) -> Order:
-    if order == list(range(len(order))):
-        return bytes
-    pick = itemgetter(*order)
-    return lambda items: bytes(pick(items))
 
 
 def _order(source: Point, target: Point | None) -> Order | None:
@@ -129,72 +106,19 @@ def _order(source: Point, target: Point | None) -> Order | None:
     same_line = (source.scale, source.offset) == (target.scale, target.offset)
     if not is_text and (not same_line or source.scale_at is not None or target.scale_at is not None):
         return None
-    return _by_places(list(swapped(swapped(bytes(range(size)), source.swap), target.swap)))
+    return by_places(list(swapped(swapped(bytes(range(size)), source.swap), target.swap)))
 
 
 def _validity(source: Point, target: Point, number: Reader) -> Callable[[bytes], bool] | None:
     """Make what tells whether items of the same encoding have a value; None if all have."""
     invalid = (*source.invalid, *target.invalid)
     if is_float(source.type) and not invalid and source.scale_at is None:
-        order, unpack = arranged(source.swap, source.span.count * source.width), _FLOATS[source.type].unpack
-        return lambda items: isfinite(unpack(order(items))[0])
+        return finite(source)
     if invalid or is_float(source.type) or source.type.startswith("bcd") or source.scale_at is not None:
         return lambda items: (
             (found := number(items)) is not None and found not in invalid and source.exponent(items) is not None
         )
     return None
-
-
-def _reader(point: Point) -> Reader:
-    """Prepare what a point needs to be decoded."""
-    if has_bits(point.area):
-        return lambda items: items[0]
-    order, invalid = arranged(point.swap, point.count * point.width), point.invalid
-    if point.scale_at is None and point.bits is None and _is_binary(point.type):
-        signed = point.type.startswith("int")
-
-        def whole(items: bytes) -> int | None:
-            number = int.from_bytes(order(items), "big", signed=signed)
-            return None if number in invalid else number
-
-        return whole
-    return lambda items: point.carried(point.own(items))
-
-
-def _writer(point: Point) -> Callable[[float], bytes | None]:
-    """Make what encodes a number as the own items of a point, a whole one for types of these; None if it is too large.
-
-    A binary fraction for a type of whole numbers does not come here.
-    """
-    if has_bits(point.area):
-        return lambda number: bytes((int(number),)) if number in (0, 1) else None
-    if point.bits is None and _is_binary(point.type):
-        size, signed = point.count * point.width, point.type.startswith("int")
-        order = arranged(point.swap, size)
-
-        def whole(number: float) -> bytes | None:
-            try:
-                return order(int(number).to_bytes(size, "big", signed=signed))
-            except OverflowError:
-                return None
-
-        return whole
-
-    least, greatest = point.least_and_greatest if is_whole(point.type) else (None, None)
-
-    def other(number: float) -> bytes | None:
-        if least is not None and greatest is not None and not least <= number <= greatest:
-            return None
-        try:
-            return point.carrying(number)
-        except ValueError:
-            return None
-
-    return other
-
-
-def _is_binary(data_type: str) -> bool:
-    return is_whole(data_type) and data_type.lstrip("u").startswith("int")
 
 
 def _text(text: str, target: Point) -> bytes | None:

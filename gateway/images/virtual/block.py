@@ -29,8 +29,11 @@ class Block:
         self.rows = tuple(Row(each, sources[each.device], reader, self) for each in settings.values)
         self._tables = make_tables(settings.areas, {})
         self._layout = Layout(settings, self.rows)
-        self._by_device = {
-            name: Freshness(tuple(row for row in self.rows if row.mapped.device == name)) for name in sources
+        self._by_device = {name: self._freshness(name) for name in sources}
+        #: By the place of fresh bits: of all of their devices, and the items while these are fresh.
+        self._all_fresh = {
+            each.place: (self._freshness(*each.devices), _bits(b"\1" * len(each.devices), each.place))
+            for each in settings.fresh
         }
 
     def has(self, span: Span) -> bool:
@@ -92,6 +95,9 @@ class Block:
             items[size * (start - span.start) : size * (end - span.start)] = part
         return pack_bits(bytes(items)) if are_bits else bytes(items)
 
+    def _freshness(self, *devices: str) -> Freshness:
+        return Freshness(tuple(row for row in self.rows if row.mapped.device in devices))
+
     def _computed(self, piece: FreshBits | SourceAge | Own, now: float) -> bytes:
         """Make the items at what is no row."""
         place = piece.place
@@ -101,12 +107,15 @@ class Block:
         if isinstance(piece, SourceAge):
             age = self.age_of(piece.device, now)
             return (NO_ANSWER if age is None else min(int(age), NO_ANSWER - 1)).to_bytes(REGISTER, "big")
-        bits = bytes(self.is_device_fresh(each, now) for each in piece.devices)
-        if has_bits(place.area):
-            return bits
-        return _registers(int.from_bytes(pack_bits(bits), "little"), place.count)
+        freshness, items = self._all_fresh[place]
+        if freshness.lasts(now, self.stale, self.changes):
+            return items
+        return _bits(bytes(self.is_device_fresh(each, now) for each in piece.devices), place)
 
 
-def _registers(number: int, count: int) -> bytes:
-    """Spread a number over registers, the lowest bits in the first."""
-    return b"".join((number >> 16 * at & 0xFFFF).to_bytes(REGISTER, "big") for at in range(count))
+def _bits(bits: bytes, place: Span) -> bytes:
+    """Make coils of bits, or registers, the lowest bits in the first."""
+    if has_bits(place.area):
+        return bits
+    number = int.from_bytes(pack_bits(bits), "little")
+    return b"".join((number >> 16 * at & 0xFFFF).to_bytes(REGISTER, "big") for at in range(place.count))

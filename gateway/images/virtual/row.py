@@ -7,7 +7,8 @@ from typing import Literal, NamedTuple, Protocol
 from gateway.images.polled_range import Part, Reader
 from gateway.images.polling import DevicePolls
 from gateway.images.virtual.settings import MappedValue
-from gateway.profiles.conversion import Conversion, arranged
+from gateway.profiles.coding import arranged
+from gateway.profiles.conversion import Conversion
 from gateway.profiles.profile import Profile
 from gateway.registers.items import REGISTER, has_bits
 from gateway.request import Target
