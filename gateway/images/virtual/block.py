@@ -29,10 +29,16 @@ class Block:
         self.rows = tuple(Row(each, sources[each.device], reader, self) for each in settings.values)
         self._tables = make_tables(settings.areas, {})
         self._layout = Layout(settings, self.rows)
-        self._by_device = {name: self._freshness(name) for name in sources}
+        rows: dict[str, list[Row]] = {name: [] for name in sources}
+        for row in self.rows:
+            rows[row.mapped.device].append(row)
+        self._by_device = {name: Freshness(tuple(of_device)) for name, of_device in rows.items()}
         #: By the place of fresh bits: of all of their devices, and the items while these are fresh.
         self._all_fresh = {
-            each.place: (self._freshness(*each.devices), _bits(b"\1" * len(each.devices), each.place))
+            each.place: (
+                Freshness(tuple(row for name in each.devices for row in rows[name])),
+                _bits(b"\1" * len(each.devices), each.place),
+            )
             for each in settings.fresh
         }
 
@@ -67,15 +73,14 @@ class Block:
 
     def is_device_fresh(self, device: str, now: float) -> bool:
         """Tell whether all rows of a source are fresh, or will be when the poll after a write is answered."""
-        stale, rows = self.stale, self._by_device.get(device)
-        if rows is None:
-            return False
-        return rows.lasts(now, stale, self.changes) or all(row.is_expected(now, stale) for row in rows.rows)
+        of_device = self._by_device[device]
+        if of_device.lasts(now, self.stale, self.changes):
+            return True
+        return all(row.is_expected(now, self.stale) for row in of_device.rows)
 
     def age_of(self, device: str, now: float) -> float | None:
         """Return the seconds since the last answer of a source; None if there was none."""
-        rows = self._by_device[device].rows if device in self._by_device else ()
-        answers = [row.sampled_at for row in rows if row.sampled_at is not None]
+        answers = [row.sampled_at for row in self._by_device[device].rows if row.sampled_at is not None]
         return now - max(answers) if answers else None
 
     def values(self, read: Touched, now: float, fills: Sequence[tuple[Span, bytes]] = ()) -> bytes:
@@ -94,9 +99,6 @@ class Block:
             part = own[size * (start - place.start) : size * (end - place.start)]
             items[size * (start - span.start) : size * (end - span.start)] = part
         return pack_bits(bytes(items)) if are_bits else bytes(items)
-
-    def _freshness(self, *devices: str) -> Freshness:
-        return Freshness(tuple(row for row in self.rows if row.mapped.device in devices))
 
     def _computed(self, piece: FreshBits | SourceAge | Own, now: float) -> bytes:
         """Make the items at what is no row."""

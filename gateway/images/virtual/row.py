@@ -53,9 +53,9 @@ class Row(Part):
         self._size = mapped.place.count * (1 if has_bits(mapped.place.area) else REGISTER)
         self._convert = _conversion(mapped)
         point = mapped.point
-        #: From what a client writes to what the device gets.
+        #: From what a client writes to what the device gets, for a value that takes writes.
         self.back: Conversion | None = None
-        if point is not None:
+        if point is not None and mapped.write:
             self.back = Conversion(point, None) if mapped.target is None else Conversion(mapped.target, point)
 
     def take(self, items: bytes) -> bytes | None:

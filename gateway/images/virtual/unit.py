@@ -49,6 +49,12 @@ class VirtualUnit(OrderedUnit):
         self.settings = settings
         self.own = own
         self.block = Block(settings, sources, own, self)
+        #: With the places where they are written.
+        self._written_elsewhere = [
+            (row, point.write_span)
+            for row in self.block.rows
+            if (point := row.mapped.point) is not None and point.write_at is not None
+        ]
         # A coil of the unit is on or off, and its registers have two bytes.
         self._profile = replace(settings.profile, any_coil=False, wide={})
         self._reads: dict[bytes, Touched] = {}
@@ -90,14 +96,9 @@ class VirtualUnit(OrderedUnit):
         """Note that `sent` may have changed values of a source, also of what is read elsewhere than it is written."""
         before = polls.writes
         super().wrote(request, polls, sent, response, now)
-        if polls.writes == before:
-            return
         written = parse_sent(sent.pdu).write
-        for row in self.block.rows:
-            point = row.mapped.point
-            if row.source.polls is not polls or point is None or point.write_at is None:
-                continue
-            if written is None or point.write_span.touches(written):
+        for row, place in self._written_elsewhere if polls.writes != before else ():
+            if row.source.polls is polls and (written is None or place.touches(written)):
                 polls.changed(row.poll.span, now)
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
