@@ -11,8 +11,8 @@ from gateway.request import Request
 class ClientEvent(Event):
     """An event about a client. One with a certificate has its `subject`, and its `role`, empty for the null role.
 
-    `device` is the name of a device without a unit for clients, and `unit` the one on the wire; or that of the device to
-    which a write to a virtual unit went.
+    `device` is the name of a device without a unit for clients, and `unit` the one on the wire; or that of the device
+    to which a write to a virtual unit went.
     """
 
     def fields(self) -> dict[str, object]:
