@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from math import isfinite
 from operator import itemgetter
 from struct import Struct
@@ -23,6 +24,7 @@ Writer = Callable[[float], bytes | None]
 _FLOATS: Final = {"float32": Struct(">f"), "float64": Struct(">d")}
 
 
+@lru_cache(maxsize=256)
 def arranged(swap: str, size: int, chunk: int = 0) -> Order:
     """Make what swaps so many bytes, as the registers of one value, or of several that have `chunk` bytes each."""
     places = bytes(range(size))

@@ -36,10 +36,23 @@ class Changing(Protocol):
 class Row(Part):
     """What a row maps, and its source. `items` are those that were read last, as the device sent them.
 
-    `is_valid`: they have a value that fits the row. It `holds` a value if they ever had one.
+    `is_valid`: they have a value that fits the row. It `holds` a value if they ever had one. `is_refused`: the last
+    answer to its poll was an exception.
     """
 
-    __slots__ = ("_block", "_convert", "_size", "back", "holds", "is_valid", "items", "mapped", "place", "source")
+    __slots__ = (
+        "_block",
+        "_convert",
+        "_size",
+        "back",
+        "holds",
+        "is_refused",
+        "is_valid",
+        "items",
+        "mapped",
+        "place",
+        "source",
+    )
 
     def __init__(self, mapped: MappedValue, source: Source, reader: Reader, block: Changing) -> None:
         super().__init__(mapped.poll, reader)
@@ -50,6 +63,7 @@ class Row(Part):
         self.items: bytes | None = None
         self.is_valid = False
         self.holds = False
+        self.is_refused = False
         self._size = mapped.place.count * (1 if has_bits(mapped.place.area) else REGISTER)
         self._convert = _conversion(mapped)
         point = mapped.point
@@ -60,6 +74,7 @@ class Row(Part):
 
     def take(self, items: bytes) -> bytes | None:
         """Take what was read. Return the items of its place if they are others than before."""
+        self.is_refused = False
         if items == self.items:
             return None
         self.items = items
@@ -113,7 +128,7 @@ class Row(Part):
         span = self.poll.span
         where = f"{self.mapped.device} ({span.area} {span.addresses})"
         if self.state(now, stale) != "invalid" or self.items is None:
-            return f"{where} has not answered for too long"
+            return f"{where} is refused" if self.is_refused else f"{where} has not answered for too long"
         point = self.mapped.point
         has_value = point is None or Conversion(point, None).has_value(self.items)
         return f"the value of {where} does not fit its row" if has_value else f"{where} has no valid value"

@@ -89,8 +89,10 @@ class VirtualUnit(OrderedUnit):
         for row, own in items:
             self.block.take(cast("Row", row), own)
 
-    def missed(self, parts: Sequence[Part], now: float, *, answers: bool | None) -> None:
-        """Note that there are no new values: their age says so."""
+    def missed(self, parts: Sequence[Part], now: float, *, answers: bool | None) -> None:  # noqa: ARG002
+        """Note that there are no new values, and whether the device refuses them: the rest their age says."""
+        for row in parts:
+            cast("Row", row).is_refused = bool(answers)
 
     def wrote(self, request: Request, polls: DevicePolls, sent: Request, response: bytes | None, now: float) -> None:
         """Note that `sent` may have changed values of a source, also of what is read elsewhere than it is written."""

@@ -97,7 +97,7 @@ class Bench:
         self.start()
 
     def made(self, *rows, own=None, stale=2.0, profile=GENERIC, fresh=(), ages=()) -> VirtualUnit:
-        own = own or {}
+        own = {area: _joined(ranges) for area, ranges in (own or {}).items()}
         areas = {area: [(span.start, span.end - 1) for span in self._places(rows, fresh, ages, area)] for area in Area}
         for area, ranges in own.items():
             areas[area] += ranges

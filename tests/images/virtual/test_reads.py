@@ -60,7 +60,21 @@ def test_a_device_that_does_not_answer_ends_the_waiting(bench):
     client.ask("03 0000 0001")
     bench["a"].has("83 0B")
     assert client.came() == ["83 0B"]
+    assert client.why == "hall: a (holding 10-11) has not answered for too long"
     assert client.ask("03 0000 0001") == ["83 0B"]
+
+
+def test_a_row_that_its_device_refuses(bench):
+    client = bench.client()
+    client.ask("03 0000 0001")
+    bench["a"].has("83 02")
+    assert client.came() == ["83 0B"]
+    assert client.why == "hall: a (holding 10-11) is refused"
+    bench["a"].rests = True
+    bench.now = 1.0
+    bench.poll(bench["a"])
+    client.ask("03 0000 0001")
+    assert client.why == "hall: a (holding 10-11) has not answered for too long"
 
 
 @pytest.mark.parametrize(
