@@ -224,22 +224,7 @@ def test_the_map_of_an_image_a_mirror_and_a_device(config, capsys):
     ]
     copy = mapped(capsys, config, "copy").splitlines()
     assert copy[0] == "Unit 201, copy"
-    assert copy[3].split() == [
-        "holding",
-        "10-11",
-        "40011",
-        "power",
-        "int32",
-        "x",
-        "0.1",
-        "kW",
-        "meter-1",
-        "holding",
-        "10-11",
-        "500",
-        "ms",
-        "yes",
-    ]
+    assert " ".join(copy[3].split()) == "holding 10-11 40011 power int32 x 0.1 kW meter-1 holding 10-11 500 ms yes"
     assert copy[4].split()[-1] == "-"
     meter = json.loads(mapped(capsys, config, "41", "--json"))
     assert (meter["unit"], meter["name"]) == (41, "meter-1")
