@@ -6,14 +6,8 @@ import sys
 
 from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere, tell_wrong_usage
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
-from gateway.cli.show.register_map import (
-    RegisterMap,
-    map_as_csv,
-    map_as_json,
-    map_as_text,
-    register_map,
-    units_with_maps,
-)
+from gateway.cli.show.map import map_as_csv, map_as_json, map_as_text
+from gateway.cli.show.register_map import RegisterMap, register_map, units_with_maps
 from gateway.config.load import load
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import did_you_mean, errors_in

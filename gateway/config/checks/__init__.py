@@ -5,6 +5,7 @@
 - units, duplicates    one destination for each unit; names, ports and leases that are used once
 - profiles, reference_numbers    kinds of devices; addresses that may be numbers of a manual
 - points, point_places, point_values, point_writing    points: their names, places and values, and how they are written
-- images, upstreams    images and mirrors; other servers
+- images, maps, map_rows    images, mirrors and virtual units; the maps of these, and single rows
+- upstreams    other servers
 - web, mqtt, fleet, lease    the add-ons
 """

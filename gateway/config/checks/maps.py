@@ -5,6 +5,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from gateway.config.checks.map_rows import check_row
+from gateway.config.plan.areas import ranges_in
 from gateway.config.plan.map_place import MapTarget
 from gateway.config.plan.map_rows import Part, PlannedRow
 from gateway.config.plan.virtual import Maps
@@ -51,7 +52,7 @@ def check_planned_maps(maps: Maps) -> Iterator[Problem]:
         for area in Area:
             yield from _check_overlaps(placed[area])
             if all(row.wrong is None for row in planned):
-                yield from _check_gaps(area, placed[area])
+                yield from _check_gaps(target.image, area, placed[area])
 
 
 def _check_names(image: Image) -> Iterator[Problem]:
@@ -150,7 +151,7 @@ def _placed(target: MapTarget, planned: Sequence[PlannedRow]) -> dict[Area, list
     """List what each area of a unit has, in the order of the addresses; what is wider stands first."""
     found: dict[Area, list[_Placed]] = {area: [] for area in Area}
     for area in Area:
-        for first, last in getattr(target.image, area):
+        for first, last in ranges_in(area, target.image):
             found[area].append(_Placed(Span(area, first, last + 1 - first), None, -1))
     for number, (row, parts, _) in enumerate(planned):
         for span in _runs(parts):
@@ -191,7 +192,7 @@ def _overlap(row: Mapped, span: Span, earlier: _Placed) -> Problem:
     return error((*row.path, "at"), what, f"{earlier.span.end} is the first address behind that row")
 
 
-def _check_gaps(area: Area, placed: Sequence[_Placed]) -> Iterator[Problem]:
+def _check_gaps(image: Image, area: Area, placed: Sequence[_Placed]) -> Iterator[Problem]:
     """Warn of addresses that nothing has, beside rows that one request could read together."""
     most, gaps, at = READERS[area][1], list[Span](), list[Mapped]()
     for before, each in pairwise(_farthest(placed)):
@@ -205,8 +206,9 @@ def _check_gaps(area: Area, placed: Sequence[_Placed]) -> Iterator[Problem]:
         others = len(gaps) - _MOST_TOLD
         more = f" and {others} more gap{'' if others == 1 else 's'}" if others > 0 else ""
         what = f"nothing is at {area} {told}{more}: a read over it is answered 02"
-        first, last = gaps[0].start, gaps[0].end - 1
-        remedy = f'close it, or make it registers of the unit\'s own, which are 0: {area} = "{first}-{last}"'
+        filling = f'"{gaps[0].start}-{gaps[0].end - 1}"'
+        own = f"add {filling} to {area}" if ranges_in(area, image) else f"{area} = {filling}"
+        remedy = f"close it, or let it have registers of the unit's own, which are 0: {own}"
         yield warning((*at[0].path, "at"), what, remedy)
 
 

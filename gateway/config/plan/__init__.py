@@ -3,6 +3,8 @@
 - settings     the settings of all parts: what is in memory once the config is read
 - listeners, lines, images, profiles, access    these settings, made of the tables of the config
 - points, unit_points    points of a table, and of each unit
+- virtual, virtual_points    virtual units, and the points that follow from their rows
+- map_rows, map_place, map_sources, map_conversion    a row of them: where it stands, what it reads, how it is written
 - web, mqtt, fleet    the settings of the add-ons, made of their tables
 - names, reach, areas    names of devices, which listener leads where, addresses by area: for the checks, too
 - wanted_polls    who wants to have polled what of the devices

@@ -8,6 +8,7 @@ from gateway.config.problem import did_you_mean
 from gateway.config.schema.image import Image
 from gateway.config.schema.mapped import Mapped
 from gateway.config.values.ranges import MOST_ITEMS, show_ranges
+from gateway.images.polls import polling_function
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
@@ -65,9 +66,13 @@ class MapTarget:
         span = Span(area, start, count)
         if span.end > MOST_ITEMS:
             raise WrongRow("at", f"ends at {span.end - 1}, and the last address is {MOST_ITEMS - 1}")
-        exist = self.profile.areas.get(area)
+        profile, function = self.profile, polling_function(area)
+        if not profile.knows(function):
+            what = f"profile {profile.name} has no function {function:d}, which reads {area}"
+            raise WrongRow("at", what, "choose another area")
+        exist = profile.areas.get(area)
         if not covers(exist, span):
-            what = f"profile {self.profile.name} has no {area} {span.addresses}"
+            what = f"profile {profile.name} has no {area} {span.addresses}"
             raise WrongRow("at", what, f"its {area}: {show_ranges(exist or ())}")
         return span
 

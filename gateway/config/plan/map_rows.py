@@ -162,8 +162,12 @@ class _Values:
             raise WrongRow("write", f"{here} of this unit cannot be written", "take it out, or map it in another area")
         if there.area not in WRITERS:
             raise WrongRow("write", f"{there.area} of {self.source.name} cannot be written", "take it out")
-        functions = self.source.profile.functions
-        single, several, _ = WRITERS[there.area]
-        if functions is not None and functions.isdisjoint({single, several}):
-            what = f"{self.source.name} has no function {single:d} or {several:d}, which write {there.area}"
-            raise WrongRow("write", what, "take it out")
+        of_unit = f"profile {self.target.profile.name}"
+        for name, profile, area in (
+            (self.source.name, self.source.profile, there.area),
+            (of_unit, self.target.profile, here),
+        ):
+            single, several, _ = WRITERS[area]
+            if not (profile.knows(single) or profile.knows(several)):
+                what = f"{name} has no function {single:d} or {several:d}, which write {area}"
+                raise WrongRow("write", what, "take it out")

@@ -28,7 +28,7 @@ def points_of_rows(unit: VirtualSettings, sources: Mapping[str, MapSource]) -> t
     """
     layouts = {name: _Layout(sources[name].points.values()) for name in unit.devices}
     places = _Places(unit.values)
-    taken = set[str]()
+    names = _Names()
     of_values = (
         (value.device, point)
         for value in unit.values
@@ -37,7 +37,7 @@ def points_of_rows(unit: VirtualSettings, sources: Mapping[str, MapSource]) -> t
     of_bits = (each for bits in unit.fresh for each in _bits(bits))
     of_ages = ((age.device, Point("age", age.place.area, age.place.start, unit="s")) for age in unit.ages)
     named = (*of_values, *of_bits, *of_ages)
-    return tuple(replace(point, name=_unique(_name(device, point.name), taken)) for device, point in named)
+    return tuple(replace(point, name=names.unique(_name(device, point.name))) for device, point in named)
 
 
 class _Layout:
@@ -131,10 +131,18 @@ def _name(device: str, point: str) -> str:
     return name if len(name) <= LONGEST_NAME else name[-LONGEST_NAME:].lstrip("-_.0123456789")
 
 
-def _unique(name: str, taken: set[str]) -> str:
-    found, number = name, 2
-    while found in taken:
-        ending = f"-{number}"
-        found, number = name[: LONGEST_NAME - len(ending)] + ending, number + 1
-    taken.add(found)
-    return found
+class _Names:
+    """Makes names unique."""
+
+    def __init__(self) -> None:
+        self._next: dict[str, int] = {}
+
+    def unique(self, name: str) -> str:
+        """Return the name, with a number behind it if it is taken."""
+        found = name
+        while found in self._next:
+            number = self._next[name] = self._next[name] + 1
+            ending = f"-{number}"
+            found = name[: LONGEST_NAME - len(ending)] + ending
+        self._next[found] = 1
+        return found

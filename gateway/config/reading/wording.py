@@ -97,7 +97,7 @@ def _where_it_is(path: Path) -> str:
 def not_text(path: Path, value: object, written: Callable[[Path], str]) -> Problem:
     """Say that the value at `path` must be text: if it is a number, a date or a word, it lacks its quotes."""
     is_scalar = not isinstance(value, (list, dict))
-    if path[-1] == "of" and isinstance(value, int):
+    if path[-1] in ("of", "age") and isinstance(value, int):
         return error(path, "must be text", "write the name of the device in quotes, not its number")
     shown = "..." if is_secret(_dotted(path)) else written(path)
     return error(path, "must be text", f'put it in quotes: "{shown}"' if is_scalar else "")

@@ -2,6 +2,7 @@
 
 - config       all sections
 - listen, line, image, upstream, profile, access    what there may be several of
+- mapped       a row of a virtual unit
 - gateway      `[self]`, `[control]`, `[trace]` and `[log]`
 - web, mqtt, fleet    the add-ons
 - table        what each table knows of itself

@@ -236,12 +236,14 @@ def test_a_gap_that_one_read_could_include_is_a_warning():
     assert gap(3) == [
         (
             "warning: [1].at: nothing is at holding 2: a read over it is answered 02 | "
-            'close it, or make it registers of the unit\'s own, which are 0: holding = "2-2"'
+            'close it, or let it have registers of the unit\'s own, which are 0: holding = "2-2"'
         )
     ]
     assert len(gap(125)) == 1
     assert gap(126) == []  # 2 and 123 between them and 1 are more than one request reads
     assert said(POWER, 'at = 10, age = "meter"', keys='holding = "2-9"') == []
+    (found,) = said(POWER, 'at = 10, age = "meter"', keys='holding = "4-9"')
+    assert found.endswith('own, which are 0: add "2-3" to holding')
     many = [f'at = {at}, age = "meter"' for at in (3, 5, 7, 9)]
     assert said(POWER, *many)[0].startswith("warning: [1].at: nothing is at holding 2, 4, 6 and 1 more gap: a read")
 
@@ -331,6 +333,16 @@ TARGET = 'profile = "target"'
 def test_a_row_may_name_a_point_of_the_profile(row, what):
     found = said(row, keys=TARGET)
     assert [each.startswith(f"error: [0]{what}") for each in found] == [True] * bool(what), found
+
+
+def test_the_functions_of_the_profile_hold():
+    row = 'at = 0, device = "any", coils = 0, area = "coils", every = "1 s"'
+    (found,) = said(row, keys=TARGET)
+    assert found == "error: [0].at: profile target has no function 1, which reads coils | choose another area"
+    row = 'at = 0, device = "any", holding = 0, every = "1 s", write = true'
+    assert said(row, keys=TARGET) == []
+    (found,) = said(row, keys='profile = "relay"')
+    assert found == "error: [0].write: profile relay has no function 6 or 16, which write holding | take it out"
 
 
 def test_the_scale_of_a_point_of_the_profile_is_a_register_of_the_unit_itself():
