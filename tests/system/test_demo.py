@@ -45,6 +45,11 @@ def test_it_shows_the_weight_of_the_document(shown: subprocess.CompletedProcess[
     assert "4999.66" in shown.stdout
 
 
+def test_a_virtual_unit_has_registers_of_several_devices(shown: subprocess.CompletedProcess[str]) -> None:
+    assert "240 plant" in shown.stdout
+    assert re.search(r"ok +240 +\S.*: 4999\.66, 99, 99, 99, 555, 0, 100 +at once", shown.stdout)
+
+
 def test_a_panel_asks_the_same_over_a_serial_line(shown: subprocess.CompletedProcess[str]) -> None:
     hops = ["> gateway  :290300000002D2", "> silo     01 03 00 00 00 02 C4 0B", "> panel    :290304459C3D5161"]
     assert all(hop in shown.stdout for hop in hops)
@@ -87,15 +92,16 @@ def test_the_commands_that_it_and_the_devices_page_print_work_as_they_stand(tmp_
         printed = re.findall(r"^  (?:mbpoll|\./deploy/go) .*", shown, re.MULTILINE)
         documented = re.findall(r"^    (?:mbpoll|modbus-gateway) .*", page, re.MULTILINE)
         said = [_said(line, own_socket) for line in (*printed, *(line.replace("5020", port) for line in documented))]
-    assert (len(printed), len(documented)) == (7, 9)
+    assert (len(printed), len(documented)) == (8, 9)
     assert "weight   4999.66" in said[0]
-    assert "40108" in said[1]
-    assert "register-40136  10   926" in said[2]
-    assert "read holding 107-109 (40108-40110)" in said[3]
-    assert "4999.66" in said[4]
-    assert "[107]: \t99" in said[5]
-    assert "Written" in said[6]
-    assert "address  5 " in said[10]
+    assert "silo-1.weight  " in said[1]
+    assert "40108" in said[2]
+    assert "register-40136  10   926" in said[3]
+    assert "read holding 107-109 (40108-40110)" in said[4]
+    assert "4999.66" in said[5]
+    assert "[107]: \t99" in said[6]
+    assert "Written" in said[7]
+    assert "address  5 " in said[11]
     assert all("Written" in text for text in said[-2:])
 
 

@@ -1,5 +1,6 @@
 """The demo's lines, config, and requests with the responses that the device manuals print."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from struct import unpack
 from typing import Final
@@ -92,6 +93,34 @@ PANEL_LINE: Final = (
 
 IMAGE: Final = '[[image]]\nunit = 200\nname = "shift-data"\nholding = 100\n'
 
+#: Registers of all devices in one block. Only axis-2 is missing: the script shows how long it is silent.
+_MAPPED: Final = (
+    '{ at = 0, device = "silo-1", point = "weight", every = "1 s" }',
+    '{ at = 2, device = "press", holding = "107-109", every = "1 s" }',
+    '{ at = 5, device = "oven", holding = "107-109", every = "1 s" }',
+    '{ at = 8, device = "axis-1", holding = "29-30", every = "1 s" }',
+    '{ at = 10, device = "dock-1", point = "weight", every = "1 s" }',
+    '{ at = 12, device = "yard-1", point = "weight", every = "1 s" }',
+    '{ at = 14, device = "shift-data", holding = 0, every = "1 s" }',
+    '{ at = 15, fresh = ["silo-1", "press", "oven", "axis-1", "dock-1", "yard-1", "shift-data"] }',
+)
+#: Those of the live line.
+_LIVE_MAPPED: Final = (
+    '{ at = 16, device = "mixer", point = "weight", every = "1 s" }',
+    '{ at = 18, device = "drive-71", holding = "0-3", every = "1 s" }',
+    '{ at = 22, device = "drive-72", holding = "0-3", every = "1 s" }',
+    '{ at = 26, device = "drive-73", holding = "0-3", every = "1 s" }',
+    '{ at = 30, device = "spare", holding = 0, every = "1 s" }',
+    '{ at = 31, fresh = ["mixer", "drive-71", "drive-72", "drive-73", "spare"] }',
+)
+
+
+def virtual_unit(lines: Sequence[DemoLine]) -> str:
+    """Make the config of the unit that gathers the devices of all lines."""
+    rows = (*_MAPPED, *_LIVE_MAPPED) if LIVE_LINE in lines else _MAPPED
+    head = '[[image]]\nunit = 240\nname = "plant"\nstale = "5 s"\nwhen_stale = 0x7FC0\n'
+    return "".join([head, "map = [\n", *(f"  {row},\n" for row in rows), "]\n"])
+
 
 def _quote(unit: int, about: str, request: str, response: str, shows: str = "") -> DemoRequest:
     """Make a question of the frames in a manual: unit identifier, PDU, CRC."""
@@ -156,6 +185,18 @@ CHAPTERS: Final = (
             DemoRequest(200, "read 40001", "03 00 00 00 01", "03 02 00 07", "uint16"),
         ),
     ),
+    Chapter(
+        "Virtual unit 240: registers of all devices in one block, polled by the gateway",
+        (
+            DemoRequest(
+                240,
+                "three devices",
+                "03 00 00 00 08",
+                "03 10 45 9C 3D 51 00 63 00 63 00 63 02 2B 00 00 00 64",
+                "float32, uint16",
+            ),
+        ),
+    ),
 )
 
 
@@ -163,6 +204,8 @@ def reading(shows: str, answer: bytes) -> str:
     """Show the values in a response, read as `shows` says, or its exception."""
     if answer[0] & 0x80:
         return f"exception {answer[1]:02X}"
+    if shows == "float32, uint16":
+        return f"{reading('float32', answer)}, {reading('uint16', answer[:2] + answer[6:])}"
     if shows == "float32":
         return f"{unpack('>f', answer[2:6])[0]:.2f}"
     if shows == "uint16":

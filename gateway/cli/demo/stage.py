@@ -49,6 +49,8 @@ class Stage:
         self._page = ""
         self._hops: list[Hop] = []
         self._told: list[str] = []
+        self._names = {device.known_as: device.name for line in plan.lines for device in line.devices}
+        self._asked = ""
         self._is_over = False
         self._transaction = 0
 
@@ -73,7 +75,7 @@ class Stage:
             self._page = event.address
         elif isinstance(event, events.AddressMoved | events.BaudChanged):
             self._told.append(f"{event.name}: {event.advice}")
-        elif isinstance(event, events.RequestTimeout | events.BadFrame):
+        elif isinstance(event, events.RequestTimeout | events.BadFrame) and event.device == self._asked:
             self._told.append(f"{event.name}: {event.elapsed_ms:.0f} ms, limit {event.limit_ms:.0f} ms")
 
     def introduce(self) -> None:
@@ -88,6 +90,8 @@ class Stage:
             print(f"  {server.line.name:9} {timing.mode.upper():5} {timing.baud:5} {timing.format}   client of {units}")
         for image in self._plan.images:
             print(f"  {'(image)':28} {image.unit} {image.name}")
+        for unit in self._plan.virtual:
+            print(f"  {'(virtual unit)':28} {unit.unit} {unit.name}")
         if self._page:
             print(f"  page      {self._page}")
         print(f"  config    {self._config}")
@@ -139,6 +143,7 @@ class Stage:
             device.known_as for line in self._plan.lines for device in line.shared if device.client_unit is not None
         ]
         units += [image.unit for image in self._plan.images]
+        units += [unit.unit for unit in self._plan.virtual]
         print("\nOne TCP segment with a request to each unit; responses in order of arrival\n")
         self._writer.write(b"".join(mbap.encode(unit, unit, bytes.fromhex("03 00 01 00 01")) for unit in units))
         answered = []
@@ -163,6 +168,7 @@ class Stage:
             print(f"\nSome clients keep the lines busy. See them in a browser: {self._page}")
         print("\nThe lines keep running. In another terminal, for example:\n")
         print(f"  {command} read silo-1{at}")
+        print(f"  {command} read plant{at}")
         print(f"  {command} read press holding 107-109{at}")
         print(f"  {command} write oven register-40136 926 --show{at}")
         print(f"  {command} trace{at}")
@@ -176,6 +182,7 @@ class Stage:
         self._transaction += 1
         request = mbap.encode(self._transaction, question.unit, bytes.fromhex(question.request))
         self._hops.clear()
+        self._asked = self._names.get(question.unit, "")
         self._writer.write(request)
         header = await asyncio.wait_for(self._reader.readexactly(6), _PATIENCE)
         answer = header + await asyncio.wait_for(self._reader.readexactly(int.from_bytes(header[4:])), _PATIENCE)
@@ -185,7 +192,8 @@ class Stage:
         return request, answer, right
 
     def _observe(self, line: Line, transaction: Transaction, response: Frame | None, now: float) -> None:
-        if self._is_over:
+        is_poll = transaction.yields and len(transaction.requests) == 1
+        if self._is_over or is_poll:
             return
         mode = line.settings.timing.mode
         self._hops.append(

@@ -14,7 +14,17 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
-from gateway.cli.demo.script import CHAPTERS, FIRST_QUESTION, IMAGE, LINES, LIVE_LINE, PANEL, PANEL_LINE, DemoLine
+from gateway.cli.demo.script import (
+    CHAPTERS,
+    FIRST_QUESTION,
+    IMAGE,
+    LINES,
+    LIVE_LINE,
+    PANEL,
+    PANEL_LINE,
+    DemoLine,
+    virtual_unit,
+)
 from gateway.cli.demo.stage import Stage
 from gateway.cli.demo.tls import PORT as TLS_PORT
 from gateway.cli.demo.tls import invitation, make_certificates, tls_config
@@ -166,7 +176,7 @@ def _write_config(folder: Path, lines: Sequence[DemoLine], certificates: Path | 
     parts = [f'[[listen]]\nbind = "tcp://127.0.0.1:{_port(_PORT)}"\n']
     named = [*((line.name, line.config) for line in lines), (PANEL, PANEL_LINE)]
     parts += [f'[[line]]\nname = "{name}"\nport = "{folder / name}"\n{config}\n' for name, config in named]
-    parts.append(IMAGE)
+    parts += [IMAGE, virtual_unit(lines)]
     if certificates is not None:
         parts.append(tls_config(certificates, _port(TLS_PORT)))
     if has_page:
@@ -229,13 +239,13 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
     contexts.adopt(load_all(plan.secured))
     running, stop = Running(plan, make_opener, fan_out.emit, contexts=contexts), Stop()
     reloader = Reloader(config, running, Notifier({}), text=text, read=read_here)
-    serving = asyncio.create_task(serve(running, stop, None, reloader), name="gateway")
+    operator = Operator(running, reloader)
+    pages = web_pages(plan.web, operator, fan_out)
+    serving = asyncio.create_task(serve(running, stop, None, reloader, pages), name="gateway")
     try:
         async with _starting("the gateway"):
             await ready.wait()
-        operator = Operator(running, reloader)
-        async with web_pages(plan.web, operator, fan_out):
-            yield running, operator
+        yield running, operator
     finally:
         stop.order("the demo is stopping")
         await serving
