@@ -154,3 +154,31 @@ async def test_a_unit_that_goes_is_polled_no_more():
         await asyncio.sleep(5.0)
         assert len(one.heard) == heard
         assert await bench.client().asks(240, "03 0000 0001") == "83 0A"
+
+
+async def test_own_registers_survive_a_restart_if_they_persist(tmp_path):
+    config = CONFIG.replace('holding = "50-59"', 'holding = "50-59"\npersist = "always"')
+    async with gateway_bench(config, state=tmp_path) as bench:
+        furnish(bench)
+        assert await bench.client().asks(240, "10 0032 0002 04 0001 0002") == "10 00 32 00 02"
+    async with gateway_bench(config, state=tmp_path) as bench:
+        furnish(bench)
+        await asyncio.sleep(10.0)
+        client = bench.client()
+        assert await client.asks(240, "03 0032 0003") == "03 06 00 01 00 02 00 00"
+        client.ask(240, "06 0033 0009")
+        client.ask(240, "03 0033 0001")
+        assert [await client.answer(), await client.answer()] == ["06 00 33 00 09", "03 02 00 09"]
+
+
+async def test_a_write_under_way_during_a_reload_is_there_when_it_is_acknowledged():
+    async with gateway_bench(CONFIG) as bench:
+        _, two = furnish(bench)
+        await asyncio.sleep(10.0)
+        client, other = bench.client(), bench.client("10.0.0.7:1")
+        two.delay = 0.2
+        client.ask(240, "06 0003 0009")
+        await asyncio.sleep(0.1)
+        await bench.reload(CONFIG.replace("scale = 0.1", "scale = 1"))
+        assert await client.answer() == "06 00 03 00 09"
+        assert await other.asks(240, "03 0003 0001") == "03 02 00 09"

@@ -41,18 +41,8 @@ class Row(Part):
     """
 
     __slots__ = (
-        "_block",
-        "_convert",
-        "_size",
-        "back",
-        "holds",
-        "is_refused",
-        "is_valid",
-        "items",
-        "mapped",
-        "place",
-        "source",
-    )
+        "_block", "_convert", "_size", "back", "holds", "is_refused", "is_valid", "items", "mapped", "place", "source",
+    )  # fmt: skip
 
     def __init__(self, mapped: MappedValue, source: Source, reader: Reader, block: Changing) -> None:
         super().__init__(mapped.poll, reader)
