@@ -22,6 +22,7 @@ from gateway.config.schema.device import Device
 from gateway.config.schema.image import Image
 from gateway.config.schema.line import Line
 from gateway.config.schema.listen import Listen
+from gateway.config.schema.mapped import Mapped
 from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.config.schema.table import Table
 from gateway.config.schema.upstream import Upstream
@@ -98,6 +99,7 @@ def accepted_configs(draw: st.DrawFn) -> str:
     if names:
         mirrors = _tables(Image, of=st.sampled_from(names), read=st.lists(_POLLED, min_size=1, max_size=2))
         document["image"] += draw(st.lists(mirrors, max_size=2))
+        document["image"] += draw(st.lists(_virtual_units(names), max_size=2))
     if config.upstream:
         alone = st.builds(
             lambda bind, upstream: {"bind": bind, "upstream": upstream},
@@ -211,6 +213,33 @@ _POLLED = st.builds(
     OF_KIND["addresses"],
     OF_KIND["duration"],
 )
+
+
+def _virtual_units(names: Sequence[str]) -> st.SearchStrategy[Document]:
+    """Virtual units with ranges of these devices as they are, and with other rows."""
+    rows = st.lists(_ranges_of(names) | _tables(Mapped), min_size=1, max_size=4)
+    units, stale = st.sampled_from([2, 40, 200, 247, 255]), st.sampled_from(["1 s", "5 min"])
+    tables = _tables(Image, unit=units, map=rows, stale=stale)
+    return tables.map(lambda table: {key: each for key, each in table.items() if key not in ("of", "read", "initial")})
+
+
+def _ranges_of(names: Sequence[str]) -> st.SearchStrategy[Document]:
+    areas = st.sampled_from([("holding", "holding"), ("input", "holding"), ("discrete", "coils"), ("coils", "coils")])
+    return st.builds(
+        lambda at, device, area, addresses, more: (
+            {"at": at, "device": device, "area": area[0], area[1]: addresses} | more
+        ),
+        st.sampled_from([0, 16, 40, 60]),
+        st.sampled_from(names),
+        areas,
+        st.sampled_from([0, "0-1", "16-19", "48-58", 3]),
+        st.fixed_dictionaries(
+            {"every": st.sampled_from(["10 ms", "100 ms", "1 s", "1 min"])},
+            optional={"write": st.booleans(), "swap": st.sampled_from(["none", "words"])},
+        ),
+    )
+
+
 _PASSING_THROUGH = _rows(Line, role=st.just("client"))
 _WITH_DEVICES = _rows(Line, role=st.just("client"), devices=st.lists(_tables(Device), min_size=1, max_size=4))
 _DEVICES = st.fixed_dictionaries(

@@ -105,6 +105,7 @@ class Printed:
         self.named: dict[str, Place] = {}
         self.images = {one["unit"]: one["name"] for one in picture["images"]}
         self.mirrors = {one["unit"]: one["of"] for one in picture["mirrors"]}
+        self.virtual = {one["unit"]: one["map"] for one in picture["virtual_units"]}
         self.places: dict[str, Place] = {}
         self.waits: dict[Place | None, float] = {}
         for unit, name, place in self._all_devices():
@@ -125,7 +126,8 @@ class Printed:
 
     def _check_names(self) -> None:
         """Each name means one unit, and so does each number."""
-        others = [(one["unit"], one["name"]) for one in (*self.picture["images"], *self.picture["mirrors"])]
+        kinds = ("images", "mirrors", "virtual_units")
+        others = [(one["unit"], one["name"]) for kind in kinds for one in self.picture[kind]]
         names = [*self.places, *(name for _, name in others)]
         assert len(set(names)) == len(names), f"one of {names} is printed twice"
         for unit, name in (*((unit, name) for unit, name, _ in self._all_devices()), *others):
@@ -133,7 +135,7 @@ class Printed:
 
     @property
     def units(self) -> dict[int, Any]:
-        return self.devices | self.images | self.mirrors
+        return self.devices | self.images | self.mirrors | self.virtual
 
     def _all_devices(self) -> Iterator[tuple[int | None, str, Place]]:
         for line in self.picture["lines"]:
@@ -214,6 +216,8 @@ class Scene:
             await self._check_device(unit, printed.devices[unit], self.profiles[unit])
         elif unit in printed.mirrors:
             await self._check_mirror(unit, printed.places[printed.mirrors[unit]])
+        elif unit in printed.virtual:
+            await self._check_virtual(unit, printed.virtual[unit])
         else:
             await self._check_image(unit, printed.images[unit])
 
@@ -317,6 +321,21 @@ class Scene:
         if response != exception_response(function, STALE):  # on a busy line values may be too old
             await self._check_answer(response, pdu, place)
 
+    async def _check_virtual(self, unit: int, printed: list[dict[str, Any]]) -> None:
+        """Each row of registers, or of coils, as they are has those that were printed."""
+        (virtual,) = (one for one in self.bench.gateway.plan.virtual if one.unit == unit)
+        for row in printed:
+            place = self.printed.places.get(row["device"])
+            if row["what"] != "value" or row["point"] or row["swap"] or place is None or place in self._contested:
+                continue
+            area, _, addresses = row["there"].partition(" ")
+            pdu = _read(row["area"], row["first"], row["last"] + 1 - row["first"])
+            there = _read(area, int(addresses.partition("-")[0]), row["last"] + 1 - row["first"])
+            if passes(virtual.profile, pdu):
+                response = await self.ask(unit, pdu, place)
+                if response not in {NOTHING, exception_response(pdu[0], STALE)}:
+                    assert response == pdu[:1] + self.everybody[place.port].says(place.unit, there)[1:]
+
     async def _check_image(self, unit: int, name: str) -> None:
         before = self._requests_of(name)
         await self.ask(unit, bytes.fromhex("0300000001"))
@@ -338,6 +357,11 @@ def question(profile: Profile) -> bytes | None:
     others = [bytes((function, 0, 0, 0, 0)) for function in sorted(profile.functions or ())]
     others += [bytes((function,)) for function in sorted(profile.functions or ())]
     return next((pdu for pdu in (*reads, *others) if passes(profile, pdu)), None)
+
+
+def _read(area: str, first: int, count: int) -> bytes:
+    function = next(function for function, each in READS.items() if each == area)
+    return bytes((function, *first.to_bytes(2), *count.to_bytes(2)))
 
 
 def passes(profile: Profile, pdu: bytes) -> bool:
