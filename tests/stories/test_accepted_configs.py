@@ -20,7 +20,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import exception_response
+from gateway.modbus.pdu import Span, exception_response
 from gateway.operator.status import status
 from gateway.profiles.profile import Profile
 from gateway.routing.access import EVERYTHING, AccessRow, Rights
@@ -347,12 +347,13 @@ class Scene:
 
 
 def question(profile: Profile) -> bytes | None:
-    """A request that the profile lets pass, best one whose answer shows who gave it."""
+    """A request that the profile lets pass, best one whose answer shows who gave it: of registers with two bytes."""
     starts = {area: [first for first, _ in profile.areas.get(area, ((0, 0xFFFF),))] for area in Area}
     reads = [
         bytes((function, *start.to_bytes(2), 0, 1 if function > 2 else 16))
         for function in (3, 4, 1, 2)
         for start in starts[READS[function]]
+        if not profile.has_wide(Span(READS[function], start, 1))
     ]
     others = [bytes((function, 0, 0, 0, 0)) for function in sorted(profile.functions or ())]
     others += [bytes((function,)) for function in sorted(profile.functions or ())]
