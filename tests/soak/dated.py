@@ -63,6 +63,10 @@ class Writes:
         self._of |= dict.fromkeys(write.values, write)
         return write
 
+    def of(self, number: int) -> Write | None:
+        """The write that writes this number."""
+        return self._of.get(number)
+
     def done(self, device: "DatedDevice", first: int, values: list[int], now: float) -> None:
         """A device does what it was asked for."""
         write = self._of.get(values[0])

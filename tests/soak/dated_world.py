@@ -93,11 +93,18 @@ class DatedWorld:
 
 
 async def keep_asking(
-    world: DatedWorld, gateway: Gateway, number: int, *, at_once: int = 2, writes: float = 0.2, pause: float = 0.02
+    world: DatedWorld,
+    gateway: Gateway,
+    number: int,
+    *,
+    at_once: int = 2,
+    writes: float = 0.2,
+    pause: float = 0.02,
+    kind: "type[JudgingClient] | None" = None,
 ) -> None:
     """Ask until the world is over, so much `at_once`, with pauses of up to so many seconds. Who leaves comes again."""
     for visit in count(1):
-        client = JudgingClient(world, gateway, f"10.0.0.{number}:{visit}", writes)
+        client = (kind or JudgingClient)(world, gateway, f"10.0.0.{number}:{visit}", writes)
         await asyncio.gather(*(client.ask_until_it_leaves(pause) for _ in range(at_once)))
         if world.is_over:
             break
@@ -115,17 +122,21 @@ class JudgingClient(Client):
         self._order = count()
         self._own: dict[int, deque[Write]] = {}
         #: Requests under way: what was asked, and where the answer goes; nothing when the client has left.
-        self._open: dict[int, tuple[Served, asyncio.Future[bytes]]] = {}
+        self._open: dict[int, tuple[object, asyncio.Future[bytes]]] = {}
 
     async def ask_until_it_leaves(self, pause: float) -> None:
         """Ask, and judge the answer, again and again."""
         while not self._world.is_over and not self.session.gone:
-            unit, served = self._dice.choice(list(self._world.units().items()))
-            is_write = served.device is not None and self._dice.random() < self._writes
-            is_data = await (self._write(unit, served, served.device) if is_write else self._read(unit, served))
+            is_data = await self._ask_something()
             if self._dice.random() < _LAST:
                 self._leave()
             await asyncio.sleep(self._dice.uniform(0.0, pause if is_data else _LONGER * pause))
+
+    async def _ask_something(self) -> bool:
+        """Ask something, and judge the answer; whether it was data."""
+        unit, served = self._dice.choice(list(self._world.units().items()))
+        is_write = served.device is not None and self._dice.random() < self._writes
+        return await (self._write(unit, served, served.device) if is_write else self._read(unit, served))
 
     def _leave(self) -> None:
         self.session.closed()
@@ -187,8 +198,8 @@ class JudgingClient(Client):
 
     # --- the connection ---
 
-    async def _asks(self, unit: int, served: Served, pdu: bytes) -> bytes:
-        """The response to a request; nothing if the client leaves before."""
+    async def _asks(self, unit: int, served: object, pdu: bytes) -> bytes:
+        """The response to a request; nothing if the client leaves before. `served` is what the unit leads to."""
         self._tally.questions += 1
         self._transaction = self._transaction + 1 & 0xFFFF
         answer = self._loop.create_future()

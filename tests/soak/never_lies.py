@@ -22,13 +22,14 @@ if __name__ == "__main__":
 
 from kit.virtual_time import VirtualTimeLoop
 from soak.tally import Tally
-from soak.worlds import bits, lines, mirrors, moving, over_tcp, reloads, upstreams, writers
+from soak.worlds import bits, lines, maps, mirrors, moving, over_tcp, reloads, upstreams, writers
 
 #: Plays one run of so many transactions, this share of them with a fault, from a seed; in virtual time.
 World = Callable[[int, float, int], Awaitable[Tally]]
 WORLDS: Final[dict[str, World]] = {
     "bits": bits.play,
     "lines": lines.play,
+    "maps": maps.play,
     "mirrors": mirrors.play,
     "moving": moving.play,
     "over_tcp": over_tcp.play,
