@@ -1,17 +1,28 @@
 """The worlds of the soak with devices that tell when they held what: no answer is wrong, and each notices a lie."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import pytest
 
 from gateway.errors import RequestError
+from gateway.images.drivers.polls_driver import Pollers, PollsDriver
+from gateway.images.ordered import ClientRequests
 from gateway.images.polled_range import Part
-from gateway.images.polling import DevicePolls
+from gateway.images.polling import DevicePolls, PolledTarget, PolledUnit
+from gateway.images.virtual.block import Block
+from gateway.images.virtual.layout import Touched
+from gateway.images.virtual.row import Freshness, Row
+from gateway.images.virtual.unit import VirtualUnit
+from gateway.images.virtual.writes import write_to
 from gateway.lines.ledger import Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.transaction import Transaction
 from gateway.modbus.mbap import TcpFrame
+from gateway.modbus.pdu import RequestPdu
+from gateway.profiles.conversion import Conversion
+from gateway.profiles.writing import Write
+from gateway.request import Request
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.upstreams.connection import Connection
 from gateway.upstreams.in_flight import InFlight
@@ -22,7 +33,7 @@ Lie = Callable[[pytest.MonkeyPatch], None]
 
 
 @pytest.mark.search
-@pytest.mark.parametrize("world", ["bits", "mirrors", "reloads", "upstreams", "writers"])
+@pytest.mark.parametrize("world", ["bits", "maps", "mirrors", "reloads", "upstreams", "writers"])
 def test_no_answer_is_wrong(world: str) -> None:
     tally = run(world, 2500, 0.2, seed=1)
     assert tally.wrong == []
@@ -110,6 +121,121 @@ def an_upstream_sends_others_between_read_and_write(patch: pytest.MonkeyPatch) -
     patch.setattr(Upstream, "_must_wait", lambda upstream, waiting: upstream._sent.is_asking(waiting))
 
 
+def a_row_takes_what_its_neighbour_has_read(patch: pytest.MonkeyPatch) -> None:
+    took = VirtualUnit.took
+
+    def mixed(unit: VirtualUnit, items: Sequence[tuple[Part, bytes]], now: float) -> None:
+        others = [own for _, own in items[1:] + items[:1]]
+        took(unit, [(row, b if len(a) == len(b) else a) for (row, a), b in zip(items, others, strict=True)], now)
+
+    patch.setattr(VirtualUnit, "took", mixed)
+
+
+def half_of_a_row_is_of_the_poll_before(patch: pytest.MonkeyPatch) -> None:
+    take = Row.take
+
+    def take_half(row: Row, items: bytes) -> bytes | None:
+        before, half = row.items, len(items) // 4 * 2
+        return take(row, items if before is None or not half else items[:half] + before[half:])
+
+    patch.setattr(Row, "take", take_half)
+
+
+def rows_are_never_stale(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Row, "is_lost", lambda row, now, stale, writes: row.sampled_at is None and not row.is_awaited)
+    patch.setattr(Freshness, "lasts", lambda fresh, *_: all(row.since(0.0, 0.0) is not None for row in fresh.rows))
+
+
+def fresh_rows_are_filled_with_their_number(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Row, "is_missing", lambda row, *_: row.mapped.when_stale not in ("exception", "hold"))
+    patch.setattr(Freshness, "lasts", lambda *_: False)
+
+
+def a_fresh_bit_is_1_while_any_row_is_fresh(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(
+        Block,
+        "is_device_fresh",
+        lambda block, device, now: any(row.since(now, block.stale) for row in block._by_device[device].rows),
+    )
+
+
+def a_fresh_bit_is_0_after_a_failed_poll(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(
+        Block,
+        "is_device_fresh",
+        lambda block, device, now: all(
+            row.is_awaited and row.since(now, block.stale) for row in block._by_device[device].rows
+        ),
+    )
+
+
+def an_age_is_that_of_the_first_row(patch: pytest.MonkeyPatch) -> None:
+    def age(block: Block, device: str, now: float) -> float | None:
+        at = block._by_device[device].rows[0].sampled_at
+        return None if at is None else now - at
+
+    patch.setattr(Block, "age_of", age)
+
+
+def a_write_to_a_row_begins_where_the_row_does(patch: pytest.MonkeyPatch) -> None:
+    def moved(row: Row, asked: RequestPdu, *others: object) -> Write:
+        found = write_to(row, asked, *others)
+        if row.mapped.point is not None:
+            return found
+        return Write(found.pdu[:1] + row.poll.first.to_bytes(2) + found.pdu[3:], found.span)
+
+    patch.setattr("gateway.images.virtual.unit.write_to", moved)
+
+
+def a_value_is_written_as_the_client_has_it(patch: pytest.MonkeyPatch) -> None:
+    back = Conversion.__call__
+
+    def as_it_is(conversion: Conversion, items: bytes, before: bytes | None = None) -> bytes | None:
+        is_back = conversion.target.write != "no" and conversion.source is not conversion.target
+        found = back(conversion, items, before)
+        return items[: len(found)] if found is not None and is_back else found
+
+    patch.setattr(Conversion, "__call__", as_it_is)
+
+
+def a_read_does_not_wait_for_its_clients_write(patch: pytest.MonkeyPatch) -> None:
+    handle = VirtualUnit._handle
+
+    def at_once(unit: VirtualUnit, request: Request, row: ClientRequests, now: float) -> bytes | None:
+        under_way, row.under_way = row.under_way, 0
+        try:
+            return handle(unit, request, row, now)
+        finally:
+            row.under_way += under_way
+
+    patch.setattr(VirtualUnit, "_handle", at_once)
+
+
+def a_write_leaves_fresh_what_is_fresh(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Row, "changed", lambda *_: None)
+
+
+def a_row_has_what_another_one_had_before_a_reload(patch: pytest.MonkeyPatch) -> None:
+    def take_over(block: Block, old: Block) -> None:
+        before = {row.place: row for row in old.rows}
+        for row in block.rows:
+            if row.place in before:
+                row.take_over(before[row.place])
+                block._tables[row.place.area].write(row.place, old.values(Touched(row.place, b"", ()), 0.0))
+
+    patch.setattr(Block, "take_over", take_over)
+
+
+def a_swap_of_devices_leaves_their_polls(patch: pytest.MonkeyPatch) -> None:
+    by_name: dict[str, PollsDriver] = {}
+    of = Pollers.of
+
+    def of_name(pollers: Pollers, target: PolledTarget, unit: PolledUnit, line: str = "") -> PollsDriver:
+        return by_name.setdefault(unit.name, of(pollers, target, unit, line))
+
+    patch.setattr(Pollers, "of", of_name)
+
+
 @pytest.mark.search
 @pytest.mark.interpreted
 @pytest.mark.parametrize(
@@ -117,6 +243,19 @@ def an_upstream_sends_others_between_read_and_write(patch: pytest.MonkeyPatch) -
     [
         ("bits", a_write_to_bits_waits_for_its_turn_between_read_and_write),
         ("bits", an_upstream_sends_others_between_read_and_write),
+        ("maps", a_row_takes_what_its_neighbour_has_read),
+        ("maps", half_of_a_row_is_of_the_poll_before),
+        ("maps", rows_are_never_stale),
+        ("maps", fresh_rows_are_filled_with_their_number),
+        ("maps", a_fresh_bit_is_1_while_any_row_is_fresh),
+        ("maps", a_fresh_bit_is_0_after_a_failed_poll),
+        ("maps", an_age_is_that_of_the_first_row),
+        ("maps", a_write_to_a_row_begins_where_the_row_does),
+        ("maps", a_value_is_written_as_the_client_has_it),
+        ("maps", a_read_does_not_wait_for_its_clients_write),
+        ("maps", a_write_leaves_fresh_what_is_fresh),
+        ("maps", a_row_has_what_another_one_had_before_a_reload),
+        ("maps", a_swap_of_devices_leaves_their_polls),
         ("mirrors", writes_leave_a_mirror_as_it_is),
         ("mirrors", a_mirror_has_no_stale_values),
         ("reloads", a_line_that_keeps_its_name_keeps_its_devices),

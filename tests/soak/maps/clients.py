@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 #: The most registers of one read, and the share of reads that take all that is there.
 _MOST, _WHOLE = 125, 0.3
 _REMEMBERED: Final = 16
+#: This share of what was written is read at once.
+_LOOKS: Final = 0.5
 
 
 class MapClient(JudgingClient):
@@ -45,7 +47,9 @@ class MapClient(JudgingClient):
 
     async def _read_map(self, unit: int, meaning: Meaning) -> bool:
         area = self._dice.choice([area for area, pieces in meaning.pieces.items() if pieces])
-        first, items = self._span(sorted(meaning.pieces[area]))
+        return await self._read_span(unit, meaning, area, *self._span(sorted(meaning.pieces[area])))
+
+    async def _read_span(self, unit: int, meaning: Meaning, area: Area, first: int, items: int) -> bool:
         reading = MapReading(meaning, area, first, items, next(self._order), self._loop.time())
         response = await self._asks(unit, meaning, reading.pdu)
         if not response:
@@ -83,7 +87,10 @@ class MapClient(JudgingClient):
         if not response:
             return False
         trouble = write.trouble(response)
-        return self._judge("write to a map", unit, write.pdu, response, trouble, [row])
+        is_done = self._judge("write to a map", unit, write.pdu, response, trouble, [row])
+        if is_done and self._maps.meanings().get(unit) is meaning and self._dice.random() < _LOOKS:
+            return await self._read_span(unit, meaning, row.area, row.at, row.count)
+        return is_done
 
     async def _write_own(self, unit: int, meaning: Meaning) -> bool:
         write = to_own(self._dice, meaning)
