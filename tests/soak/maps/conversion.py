@@ -65,7 +65,7 @@ class Encoding:
             return Fraction(whole >> first & (1 << last + 1 - first) - 1)
         if self.type.startswith("float"):
             (number,) = struct.unpack(">f" if self.type == "float32" else ">d", data)
-            return Fraction(number) if isfinite(number) else None
+            return _shortest(number, data) if isfinite(number) else None
         if self.type.startswith("bcd"):
             return Fraction(int(data.hex())) if data.hex().isdecimal() else None
         signed = whole - (1 << 8 * len(data)) if self.type[0] == "i" and data[0] & 0x80 else whole
@@ -95,3 +95,17 @@ class Encoding:
             return whole.to_bytes(size, "big", signed=self.type[0] == "i")
         except OverflowError:
             return None
+
+
+def _shortest(number: float, data: bytes) -> Fraction:
+    """The decimal with the fewest digits that gives these bytes."""
+    layout = ">f" if len(data) == struct.calcsize("f") else ">d"
+    texts = (f"{number:.{digits}g}" for digits in range(1, 18))
+    return next(Fraction(text) for text in texts if _packed(layout, text) == data)
+
+
+def _packed(layout: str, text: str) -> bytes:
+    try:
+        return struct.pack(layout, float(text))
+    except OverflowError:
+        return b""
