@@ -107,7 +107,10 @@ class DevicePolls:
         """
         for part in gone:
             self._parts.pop(part, None)
-        self._parts |= dict.fromkeys(come)
+        for part in come:
+            if part.sampled_at is None:
+                part.changed(self.writes)  # a poll that was sent before a write finished tells it nothing
+            self._parts[part] = None
         by_poll: dict[Poll, list[Part]] = {}
         for part in self._parts:
             by_poll.setdefault(part.poll, []).append(part)

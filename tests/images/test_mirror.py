@@ -174,6 +174,22 @@ def test_the_first_poll_is_waited_for(bench):
     assert client.came() == [FIVE]
 
 
+def test_a_poll_from_before_a_write_tells_a_mirror_nothing_that_came_after_it(fresh):
+    fresh.at(0.5)
+    writer = Client(fresh)
+    writer.ask("06 0000 0006")
+    fresh.answers("06 0000 0006", which=1)
+    fresh.mirror = Mirror(fresh.mirror.settings, fresh.polls, fresh, fresh, fresh.events.append)
+    fresh.polls.change(fresh.mirror.parts, (), 0.5)
+    client = Client(fresh)
+    assert client.ask() == []
+    fresh.answers(FIVE)  # the device had read it before it wrote
+    assert client.came() == []
+    assert fresh.at(0.5) == ["03 00 00 00 01"]
+    fresh.answers(SIX)
+    assert client.came() == [SIX]
+
+
 @pytest.mark.parametrize("failure", ["83 0B", "83 0A", "83 06", "83 02", None])
 def test_a_poll_that_fails_ends_the_waiting(bench, failure):
     client = Client(bench)

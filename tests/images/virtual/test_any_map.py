@@ -80,13 +80,28 @@ class Row:
         point = None if self.here is None else _point(self.here, self.first)
         target = None if self.target is None else _point(self.target, self.at)
         return MappedValue(
-            Span(Area.HOLDING, self.at, self.count), self.device, poll, point, target, self.swap, self.write, self.when_stale
+            Span(Area.HOLDING, self.at, self.count),
+            self.device,
+            poll,
+            point,
+            target,
+            self.swap,
+            self.write,
+            self.when_stale,
         )
 
 
 def _point(how: Encoding, at: int) -> Point:
     return Point(
-        "value", Area.HOLDING, at, how.type, how.swap, how.count, float(how.scale), offset=float(how.offset), write="yes"
+        "value",
+        Area.HOLDING,
+        at,
+        how.type,
+        how.swap,
+        how.count,
+        float(how.scale),
+        offset=float(how.offset),
+        write="yes",
     )
 
 
@@ -217,7 +232,9 @@ class AnyMap(RuleBasedStateMachine):
         if request.origin is device:
             self._answer_poll(name, at, failure)
         else:
-            asked = next(each for each in self.open.values() if each.row is not None and each.sent == pdu.hex(" ").upper())
+            asked = next(
+                each for each in self.open.values() if each.row is not None and each.sent == pdu.hex(" ").upper()
+            )
             self._finish_write(name, at, asked, failure)
         self._look()
         self._send_polls()
@@ -298,7 +315,9 @@ class AnyMap(RuleBasedStateMachine):
                 assert bits >> at & 1
             last = max((known.said.at for _, known in rows if known.said is not None), default=None)
             expected = 0xFFFF if last is None else int(self.bench.now - last)
-            assert self.clients[name].ask(f"03 {AGES_AT + at:04X} 0001") == [f"03 02 {expected >> 8:02X} {expected & 255:02X}"]
+            assert self.clients[name].ask(f"03 {AGES_AT + at:04X} 0001") == [
+                f"03 02 {expected >> 8:02X} {expected & 255:02X}"
+            ]
         assert bits >> len(self.names) == 0
 
     @rule(name=st.sampled_from(("one", "other")), data=st.data())
@@ -353,7 +372,9 @@ class AnyMap(RuleBasedStateMachine):
             if asked.row is not None:
                 continue
             came, self.clients[name]._came = self.clients[name]._came, []
-            touched = [row for row in self.rows if row.at < asked.first + asked.count and asked.first < row.at + row.count]
+            touched = [
+                row for row in self.rows if row.at < asked.first + asked.count and asked.first < row.at + row.count
+            ]
             fresh = {row: self._is_fresh(row, self.known[row.at], asked.writes[row.device]) for row in touched}
             if not came:
                 assert not all(fresh.values()), f"{asked} waits, and all of it is fresh"
@@ -424,7 +445,9 @@ class AnyMap(RuleBasedStateMachine):
             return
         self._look()
         for name, asked in self.open.items():
-            rows_ = [row for row in self.rows if row.at < asked.first + asked.count and asked.first < row.at + row.count]
+            rows_ = [
+                row for row in self.rows if row.at < asked.first + asked.count and asked.first < row.at + row.count
+            ]
             devices = {asked.row.device} if asked.row is not None else {row.device for row in rows_}
             sources = [self.bench.devices[each] for each in devices]
             assert any(each.asked or each.polls.deadline() is not None for each in sources), f"{name} waits for nothing"
@@ -441,7 +464,11 @@ class AnyMap(RuleBasedStateMachine):
 
 def _is_minus_zero(how, words):
     """Whether this is -0.0, which is 0 elsewhere."""
-    return how.type.startswith("float") and any(words[: how.count]) and how.value(words[: how.count]) == Fraction(how.offset)
+    return (
+        how.type.startswith("float")
+        and any(words[: how.count])
+        and how.value(words[: how.count]) == Fraction(how.offset)
+    )
 
 
 def _write(first, words, *, single):

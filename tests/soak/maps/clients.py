@@ -43,7 +43,9 @@ class MapClient(JudgingClient):
         if choice < 0.25 and meaning.own:
             return await self._write_own(unit, meaning)
         rows = [row for row in meaning.map.rows if row.write]
-        return await (self._write_row(unit, meaning, self._dice.choice(rows)) if rows else self._read_map(unit, meaning))
+        return await (
+            self._write_row(unit, meaning, self._dice.choice(rows)) if rows else self._read_map(unit, meaning)
+        )
 
     async def _read_map(self, unit: int, meaning: Meaning) -> bool:
         area = self._dice.choice([area for area, pieces in meaning.pieces.items() if pieces])
@@ -137,5 +139,3 @@ class MapClient(JudgingClient):
                 + "\n    ".join((f"{response.hex(' ').upper()}: {trouble} ({kind})", *sorted(story)))
             )
         return not response[0] & EXCEPTION_BIT
-
-

@@ -213,7 +213,11 @@ class MapImage(MapDevice):
             write = self._writes.of(after)
             if before == after:
                 continue
-            if write is None or write.device is not self or after != dict(zip(write.addresses, write.values, strict=True)).get(address):
+            if (
+                write is None
+                or write.device is not self
+                or after != dict(zip(write.addresses, write.values, strict=True)).get(address)
+            ):
                 self._writes.complain(f"the image has {after} at {address}, which nobody asked for")
             else:
                 write.done_at = write.done_at or now

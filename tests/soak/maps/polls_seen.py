@@ -1,8 +1,8 @@
 """Which polls were sent and answered, and which writes have finished: what is fresh, as seen beside the gateway.
 
-    with PollsSeen() as seen:
-        bench = GatewayBench(config)
-    seen.of_device["meter-1"]
+with PollsSeen() as seen:
+    bench = GatewayBench(config)
+seen.of_device["meter-1"]
 """
 
 from collections import deque
@@ -232,5 +232,3 @@ def _may_change(write: WriteSeen, row: Row) -> bool:
     span, point = write.span, row.source.point
     is_elsewhere = point is not None and point.written_at >= 0 and span.area is row.source.area
     return _changes(write, row) or (is_elsewhere and span.start <= point.written_at < span.end)
-
-

@@ -73,7 +73,9 @@ class MapMaker:
         dice = self._dice
         other = self.make()
         if dice.random() < 0.5:
-            return RandomMap(other.stale, found.groups, found.devices, found.bits_area, found.bits_at, found.ages, found.own)
+            return RandomMap(
+                other.stale, found.groups, found.devices, found.bits_area, found.bits_at, found.ages, found.own
+            )
         return other
 
     def _add(self, found: RandomMap, group: tuple[Row, ...], free: dict[Area, int]) -> None:

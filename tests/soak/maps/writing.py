@@ -126,7 +126,9 @@ def wrong_write(dice: random.Random, writes: Writes, meaning: Meaning, order: in
     value.is_refused = True
     kind = dice.randrange(3)
     both = [at for at in pieces if at + 1 in pieces and pieces[at] is not pieces[at + 1] and not _are_own(pieces, at)]
-    closed = [at for at, piece in pieces.items() if piece in ("age", "fresh") or (isinstance(piece, Row) and not piece.write)]
+    closed = [
+        at for at, piece in pieces.items() if piece in ("age", "fresh") or (isinstance(piece, Row) and not piece.write)
+    ]
     if kind == 0 and both:
         return write_request(WRITE_SEVERAL, dice.choice(both), value.values)[0], _NO_ADDRESS
     if kind == 1 and closed:
@@ -145,5 +147,3 @@ def wrong_write(dice: random.Random, writes: Writes, meaning: Meaning, order: in
 def _are_own(pieces: dict[int, object], at: int) -> bool:
     """Whether both addresses are the unit's own."""
     return all(not isinstance(pieces[each], Row | str) for each in (at, at + 1))
-
-

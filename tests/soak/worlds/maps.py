@@ -138,4 +138,3 @@ async def play(transactions: int, share: float, seed: int) -> Tally:
             return await world.run(
                 bench.events, world.keep_reloading(), world.keep_killing(), *clients, *others, *pulling
             )
-
