@@ -47,6 +47,8 @@ _REFUSALS: Final = frozenset({IllegalDataAddress.code, IllegalDataValue.code, Se
 _NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})
 #: The pause before repeating a poll that was not sent, or that the device is too busy for, in seconds.
 UNSENT_PAUSE: Final = 0.25
+#: The longest pause before repeating a poll while the line is down, in seconds.
+DOWN_PAUSE: Final = 1.0
 #: After a poll without an answer the next one comes no later than this, in seconds.
 RETRY: Final = 5.0
 #: After this many seconds parts that are read apart are tried together again, unless that is known to be refused.
@@ -238,7 +240,7 @@ class DevicePolls:
         answers = None if isinstance(poll.error, Busy) else response is not None and code not in _NO_ANSWER
         polled.missed(now, answers=answers, was_sent=True)
         if code == PathUnavailable.code:
-            self._plan(polled, now + UNSENT_PAUSE)
+            self._plan(polled, now + max(UNSENT_PAUSE, min(polled.poll.every, DOWN_PAUSE)))
         elif not answers or code == Busy.code:
             self._plan(polled, max(now + UNSENT_PAUSE, min(polled.due_at, now + RETRY)))
         elif code in _REFUSALS and not polled.is_refused:

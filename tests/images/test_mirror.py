@@ -585,10 +585,11 @@ def test_a_poll_that_could_not_be_sent_is_tried_again_soon():
     bench = Bench(Poll(Area.HOLDING, 0, 0, 60.0))
     bench.at(0.0)
     bench.answers("83 0A")
-    assert bench.at(0.2) == []
-    assert bench.at(0.3) == ["03 00 00 00 01"]
+    assert bench.at(0.9) == []
+    assert bench.at(1.0) == ["03 00 00 00 01"]
     bench.answers("83 0B")
-    assert bench.at(5.2) == []
+    assert bench.at(5.9) == []
+    assert bench.at(6.0) == ["03 00 00 00 01"]
 
 
 @pytest.mark.parametrize("unsent", ["83 0A", "83 06"])
