@@ -1,6 +1,7 @@
 """A row of a virtual unit: a part of what is polled, and its values as clients read them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import inf
 from typing import Literal, NamedTuple, Protocol
 
@@ -41,7 +42,7 @@ class Row(Part):
     """
 
     __slots__ = (
-        "_block", "_convert", "_size", "back", "holds", "is_refused", "is_valid", "items", "mapped", "place", "source",
+        "_block", "_convert", "back", "holds", "is_refused", "is_valid", "items", "mapped", "place", "source",
     )  # fmt: skip
 
     def __init__(self, mapped: MappedValue, source: Source, reader: Reader, block: Changing) -> None:
@@ -54,23 +55,20 @@ class Row(Part):
         self.is_valid = False
         self.holds = False
         self.is_refused = False
-        self._size = mapped.place.count * (1 if has_bits(mapped.place.area) else REGISTER)
         self._convert = _conversion(mapped)
         point = mapped.point
         #: From what a client writes to what the device gets, for a value that takes writes.
         self.back: Conversion | None = None
         if point is not None and mapped.write:
-            self.back = Conversion(point, None) if mapped.target is None else Conversion(mapped.target, point)
+            alone = Conversion(replace(point, scale_at=None), None)  # no client writes a scale register with it
+            self.back = alone if mapped.target is None else Conversion(mapped.target, point)
 
     def take(self, items: bytes) -> bytes | None:
         """Take what was read. Return the items of its place if they are others than before."""
-        self.is_refused = False
         if items == self.items:
             return None
         self.items = items
         found = self._convert(items)
-        if found is not None and len(found) != self._size:
-            found = None
         is_valid = found is not None
         self._block.changes += is_valid is not self.is_valid
         self.is_valid = is_valid

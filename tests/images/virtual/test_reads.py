@@ -7,7 +7,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
-from tests.images.virtual.bench import Bench, coils, holding, value
+from tests.images.virtual.bench import Bench, Device, coils, holding, value
 
 INT16 = Point("level", Area.HOLDING, 7, "int16", invalid=(-32768,))
 
@@ -195,6 +195,12 @@ def test_a_number_stands_for_each_stale_register():
     assert client.ask("01 0000 0002") == ["01 01 00"]
 
 
+def test_a_coil_may_stand_for_a_stale_one():
+    bench = Bench(coils(0, "a", 0, when_stale=0), coils(1, "a", 20, when_stale=1))
+    bench["a"].has("81 0B")
+    assert bench.client().ask("01 0000 0002") == ["01 01 02"]
+
+
 # --- fresh and age -----------------------------------------------------------------------------------
 
 
@@ -228,6 +234,18 @@ def test_bits_say_which_devices_are_fresh():
     assert client.ask("03 0002 0002") == ["03 04 00 00 FF FE"]
 
 
+def test_the_age_is_that_of_the_last_answer():
+    bench = Bench(holding(0, "a", 10), coils(0, "a", 5), ages=(SourceAge(Span(Area.HOLDING, 3, 1), "a"),))
+    bench.poll(bench["a"])
+    bench["a"].answers("01 01 00")
+    bench["a"].answers("03 02 00 05")
+    bench.now = 5.0
+    bench.poll(bench["a"])
+    bench["a"].answers("01 01 00")
+    bench.now = 7.0
+    assert bench.client().ask("03 0003 0001") == ["03 02 00 02"]
+
+
 def test_bits_of_more_than_sixteen_devices_fill_the_next_register():
     rows = [holding(at, f"m{at}", 0) for at in range(18)]
     bench = Bench(*rows, fresh=(FreshBits(Span(Area.HOLDING, 18, 2), tuple(f"m{at}" for at in range(18))),))
@@ -256,6 +274,7 @@ def test_what_lies_at_addresses():
     touched = bench.unit.block.touched(Span(Area.HOLDING, 1, 4))
     assert [row.mapped.device for row in touched.rows] == ["b"]
     assert [each.place.start for each in touched.others] == [2, 3, 4]
+    assert bench.unit.block.touched(Span(Area.HOLDING, 10, 5)).others == ()
 
 
 def test_a_reload_keeps_the_values_of_equal_rows():
@@ -271,6 +290,14 @@ def test_a_reload_keeps_the_values_of_equal_rows():
     assert client.ask("03 0001 0001") == []  # behind the one that waits
     bench["a"].has("83 0B")
     assert client.came() == ["83 0B", "03 02 00 06"]
+
+
+def test_a_reload_does_not_take_the_values_of_a_device_that_was_rebuilt():
+    bench = Bench(holding(0, "a", 10))
+    bench["a"].has("03 02 00 05")
+    bench.devices["a"] = Device("a", bench)
+    bench.reload(bench.made(holding(0, "a", 10)))
+    assert bench.client().ask("03 0000 0001") == []
 
 
 def test_a_reload_does_not_take_the_value_of_another_place():

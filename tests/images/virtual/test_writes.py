@@ -183,6 +183,15 @@ def test_the_place_and_the_function_of_its_point():
     assert sent_for(Point("n", Area.HOLDING, 5, write="yes"), "10 0000 0001 02 0003") == [("06 00 05 00 03", 0)]
 
 
+def test_bits_of_a_value_are_not_written():
+    assert sent_for(Point("n", Area.HOLDING, 5, write="yes"), "16 0000 FFF0 0001") == ["96 03"]
+
+
+def test_a_coil_is_on_or_off():
+    profile = Profile("relays", any_coil=True)
+    assert Bench(coils(0, "a", 5, write=True), profile=profile).client().ask("05 0000 1234") == ["85 03"]
+
+
 def test_too_many_registers_for_the_device():
     number = Point("n", Area.HOLDING, 5, "uint64", count=4, write="yes")
     assert sent_for(number, "10 0000 0004 08 0000000000000001", profile=Profile("few", limits={16: 2})) == ["90 03"]
@@ -197,6 +206,15 @@ def test_a_value_with_a_scale_register_needs_it():
     assert client.ask("03 0000 0002") == ["03 04 00 00 00 32"]
     client.ask("10 0000 0002 04 0000 0064")
     assert bench["a"].questions == ["06 00 05 00 0A"]
+    bench["a"].answers("86 06")
+    bench.now = 2.5
+    client.came()
+    assert client.ask("10 0000 0002 04 0000 0064") == ["90 0B"]
+    before = Point("power", Area.HOLDING, 5, "int16", write="yes", scale_at=4)
+    bench = Bench(value(0, "a", before, write=True))
+    bench["a"].has("03 04 00 01 00 05")
+    bench.client().ask("06 0000 0007")
+    assert bench["a"].questions == ["06 00 05 00 07"]
 
 
 # --- in one turn -------------------------------------------------------------------------------------
@@ -215,6 +233,10 @@ def test_bits_of_own_registers_and_of_values(bench):
     assert client.ask("16 0007 FFFE 0001", in_one_turn=6) == ["16 00 07 FF FE 00 01"]
     assert bench.own.tables[Area.HOLDING].values(7, 1) == (1,)
     assert client.ask("16 0005 FFFE 0001", in_one_turn=6) == ["96 03"]
+    profile = Profile("no 22", functions=frozenset({3, 6}))
+    client = Bench(holding(0, "a", 10), own={Area.HOLDING: ((7, 8),)}, profile=profile).client()
+    assert client.ask("16 0007 FFFE 0001", in_one_turn=6) == ["16 00 07 FF FE 00 01"]
+    assert client.ask("16 0007 FFFE 0001") == ["96 01"]
 
 
 # --- order -------------------------------------------------------------------------------------------
@@ -259,6 +281,17 @@ def test_requests_of_a_client_are_carried_out_one_after_another(bench):
     assert bench["b"].questions == ["06 00 1E 01 F4"]
     bench["b"].answers("06 00 1E 01 F4")
     assert client.came() == ["06 00 00 00 01", "10 00 05 00 02", "06 00 07 00 05"]
+
+
+def test_a_read_of_another_device_waits_for_the_write_before_it():
+    bench = Bench(holding(0, "a", 10, write=True), holding(1, "b", 20))
+    bench["b"].has("03 02 00 05")
+    client = bench.client()
+    assert client.ask("03 0001 0001") == ["03 02 00 05"]
+    client.ask("06 0000 0001")
+    assert client.ask("03 0001 0001") == []
+    bench["a"].answers("06 00 0A 00 01", which=-1)
+    assert client.came() == ["06 00 00 00 01", "03 02 00 05"]
 
 
 def test_a_value_that_is_written_elsewhere_is_unknown_after_the_write():
