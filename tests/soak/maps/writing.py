@@ -2,7 +2,6 @@
 
 import random
 from dataclasses import dataclass
-from typing import Final
 
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.registers.items import pack_bits
