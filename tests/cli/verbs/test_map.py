@@ -115,6 +115,21 @@ def test_a_single_device_makes_no_block_stale(config, tmp_path, capsys):
     assert "One device" not in capsys.readouterr().out
 
 
+def test_a_gap_of_one_register_is_shown_and_none_between_areas(config, tmp_path, capsys):
+    path = tmp_path / "one.toml"
+    rows = [f'{{ at = {at}, device = "press", holding = 0, every = "1 s" }}' for at in (0, 2)]
+    rows.append('{ at = 9, area = "coils", device = "press", coils = 0, every = "1 s" }')
+    path.write_text(f"{FILE[: FILE.index('map = [')]}map = [{', '.join(rows)}]", encoding="utf-8")
+    main(["check", "--json", str(path)])
+    (unit,) = json.loads(capsys.readouterr().out)["virtual_units"]
+    assert [(row["area"], row["first"], row["what"]) for row in unit["map"]][:4] == [
+        ("coils", 9, "value"),
+        ("holding", 0, "value"),
+        ("holding", 1, "gap"),
+        ("holding", 2, "value"),
+    ]
+
+
 def test_check_tells_programs_the_same(config, capsys):
     main(["check", "--json", config])
     (unit,) = json.loads(capsys.readouterr().out)["virtual_units"]

@@ -213,6 +213,8 @@ def test_a_row_has_no_address_of_another_one_nor_of_the_registers_of_the_unit_it
     )
     whole = 'at = 0, device = "any", holding = "0-9", every = "1 s"'
     assert [each.partition(":")[2].partition(":")[0] for each in said(POWER, at_2, whole)] == [" [2].at"]
+    within = [f'at = {at}, age = "any"' for at in (1, 5)]
+    assert [each.partition(": ")[2].partition(":")[0] for each in said(whole, *within)] == ["[1].at", "[2].at"]
     assert said(POWER, POWER + ', area = "input"') == []
     assert said(POWER, keys='holding = "2-9"') == []
     assert said(POWER, keys='holding = "1-9"') == [

@@ -235,6 +235,8 @@ def test_points_within_ranges_and_of_freshness():
         ("meter-1.fresh", 22, (1, 1)),
         ("any.age", 23, None),
     ]
+    half = points_of('at = 0, device = "meter 1", holding = "31-32", every = "1 s"')
+    assert [point.name for point in half] == ["meter-1.cold"]
     turned = 'at = 0, device = "meter 1", holding = "30-39", every = "1 s", swap = "words"'
     assert points_of(turned) == ()
 
@@ -273,6 +275,7 @@ profile = "wide"
     assert plan.virtual[0].values[0].poll.span == Span(Area.HOLDING, 5002, 1)
     assert [point.name for point in plan.points[240]] == ["x-41.flow"]
     assert "power" in [point.name for point in plan.points[41]]
+    assert 99 not in plan.points
 
 
 def test_a_server_line_waits_for_the_slowest_of_its_sources():
