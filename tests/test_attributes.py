@@ -21,13 +21,15 @@ TABLES = frozenset(
 )
 #: What such a table says of a point. One object for all that is known of a failure: a second one would cost the ring
 #: 50 bytes more.
-#: And what the rules of `doctor` look at: a line, a unit, each fact for itself.
+#: And what the rules of `doctor` look at: a line, a unit, each fact for itself. And the status, with a list for each
+#: kind of part.
 RECORDS = frozenset(
     {
         "gateway.profiles.point.Point",
         "gateway.trace.records.Incident",
         "gateway.diagnosis.evidence.LineEvidence",
         "gateway.diagnosis.evidence.UnitEvidence",
+        "gateway.operator.answers.status.Status",
     }
 )
 #: Not split yet.

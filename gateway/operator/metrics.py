@@ -4,7 +4,7 @@ Labels are names in the config, units, function codes and words of this program,
 """
 
 import asyncio
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import accumulate
 from operator import add, attrgetter
 from typing import Final
@@ -14,7 +14,9 @@ from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
 from gateway.observe.families import Family, Spread
-from gateway.runtime.gateway import Owner
+from gateway.operator.mapped import source_states
+from gateway.operator.status import oldest
+from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
@@ -37,8 +39,9 @@ async def read(running: Running) -> list[Family]:
     """Read all metrics of the running gateway, with pauses for its lines; each unit is read in its turn."""
     now = asyncio.get_running_loop().time
     gateway = running.gateway
-    requests, times, units = _Requests(), _Times(), _Units()
+    requests, times, units, images = _Requests(), _Times(), _Units(), _Images()
     await in_slices(part for each in (requests, times, units) for owner in gateway.owners for part in each.read(owner))
+    await in_slices(images.read(gateway))
     requests.read_routers(running)
     return [
         *requests.families,
@@ -46,7 +49,7 @@ async def read(running: Running) -> list[Family]:
         *_lines(gateway.lines, now()),
         *units.families,
         *_clients(running),
-        _image_ages(running, now()),
+        *images.families,
         _upstreams(gateway.upstreams),
         _certificates(running.contexts),
         *(family for each in running.add_ons for family in each.metrics()),
@@ -171,14 +174,34 @@ def _clients(running: Running) -> Iterable[Family]:
     return clients, rejected
 
 
-def _image_ages(running: Running, now: float) -> Family:
-    """Read the age of each mirror whose values are all known."""
-    ages = Family("gauge", "image_age_seconds", "Age of the oldest values of a mirror.", ("unit",))
-    for driver in running.gateway.mirrors:
-        known = [age for _, age in driver.unit.ages(now)]
-        if None not in known:
-            ages.add(max((age for age in known if age is not None), default=0.0), str(driver.unit.settings.unit))
-    return ages
+class _Images:
+    """Metrics of mirrors and virtual units: how old their values are, and how many sources are fresh."""
+
+    def __init__(self) -> None:
+        self._ages = Family("gauge", "image_age_seconds", "Age of the oldest values of a mirror or map.", ("unit",))
+        self._sources = Family("gauge", "image_sources", "Sources of a virtual unit by state.", ("unit", "state"))
+        self.families = (self._ages, self._sources)
+
+    def read(self, gateway: Gateway) -> Iterator[None]:
+        """Add the mirrors, and the virtual units one source at a time. One with unknown values has no age."""
+        now = asyncio.get_running_loop().time
+        for mirror in gateway.mirrors:
+            self._add_age(mirror.unit.settings.unit, [age for _, age in mirror.unit.ages(now())])
+            yield
+        for virtual in gateway.virtual:
+            states = []
+            for each in source_states(virtual.unit, now()):
+                states.append(each)
+                yield
+            unit, fresh = virtual.unit.settings.unit, sum(each.fresh == each.rows for each in states)
+            self._add_age(unit, [each.age for each in states])
+            self._sources.add(fresh, str(unit), "fresh")
+            self._sources.add(len(states) - fresh, str(unit), "stale")
+
+    def _add_age(self, unit: int, ages: Sequence[float | None]) -> None:
+        age = oldest(ages)
+        if age is not None:
+            self._ages.add(age, str(unit))
 
 
 def _upstreams(upstreams: Iterable[GatewayUpstream]) -> Family:

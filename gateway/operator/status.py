@@ -13,6 +13,7 @@ from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
+from gateway.images.virtual.unit import VirtualUnit
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import total, total_of_units
 from gateway.operator.answers.status import (
@@ -27,11 +28,14 @@ from gateway.operator.answers.status import (
     RangeStatus,
     RejectionStatus,
     ServerStatus,
+    SourceStatus,
     Status,
     TimesStatus,
     UnitStatus,
     UpstreamStatus,
+    VirtualStatus,
 )
+from gateway.operator.mapped import SourceState, source_states
 from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
 from gateway.ports.reconnector import Reconnector
@@ -57,7 +61,8 @@ def status(running: "Running", now: float, recent: Recent | None = None) -> Stat
     """Make the status at `now`, with rates from `recent` if given."""
     gateway = running.gateway
     units = [_unit(owner, device, now) for owner, device in _devices(gateway)]
-    return _status(running, now, [_line(each, recent, now) for each in gateway.lines], units)
+    virtual = [_virtual(each.unit, source_states(each.unit, now)) for each in gateway.virtual]
+    return _status(running, now, [_line(each, recent, now) for each in gateway.lines], units, virtual)
 
 
 async def tell_status(operator: Operator, _asked: Nothing, asker: Asker) -> Status:
@@ -89,24 +94,35 @@ async def status_in_slices(running: "Running") -> Status:
     now = asyncio.get_running_loop().time
     units = await in_slices(_unit(owner, device, now()) for owner, device in _devices(gateway))
     lines = await in_slices(_line(each, recent, now()) for each in gateway.lines)
-    whole = _status(running, now(), lines, units)
+    virtual = [await _virtual_in_slices(each.unit) for each in gateway.virtual]
+    whole = _status(running, now(), lines, units, virtual)
     troubles = () if running.troubles is None else running.troubles.status()
     return replace(whole, page=running.page, state_files=troubles)
 
 
-def part_of_unit(
-    gateway: Gateway, unit: int | None, name: str, now: float
-) -> UnitStatus | ImageStatus | MirrorStatus | None:
+async def part_of_unit(
+    gateway: Gateway, unit: int | None, name: str
+) -> UnitStatus | ImageStatus | MirrorStatus | VirtualStatus | None:
     """Make the part of the status about one unit; None if there is none."""
+    now = asyncio.get_running_loop().time()
     for owner, device in _devices(gateway):
         if (device.settings.client_unit, device.settings.name) == (unit, name):
             return _unit(owner, device, now)
+    for driver in gateway.virtual:
+        if driver.name == name:
+            return await _virtual_in_slices(driver.unit)
     parts: tuple[ImageStatus | MirrorStatus, ...]
     parts = (*map(_image, gateway.images), *(_mirror(each.unit, now) for each in gateway.mirrors))
     return next((each for each in parts if (each.unit, each.name) == (unit, name)), None)
 
 
-def _status(running: "Running", now: float, lines: Iterable[LineStatus], units: Iterable[UnitStatus]) -> Status:
+def _status(
+    running: "Running",
+    now: float,
+    lines: Iterable[LineStatus],
+    units: Iterable[UnitStatus],
+    virtual: Iterable[VirtualStatus],
+) -> Status:
     gateway = running.gateway
     return Status(
         at=now,
@@ -120,6 +136,7 @@ def _status(running: "Running", now: float, lines: Iterable[LineStatus], units: 
         units=tuple(units),
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.unit, now) for each in gateway.mirrors),
+        virtual=tuple(virtual),
         certificates=tuple(certificates(running.contexts, time.time())),
         leases=tuple(_leases(gateway.lines)),
         moved=tuple(_moved(gateway.lines)),
@@ -306,6 +323,28 @@ def _mirror(mirror: Mirror, now: float) -> MirrorStatus:
     )
 
 
+async def _virtual_in_slices(unit: VirtualUnit) -> VirtualStatus:
+    """Make the status of a virtual unit, with pauses for the lines."""
+    now = asyncio.get_running_loop().time()
+    return _virtual(unit, await in_slices(source_states(unit, now)))
+
+
+def _virtual(unit: VirtualUnit, sources: Iterable[SourceState]) -> VirtualStatus:
+    settings, answers, counts = unit.settings, unit.answer_counts, unit.counts
+    told = tuple(SourceStatus(each.device, each.rows, each.fresh, optional_ms(each.age)) for each in sources)
+    return VirtualStatus(
+        unit=settings.unit,
+        name=settings.name,
+        source=settings.source,
+        requests=answers.requests,
+        exceptions=answers.exceptions,
+        polls=counts.polls,
+        failed_polls=counts.failed,
+        age_ms=oldest(each.age_ms for each in told),
+        sources=told,
+    )
+
+
 def _times(of: Iterable[Times]) -> TimesStatus:
     """Combine the times of several functions. The limit is the longest one."""
     times = tuple(of)
@@ -326,6 +365,12 @@ def _times(of: Iterable[Times]) -> TimesStatus:
 
 def _since(at: float, now: float) -> float | None:
     return None if at == NEVER else milliseconds(now - at)
+
+
+def oldest(ages: Iterable[float | None]) -> float | None:
+    """Return the oldest age; None if one is not known."""
+    known = list(ages)
+    return None if None in known else max((age for age in known if age is not None), default=0.0)
 
 
 def optional_ms(seconds: float | None) -> float | None:

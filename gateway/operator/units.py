@@ -1,15 +1,17 @@
 """Units as clients see them, and finding them by number or name."""
 
-import asyncio
-from collections.abc import Iterable, Iterator, Mapping
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
+from itertools import islice, takewhile
 from typing import Final, NamedTuple
 
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import did_you_mean
 from gateway.errors import WrongQuestion
 from gateway.images.image import ImageSettings
-from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, FunctionCode
+from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, Area, FunctionCode
+from gateway.modbus.pdu import Span
 from gateway.operator.answers.unit import UnitHead, UnitPicture, Units
 from gateway.operator.answers.unit_status import UnitWithStatus
 from gateway.operator.asked import OneUnit
@@ -17,12 +19,15 @@ from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import fields_of
 from gateway.operator.status import part_of_unit
+from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.profiles.read_rules import ReadRules
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.running import Running
 
+#: No point takes more registers: one request reads it.
+_LONGEST_POINT: Final = 125
 _HEAD: Final = tuple(field.name for field in fields(UnitHead))
 
 
@@ -46,8 +51,9 @@ async def tell_unit_with_status(operator: Operator, asked: OneUnit, _asker: Aske
     Raises:
         WrongQuestion: there is none.
     """
-    found, now = picture(operator.gateway, asked.unit), asyncio.get_running_loop().time()
-    return UnitWithStatus(**fields_of(found), status=part_of_unit(operator.gateway, found.unit, found.name, now))
+    found = picture(operator.gateway, asked.unit)
+    status = await part_of_unit(operator.gateway, found.unit, found.name)
+    return UnitWithStatus(**fields_of(found), status=status)
 
 
 class _Pictured:
@@ -78,6 +84,29 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
     if found is None:
         raise WrongQuestion(f"there is no unit {key}{_who_has_it(gateway.plan)}; modbus-gateway check lists the units")
     return _picture(found, gateway, gateway.longest_waits)
+
+
+class _Placed:
+    """The points of units in the order of their addresses, by unit and area, and their gateway."""
+
+    def __init__(self) -> None:
+        self.gateway: Gateway | None = None
+        self.points: dict[int, dict[Area, list[Point]]] = {}
+
+
+def points_within(operator: Operator, unit: UnitPicture, span: Span) -> Sequence[Point]:
+    """List the points of a unit with an address in `span`, in their order, without a look at all others."""
+    placed = operator.kept(_Placed)
+    if placed.gateway is not operator.gateway:
+        placed.gateway, placed.points = operator.gateway, {}
+    if unit.key not in placed.points:
+        areas = placed.points[unit.key] = {area: [] for area in Area}
+        for point in sorted(unit.points, key=lambda each: each.address):
+            areas[point.area].append(point)
+    points = placed.points[unit.key][span.area]
+    first = bisect_left(points, span.start - _LONGEST_POINT, key=lambda each: each.address)
+    near = takewhile(lambda each: each.address < span.end, islice(points, first, None))
+    return [point for point in near if point.span.end > span.start]
 
 
 def pictures(gateway: Gateway) -> tuple[UnitPicture, ...]:
@@ -163,6 +192,7 @@ def _units(plan: Plan) -> Iterator[_Unit]:
         yield from (_Unit(each.known_as, each.name, "upstream", each.profile) for each in upstream.devices)
     yield from (_Unit(image.unit, image.name, _kind(image), image.profile) for image in plan.images)
     yield from (_Unit(mirror.unit, mirror.name, "mirror", mirror.profile) for mirror in plan.mirrors)
+    yield from (_Unit(virtual.unit, virtual.name, "virtual", virtual.profile) for virtual in plan.virtual)
 
 
 def _kind(image: ImageSettings) -> str:

@@ -89,8 +89,12 @@ class Gateway:
 
     @property
     def longest_waits(self) -> Mapping[str, float]:
-        """The longest wait for each unit that is not in the gateway itself, in seconds, by its name."""
-        return {name: wait for owner in self.owners for name, wait in owner.longest_wait.items()}
+        """The longest wait for each unit that has a device behind it, in seconds, by its name."""
+        waits = {name: wait for owner in self.owners for name, wait in owner.longest_wait.items()}
+        through = {
+            each.name: max((waits.get(name, 0.0) for name in each.pollers), default=0.0) for each in self.polling_units
+        }
+        return waits | through
 
     def load_images(self) -> None:
         """Let new persistent images load the values saved under their names."""

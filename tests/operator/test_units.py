@@ -5,8 +5,11 @@ import asyncio
 import pytest
 
 from gateway.errors import WrongQuestion
-from gateway.operator.units import picture
-from kit.asking import answers
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
+from gateway.operator.operator import Operator
+from gateway.operator.units import picture, points_within
+from kit.asking import NO_FILE, answers
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -148,3 +151,24 @@ async def test_a_number_that_only_a_listener_of_its_own_leads_to_is_asked_there(
     async with gateway_bench(listener + CONFIG) as bench:
         with pytest.raises(WrongQuestion, match=r"no unit 99 that all clients can reach; .*--tcp with that address; "):
             picture(bench.gateway, 99)
+
+
+async def test_points_near_some_addresses_are_found_in_their_order():
+    points = [("last", 9, "uint16"), ("bit", 5, "uint16"), ("long", 3, "float64"), ("before", 1, "uint16")]
+    listed = ", ".join(f'{{ name = "{name}", holding = {at}, type = "{kind}" }}' for name, at, kind in points)
+    listed += ', { name = "other", input = 5 }'
+    config = f'[[line]]\nport = "/dev/hall"\ndevices = [{{ unit = 1, name = "silo", points = [{listed}] }}]\n'
+    async with gateway_bench(config) as bench:
+        operator = Operator(bench.running, NO_FILE)
+        unit = picture(bench.gateway, "silo")
+
+        def near(start, count):
+            return [each.name for each in points_within(operator, unit, Span(Area.HOLDING, start, count))]
+
+        assert near(0, 100) == ["before", "long", "bit", "last"]
+        assert near(6, 3) == ["long"]
+        assert near(2, 1) == []
+        assert near(7, 3) == ["last"]
+        await bench.reload(config.replace('"last"', '"end"'))
+        unit = picture(bench.gateway, "silo")
+        assert near(7, 3) == ["end"]

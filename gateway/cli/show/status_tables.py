@@ -21,6 +21,7 @@ from gateway.operator.answers.status import (
     Status,
     UnitStatus,
     UpstreamStatus,
+    VirtualStatus,
 )
 from gateway.plant.status import BrokerStatus
 from gateway.state.status import StateFileStatus
@@ -77,6 +78,10 @@ def _answered(unit: UnitStatus) -> str:
 
 def _ages(mirror: MirrorStatus) -> str:
     return ", ".join(f"{each.addresses}: {_age_of_values(each.age_ms)}" for each in mirror.ranges)
+
+
+def _sources(virtual: VirtualStatus) -> str:
+    return f"{virtual.fresh_sources} of {len(virtual.sources)} fresh"
 
 
 def _age_of_values(age: float | None) -> str:
@@ -245,6 +250,19 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "OF": lambda mirror: mirror.of,
             "REQUESTS": lambda mirror: mirror.requests,
             "AGES": _ages,
+        },
+    ),
+    Table[Status, VirtualStatus](
+        "Virtual units",
+        lambda status: status.virtual,
+        {
+            "UNIT": lambda virtual: virtual.unit,
+            "NAME": lambda virtual: virtual.name,
+            "SOURCES": _sources,
+            "REQUESTS": lambda virtual: virtual.requests,
+            "EXCEPTIONS": lambda virtual: virtual.exceptions,
+            "POLLS FAILED": lambda virtual: virtual.failed_polls,
+            "OLDEST": lambda virtual: _age_of_values(virtual.age_ms),
         },
     ),
     Table[Status, ListenerStatus](

@@ -19,7 +19,8 @@ NO_ANSWER: Final = 0xFFFF
 class Block:
     """The values of `rows`, which `reader` polls of `sources`, and the registers of the image `own`.
 
-    `changes` grows whenever values that were fresh may not be so any more, but for their age.
+    The rows of each source are in `by_device`. `changes` grows whenever values that were fresh may not be so any more,
+    but for their age.
     """
 
     def __init__(self, settings: VirtualSettings, sources: Mapping[str, Source], own: Image, reader: Reader) -> None:
@@ -32,7 +33,7 @@ class Block:
         rows: dict[str, list[Row]] = {name: [] for name in sources}
         for row in self.rows:
             rows[row.mapped.device].append(row)
-        self._by_device = {name: Freshness(tuple(of_device)) for name, of_device in rows.items()}
+        self.by_device = {name: Freshness(tuple(of_device)) for name, of_device in rows.items()}
         #: By the place of fresh bits: of all of their devices, and the items while these are fresh.
         self._all_fresh = {
             each.place: (
@@ -73,14 +74,14 @@ class Block:
 
     def is_device_fresh(self, device: str, now: float) -> bool:
         """Tell whether all rows of a source are fresh, or will be when the poll after a write is answered."""
-        of_device = self._by_device[device]
+        of_device = self.by_device[device]
         if of_device.lasts(now, self.stale, self.changes):
             return True
         return all(row.is_expected(now, self.stale) for row in of_device.rows)
 
     def age_of(self, device: str, now: float) -> float | None:
         """Return the seconds since the last answer of a source; None if there was none."""
-        answers = [row.sampled_at for row in self._by_device[device].rows if row.sampled_at is not None]
+        answers = [row.sampled_at for row in self.by_device[device].rows if row.sampled_at is not None]
         return now - max(answers) if answers else None
 
     def values(self, read: Touched, now: float, fills: Sequence[tuple[Span, bytes]] = ()) -> bytes:

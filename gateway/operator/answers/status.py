@@ -276,6 +276,53 @@ class MirrorStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class SourceStatus:
+    """A device, or an image, of which a virtual unit has `rows`; so many of them are `fresh`.
+
+    `age_ms` is the age of the oldest value; None while one is unknown.
+    """
+
+    device: str
+    rows: int
+    fresh: int
+    age_ms: float | None
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether all of its rows are fresh."""
+        return self.fresh == self.rows
+
+    def state(self, stale_ms: float) -> Literal["fresh", "stale", "unknown", "invalid"]:
+        """Return the state of the oldest value, or of any that is not valid; values are stale when so old."""
+        if self.is_fresh:
+            return "fresh"
+        return "unknown" if self.age_ms is None else "stale" if self.age_ms > stale_ms else "invalid"
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualStatus:
+    """A virtual unit, whose values come from `sources`. `polls` counts those for it; others may share them.
+
+    `age_ms` is the age of the oldest value; None while one is unknown.
+    """
+
+    unit: int
+    name: str
+    source: str
+    requests: int
+    exceptions: int
+    polls: int
+    failed_polls: int
+    age_ms: float | None
+    sources: tuple[SourceStatus, ...]
+
+    @property
+    def fresh_sources(self) -> int:
+        """The number of sources whose values are all fresh."""
+        return sum(each.is_fresh for each in self.sources)
+
+
+@dataclass(frozen=True, slots=True)
 class Status:
     """The whole gateway, in the order of its config. `at` is the time of the loop's clock, in seconds."""
 
@@ -289,6 +336,7 @@ class Status:
     units: tuple[UnitStatus, ...]
     images: tuple[ImageStatus, ...]
     mirrors: tuple[MirrorStatus, ...]
+    virtual: tuple[VirtualStatus, ...] = ()
     certificates: tuple[CertificateStatus, ...] = ()
     brokers: tuple[BrokerStatus, ...] = ()
     fleets: tuple[FleetStatus, ...] = ()

@@ -15,11 +15,11 @@ class UnitHead:
     """A unit as clients see it: what answers for it, and what it accepts.
 
     `unit` is None for a device that they ask by its name, or by a listener for its line or upstream. `kind` is device
-    (on a line), upstream (a device behind another server), image, mirror or gateway. `functions` is None if it accepts
-    all. `limits` are the most items by function. `areas` are the first and last address of each range that exists, by
-    area; an area that is missing exists in full. Points are read together over gaps of at most `max_gap` addresses.
-    Registers in `wide` have four bytes. A response takes at most `longest_wait_ms`; 0 for a unit that the gateway
-    answers itself.
+    (on a line), upstream (a device behind another server), image, mirror, virtual or gateway. `functions` is None if it
+    accepts all. `limits` are the most items by function. `areas` are the first and last address of each range that
+    exists, by area; an area that is missing exists in full. Points are read together over gaps of at most `max_gap`
+    addresses. Registers in `wide` have four bytes. A response takes at most `longest_wait_ms`; 0 for a unit that the
+    gateway answers itself.
     """
 
     unit: int | None

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gateway.operator.answers.status import ImageStatus, MirrorStatus, UnitStatus
+from gateway.operator.answers.status import ImageStatus, MirrorStatus, UnitStatus, VirtualStatus
 from gateway.operator.answers.unit import UnitPicture
 
 
@@ -10,4 +10,4 @@ from gateway.operator.answers.unit import UnitPicture
 class UnitWithStatus(UnitPicture):
     """A unit as clients see it, its points, and its part of the status, if it has one."""
 
-    status: UnitStatus | MirrorStatus | ImageStatus | None
+    status: UnitStatus | MirrorStatus | VirtualStatus | ImageStatus | None

@@ -18,6 +18,7 @@ from gateway.operator.answers.status import (
     MirrorStatus,
     ServerStatus,
     UpstreamStatus,
+    VirtualStatus,
 )
 from gateway.operator.answers.unit import UnitHead
 from gateway.operator.asked import PointsToWrite, PointToWrite, ValuesToWrite
@@ -37,6 +38,7 @@ _NAMES: Final[Mapping[type, str]] = {
     UpstreamStatus: "Upstream",
     ImageStatus: "Image",
     MirrorStatus: "Mirror",
+    VirtualStatus: "VirtualUnit",
     UnitHead: "Unit",
     Reloaded: "Reload",
 }

@@ -18,9 +18,11 @@ from gateway.operator.answers.status import (
     MirrorStatus,
     MovedStatus,
     RangeStatus,
+    SourceStatus,
     Status,
     TimesStatus,
     UnitStatus,
+    VirtualStatus,
 )
 from gateway.plant.status import BrokerStatus
 from gateway.timing.measured import Phases
@@ -78,6 +80,12 @@ STATUS = Status(
     units=(UNIT, replace(UNIT, unit=42, name="press", state="fine", counts=Counts())),
     images=(),
     mirrors=(MirrorStatus(241, "m", "", "silo", 5, 0, 9, 0, (RangeStatus("holding 0-1", 500.0, 1234.0),)),),
+    virtual=(
+        VirtualStatus(
+            *(240, "block", "", 7, 2, 30, 4, None),
+            (SourceStatus("silo", 2, 2, 1234.0), SourceStatus("press", 1, 0, None)),
+        ),
+    ),
 )
 LINES = [
     "Lines (busy and requests/s: of the last minute)",
@@ -144,6 +152,10 @@ def test_the_status_of_a_daemon_of_this_version(monkeypatch, capsys) -> None:
         "Mirrors",
         "  UNIT  NAME  OF    REQUESTS  AGES",
         "  241   m     silo  5         holding 0-1: 1.2 s",
+        "",
+        "Virtual units",
+        "  UNIT  NAME   SOURCES       REQUESTS  EXCEPTIONS  POLLS FAILED  OLDEST",
+        "  240   block  1 of 2 fresh  7         2           4             not known",
         "",
         *LISTENERS,
         *NOTES,
