@@ -23,7 +23,7 @@ GatewayError
 │       ├── UnitResting          0B  not sent: the unit backs off after failures
 │       ├── EchoSuspected        0B  not sent: the adapter echoes, so a copy of the request proves nothing
 │       ├── AmbiguousResponse    0B  another client was received, so the response may be for it
-│       └── StaleValue           0B  not sent: the values of a mirror are stale
+│       └── StaleValue           0B  not sent: the values of a mirror or virtual unit are stale
 ├── NotModbus                    a client's bytes are not Modbus: its connection is closed
 ├── PortError                    a serial port cannot be opened or was lost
 │   ├── PortClosed               it was closed by its user
@@ -203,9 +203,13 @@ class AmbiguousResponse(TargetFailedToRespond):
 
 
 class StaleValue(TargetFailedToRespond):
-    """Not sent: the last poll of a mirror is stale, and stale values are never returned."""
+    """Not sent: what was polled of `device` is stale, or is no value, and this is never returned."""
 
     result = "stale"
+
+    def __init__(self, what: str, device: str = "") -> None:
+        super().__init__(what)
+        self.device = device
 
 
 class NotModbus(GatewayError):

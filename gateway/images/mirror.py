@@ -98,7 +98,7 @@ class Mirror(OrderedUnit):
         writes = row.writes.setdefault(self._polls, self._polls.writes)
         touched = [part for part in self.parts if part.poll.span.touches(span)]
         if any(part.is_lost(now, self.settings.stale, writes) for part in touched):
-            raise StaleValue(f"{self.settings.of} has not answered for too long")
+            raise StaleValue(f"{self.settings.of} has not answered for too long", self.settings.of)
         if all(part.is_known(writes) for part in touched):
             return asked.response_head + self._tables[span.area].read(span)
         return None

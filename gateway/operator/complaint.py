@@ -15,7 +15,7 @@ WHYS: Final[Mapping[str, str]] = {
     "resting": "not sent: the unit has not answered and rests",
     "overdue": "not sent: a late response to an earlier request may still come",
     "echo_suspected": "not sent: the response would look like an echo of the request",
-    "stale": "the values of the mirror are too old",
+    "stale": "not sent: the values are too old, or not valid",
     "queue_full": "not sent: too many requests wait for the line",
     "expired": "not sent: it has waited too long for the line",
     "line_down": "not sent: the line is down",

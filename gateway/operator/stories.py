@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Callable, Mapping
 from datetime import datetime
+from shlex import quote
 from typing import Any, Final, Literal
 
 from gateway.modbus.explain import Mode, explain
@@ -20,7 +21,8 @@ def clock(time: float) -> str:
 
 def told(story: Story, width: int = 80) -> str:
     """Write one story: a heading, and below it what happened."""
-    unit = f"unit {story['unit']}" + (f" ({story['name']})" if story.get("name") else "")
+    names = ": ".join(story[each] for each in ("name", "device") if story.get(each))
+    unit = f"unit {story['unit']}" + (f" ({names})" if names else "")
     asked = request_in_words(bytes.fromhex(story["request"]))
     heading = f"{clock(story['received'])}  {story['client']} asked {unit}: {asked}"
     return f"{heading}\n{textwrap.fill(sentences(story), width, initial_indent='  ', subsequent_indent='  ')}"
@@ -170,6 +172,17 @@ def _denied(story: Story) -> str:
     return f"The client has no right to this {story['reason']}: [[access]] says who may do what."
 
 
+def _stale(story: Story) -> str:
+    """Say which source has no fresh value, and who knows why."""
+    what, sources = f"{story['reason'] or 'the values are too old'}.", story.get("sources", ())
+    others = f" It asks for values of {len(sources)} sources: {', '.join(sources)}." if len(sources) > 1 else ""
+    device, line = story.get("stale"), story.get("stale_on")
+    if not device or not line:
+        return f"No fresh value: {what}{others}"
+    commands = f"modbus-gateway trace --why {quote(device)} tells what became of its polls"
+    return f"No fresh value: {what}{others} {commands}, modbus-gateway doctor {quote(line)} what to do."
+
+
 def _unwanted(_: Story) -> str:
     return "Its client had left, or sends no more."
 
@@ -195,6 +208,7 @@ _NOT_SENT: Final[Mapping[str, Callable[[Story], str]]] = {
     "queue_full": _queue_full,
     "expired": _expired,
     "denied": _denied,
+    "stale": _stale,
     "unwanted": _unwanted,
     "timeout": _not_repeated,
     "line_lost": _not_repeated,

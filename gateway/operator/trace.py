@@ -13,7 +13,7 @@ from dataclasses import replace
 from ipaddress import ip_address
 from typing import Any, Final
 
-from gateway.errors import RequestError, WrongQuestion
+from gateway.errors import RequestError, StaleValue, WrongQuestion
 from gateway.operator.answers.trace import Fact, Stories, TracedLine, TracePage
 from gateway.operator.asked import ToExplain, Traced
 from gateway.operator.operation import Asker
@@ -93,7 +93,7 @@ def page(
     records = ring.after(number)
     following = max(number, ring.first) + len(records)
     begins_at = ring.begins_at
-    names = UnitNames(running.gateway.plan)
+    names = UnitNames(running.gateway)
     chosen = choose([record for record in records if is_wanted(record)])
     return TracePage(
         facts=[(tell or fact)(record, clock, names) for record in chosen],
@@ -138,7 +138,7 @@ def stories(
     """
     if not running.ring.is_on:
         raise WrongQuestion(_OFF)
-    names = UnitNames(running.gateway.plan)
+    names = UnitNames(running.gateway)
     unit, is_his = _of_whom(running, asked.who, names)
     is_wanted = _filter(running.gateway, asked.line, None)
     found = []
@@ -182,7 +182,7 @@ def causes(
     """
     if not running.ring.is_on:
         raise WrongQuestion(_OFF)
-    names = UnitNames(running.gateway.plan)
+    names = UnitNames(running.gateway)
     is_his = names.is_of(unit)
     found: list[tuple[Fact, Counter[str]]] = []
     followed, first_of_them, last = Counter[str](), None, ""
@@ -216,7 +216,9 @@ def fact(record: Record, clock: Clock, names: UnitNames) -> Fact:
     if unit is not None:
         told["unit"] = unit
         told["name"] = names.of(record)
-    return told | tell(record, clock)
+    device, sources = names.device_of(record), names.sources_of(record)
+    beside = ({"device": device} if device else {}) | ({"sources": sources} if sources else {})
+    return told | tell(record, clock) | beside
 
 
 def lines(gateway: Gateway) -> tuple[TracedLine, ...]:
@@ -249,7 +251,7 @@ def _filter(gateway: Gateway, line: object, unit: object) -> Callable[[Record], 
         raise WrongQuestion(f'there is no line "{line}"; there are {", ".join(known)}')
     if unit is None:
         return lambda record: line is None or record.line == line
-    names = UnitNames(gateway.plan)
+    names = UnitNames(gateway)
     is_his, name = names.is_of(unit), names.shared.get(find_unit(gateway.plan, unit))
     places = {
         (part.name, device.unit) for part in gateway.owners for device in part.devices.values() if device.name == name
@@ -282,12 +284,17 @@ def _is_of_line(gateway: Gateway, name: str) -> Callable[[Record], bool]:
 def _asked_by(record: Record, who: str) -> bool:
     """Return whether a client with this name or address asked for it."""
     clients = [getattr(record, "client", ""), *_clients(record)]
-    return any(who in (client, client.rpartition(":")[0].strip("[]"), client.rpartition("@")[2]) for client in clients)
+    return any(_is_called(client, who) or who == client.rpartition("@")[2] for client in clients)
 
 
 def _asked_by_any(who: str) -> Callable[[Record], bool]:
     """Make the test for records of a client with this name or address."""
-    return lambda record: any(who in (each, each.rpartition(":")[0].strip("[]")) for each in _clients(record))
+    return lambda record: any(_is_called(each, who) for each in _clients(record))
+
+
+def _is_called(client: str, who: str) -> bool:
+    """Return whether a client has this name or address; a poll has all those that want it as its client."""
+    return who in (client, client.rpartition(":")[0].strip("[]"), *client.split(", "))
 
 
 def _clients(record: Record) -> list[str]:
@@ -304,11 +311,20 @@ def _story(running: Running, record: Record, clock: Clock, names: UnitNames) -> 
         behind = [(each.unit, names.of(each)) for each in others]
         told["behind"] = [{"unit": unit, "name": name} for unit, name in dict.fromkeys(behind)]
         told["behind_count"] = len(behind)
+    if isinstance(record, Refused) and isinstance(record.error, StaleValue):
+        told["stale"] = record.error.device
+        told["stale_on"] = _owner_of(gateway, record.error.device)
     told["mode"] = next((each.mode for each in lines(gateway) if each.name == record.line), "")
     told["site"] = next((_site(each) for each in gateway.upstreams if each.name == record.line), "")
     trouble = next((part.reconnector.error for part in gateway.parts if part.name == record.line), None)
     told["line_trouble"] = "" if trouble is None else str(trouble)
     return told
+
+
+def _owner_of(gateway: Gateway, device: str) -> str:
+    """Find the line or upstream of a device; empty if none has it."""
+    found = (part.name for part in gateway.owners for each in part.all_devices if each.name == device)
+    return next(found, "")
 
 
 def _on_line_between(ring: Ring, line: str, begin: float, end: float, than: Sent | Refused) -> Iterator[Sent]:

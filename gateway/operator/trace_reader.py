@@ -127,7 +127,7 @@ async def latest(running: Running, asked: Traced, host: str, most: int) -> Seque
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
     clock, is_wanted, may_see = clocks(), wanted(running, asked), what_is_seen(running, host)
-    names = UnitNames(running.gateway.plan)
+    names = UnitNames(running.gateway)
     found: list[Fact] = []
     for records in _newest_first(running.ring, only_failures=asked.result in FAILURES):
         for record in records:
@@ -201,7 +201,7 @@ def what_is_seen(running: Running, host: str) -> MaySee:
     if may_see_all(running, host):
         return lambda _: True
     gateway, rights = running.gateway, running.routers.web.rights
-    names = UnitNames(gateway.plan)
+    names = UnitNames(gateway)
     units = {name: unit for unit, name in names.shared.items()}
     places = {(owner.name, device.unit): device.name for owner in gateway.owners for device in owner.devices.values()}
 

@@ -1,12 +1,15 @@
 """Facts of the gateway's ring as rows: one for each frame, and one for each request that got no answer."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from gateway.operator.stories import clock
 from gateway.trace.pdus import exception_in_words, frame_in_words, request_in_words, response_in_words
 
 Fact = Mapping[str, Any]
+
+#: So many sources of a virtual unit are named in a row, if there are many.
+_SOURCES_NAMED: Final = 2
 
 
 class TraceRow(NamedTuple):
@@ -32,7 +35,9 @@ def rows(fact: Fact) -> Iterator[TraceRow]:
     elif kind == "refused":
         asked, code = request_in_words(bytes.fromhex(fact["request"])), int(fact["code"], 16)
         why = f": {fact['reason']}" if fact["reason"] else ""
-        text = f"{asked} from {fact['client']} not sent ({fact['result']}{why}): {exception_in_words(code)}"
+        text = (
+            f"{asked} from {fact['client']}{_device(fact)} not sent ({fact['result']}{why}): {exception_in_words(code)}"
+        )
         yield TraceRow(fact["time"], fact["line"] or fact["name"] or "-", "x", str(fact["unit"]), text)
     elif kind == "answered":
         yield from _answered(fact)
@@ -48,7 +53,7 @@ def _exchange(fact: Fact) -> Iterator[TraceRow]:
     clients = ", ".join([fact["client"], *(other["client"] for other in fact.get("others", ()))])
     waited = f", waited {fact['wait_ms']:.0f} ms" if fact["wait_ms"] >= 1 else ""
     again = ", sent again" if fact.get("retries") else ""
-    asked = f"{request_in_words(request)}  [{clients} as {fact['unit']}{waited}{again}]"
+    asked = f"{request_in_words(request)}  [{clients} as {fact['unit']}{_device(fact)}{waited}{again}]"
     yield TraceRow(fact["sent"], line, ">", address, asked)
     took = f"{fact['elapsed_ms']:.1f} of {fact['limit_ms']:.0f} ms"
     if fact["response"] is not None:
@@ -72,9 +77,24 @@ def _answered(fact: Fact) -> Iterator[TraceRow]:
     who = "" if fact["line"] else f"  [{fact['client']}]"
     yield TraceRow(fact["received"], where, came, unit, f"{request_in_words(request)}{who}")
     if fact["response"] is not None:
-        yield TraceRow(fact["time"], where, went, unit, response_in_words(request, bytes.fromhex(fact["response"])))
+        told = response_in_words(request, bytes.fromhex(fact["response"]))
+        yield TraceRow(fact["time"], where, went, unit, f"{told}{_sources(fact)}")
     else:
         yield TraceRow(fact["time"], where, "-", unit, f"not answered: {fact['reason']}")
+
+
+def _device(fact: Fact) -> str:
+    """Say to which device a request went through a mirror or virtual unit."""
+    return f" to {fact['device']}" if fact.get("device") else ""
+
+
+def _sources(fact: Fact) -> str:
+    """Say of which devices the values are: `  [from meter-1, meter-2, ... 20 sources]`."""
+    sources = fact.get("sources", ())
+    named = ", ".join(sources[:_SOURCES_NAMED])
+    if len(sources) > _SOURCES_NAMED + 1:
+        return f"  [from {named}, ... {len(sources)} sources]"
+    return f"  [from {', '.join(sources)}]" if sources else ""
 
 
 def _heard(fact: Fact) -> TraceRow:

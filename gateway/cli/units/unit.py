@@ -30,13 +30,14 @@ _REASONS: Final[Mapping[str, str]] = {
     "resting": "it backs off after several failures; modbus-gateway status shows for how long",
     "overdue": "a late response to an earlier request may still come; try again in a moment",
     "echo_suspected": "the adapter echoes; set echo = true for the line",
-    "stale": "the mirror's last poll is stale: its device does not answer",
     "no_route": "there is no such unit; modbus-gateway check lists the units",
     "denied": "[[access]] does not allow it for the control socket",
     "queue_full": "too many requests wait for the line; try again",
     "expired": "the line was busy for longer than its max_wait; try again",
     "line_down": "its line is down; modbus-gateway status shows why",
 }
+#: Results whose reason says more than their name: which port, which device.
+_TOLD_BY_REASON: Final = frozenset({"line_down", "stale"})
 
 
 class NoResponseError(GatewayError):
@@ -113,7 +114,7 @@ class DaemonUnit:
         pdu = step.pdu
         answer = self._daemon.ask(REQUEST, OneRequest(self.wanted, pdu.hex(" "), step.in_one_turn))
         response, result = bytes.fromhex(answer.pdu or ""), answer.result
-        reason = (result == "line_down" and answer.reason) or _REASONS.get(result) or answer.reason or result
+        reason = (result in _TOLD_BY_REASON and answer.reason) or _REASONS.get(result) or answer.reason or result
         head = bytes((self.number or 0,))
         sent, received = head + pdu, head + response
         if answer.sent:

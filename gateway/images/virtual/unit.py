@@ -166,7 +166,7 @@ class VirtualUnit(OrderedUnit):
             if each.is_missing(now, stale, writes):
                 when_stale = each.mapped.when_stale
                 if when_stale == "exception" or (when_stale == "hold" and not each.holds):
-                    raise StaleValue(f"{self.name}: {each.trouble(now, stale)}")
+                    raise StaleValue(f"{self.name}: {each.trouble(now, stale)}", each.mapped.device)
                 if isinstance(when_stale, int):
                     fills.append((each.place, _filled(each.place, when_stale)))
             elif not each.is_known(writes):

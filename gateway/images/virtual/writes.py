@@ -38,7 +38,7 @@ def _write_of_value(row: Row, point: Point, asked: RequestPdu, before: bytes | N
     if asked.write != place or asked.function == FunctionCode.MASK_WRITE_REGISTER:
         raise IllegalDataValue(f"{place.area} {place.addresses} are one value: one write must set all of it")
     if needs_scale and before is None:
-        raise StaleValue(f"the scale of {row.mapped.device} {point.name} is not known now")
+        raise StaleValue(f"the scale of {row.mapped.device} {point.name} is not known now", row.mapped.device)
     before = before if needs_scale else None
     own = None if row.back is None else row.back(_items(asked), before)
     if own is None:

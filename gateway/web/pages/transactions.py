@@ -12,6 +12,7 @@ _OWNERS: Final = {"noise": "noise", "a damaged frame": "broken frame", "a late r
 _ABSENT: Final = dict.fromkeys(
     (
         *("unit", "name", "client", "address", "request", "response", "heard", "frame", "reason"),
+        *("device", "sources"),
         *("wait_ms", "elapsed_ms", "limit_ms"),
     )
 )

@@ -70,21 +70,24 @@ export function detailOf(item, line, gap) {
       ? TEXTS.timesLost(wait, asked, 1000 * (item.end - item.left), fact.limit_ms)
       : TEXTS.times(wait, asked, 1000 * (item.back - item.left), 1000 * (item.end - item.back), fact.limit_ms);
     const silence = gap !== undefined && gap >= 0 ? " · " + TEXTS.gap(1000 * gap) : "";
-    made.push(element("p", "times", times + silence), element("p", "quiet", `${TEXTS.asked(fact.address, fact.client)} · ${outcomeOf(item)}`));
+    made.push(element("p", "times", times + silence), element("p", "quiet", `${fact.device ? fact.device + " · " : ""}${TEXTS.asked(fact.address, fact.client)} · ${outcomeOf(item)}`));
     made.push(frame(TEXTS.requestFrame, parts(fact.address, bytesOf(fact.request), line.mode, true)));
     if (fact.response) made.push(frame(TEXTS.responseFrame, parts(fact.answered_by ?? fact.address, bytesOf(fact.response), line.mode, false)));
     else made.push(frame(TEXTS.heardFrame, fact.heard ? [{ bytes: fact.heard, means: TEXTS.states.broken }] : [{ bytes: "–", means: TEXTS.noFrame }]));
   } else if (item.kind === "answered") {
-    made.push(element("p", "quiet", outcomeOf(item)), frame(TEXTS.requestFrame, parts(fact.unit, bytesOf(fact.request), line.mode, true)));
+    made.push(element("p", "quiet", outcomeOf(item) + sourcesOf(fact)), frame(TEXTS.requestFrame, parts(fact.unit, bytesOf(fact.request), line.mode, true)));
     made.push(frame(TEXTS.responseFrame, parts(fact.unit, bytesOf(fact.response), line.mode, false)));
   } else if (item.kind === "heard") {
     const bytes = bytesOf(fact.frame), isRequest = item.fact.owner === "another's request" || item.fact.owner === "an echo";
     made.push(element("p", "quiet", outcomeOf(item)), frame(TEXTS.heardFrame, item.state === "noise" ? [{ bytes: fact.frame ?? "", means: TEXTS.states.noise }] : parts(bytes[0], bytes.slice(1), line.mode, isRequest)));
   } else if (item.kind === "refused") {
-    made.push(element("p", "quiet", `${outcomeOf(item)} · ${fact.client}`));
+    made.push(element("p", "quiet", `${outcomeOf(item)} · ${fact.client}${sourcesOf(fact)}`));
   }
   return made;
 }
+
+/** The devices whose values were asked for, of a virtual unit. */
+const sourcesOf = ({ sources }) => (sources ? ` · ${TEXTS.sources(sources.join(", "))}` : "");
 
 function frame(label, pieces) {
   const row = element("div", "frame");

@@ -18,6 +18,7 @@ export const TEXTS = {
   portOpen: "port open",
   portLost: (reason) => `port lost: ${reason}`,
   asked: (address, client) => `asked at address ${address} for ${client}`,
+  sources: (sources) => `values of ${sources}`,
   times: (wait, request, think, response, limit) => `waited ${ms(wait)} · request ${ms(request)} · device ${ms(think)} · response ${ms(response)} · limit ${ms(limit)}`,
   timesLost: (wait, request, lost, limit) => `waited ${ms(wait)} · request ${ms(request)} · no valid response for ${ms(lost)} · limit ${ms(limit)}`,
   gap: (gap) => `${ms(gap)} of silence before`,

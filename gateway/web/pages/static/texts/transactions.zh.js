@@ -18,6 +18,7 @@ export const TEXTS = {
   portOpen: "端口已打开",
   portLost: (reason) => `端口丢失：${reason}`,
   asked: (address, client) => `为 ${client} 请求从站地址 ${address}`,
+  sources: (sources) => `数值来自 ${sources}`,
   times: (wait, request, think, response, limit) => `排队 ${ms(wait)} · 请求 ${ms(request)} · 设备 ${ms(think)} · 响应 ${ms(response)} · 时限 ${ms(limit)}`,
   timesLost: (wait, request, lost, limit) => `排队 ${ms(wait)} · 请求 ${ms(request)} · ${ms(lost)} 内无有效响应 · 时限 ${ms(limit)}`,
   gap: (gap) => `此前静默 ${ms(gap)}`,
