@@ -222,6 +222,32 @@ class LineEvidence:
 
 
 @dataclass(frozen=True, slots=True)
+class SourceEvidence:
+    """What a mirror or virtual unit polls of the device `name` on `line`; an image has no line.
+
+    The oldest value was read `since` seconds ago; None if one never was. It `is_lost` if one is not known, and its last
+    poll has failed. `invalid` values are none, or do not fit; `refused` ones the device answers with an exception.
+    """
+
+    name: str
+    line: str = ""
+    since: float | None = None
+    is_lost: bool = False
+    invalid: int = 0
+    refused: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PolledEvidence:
+    """A mirror or virtual unit; `label` is what logs call it. Its values are stale after so many seconds."""
+
+    name: str
+    label: str
+    stale: float
+    sources: tuple[SourceEvidence, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ClientEvidence:
     """Clients at one address that closed the connection before their response: `left` times.
 

@@ -13,6 +13,7 @@ from gateway.devices.device import Device
 from gateway.diagnosis.clients import about_client
 from gateway.diagnosis.evidence import PortInUse, Search
 from gateway.diagnosis.finding import IS_DOWN, Finding
+from gateway.diagnosis.images import about_polled
 from gateway.diagnosis.last import RECENT
 from gateway.diagnosis.lines import about_line, against_loss
 from gateway.diagnosis.state import about_state_file
@@ -36,6 +37,7 @@ from gateway.tools.evidence import (
     client_evidence,
     line_evidence,
     pauses_before,
+    polled_evidence,
     records_of,
     shown_devices,
     unit_evidence,
@@ -109,7 +111,9 @@ async def examined(
     groups += [(server.name, _about_server(server)) for server in servers]
     groups += [(upstream.name, about[upstream.name]) for upstream in upstreams]
     if wanted is None:
-        beside = [finding for each in running.add_ons for finding in each.findings()]
+        polled = await polled_evidence(gateway)
+        beside = [finding for each in polled for finding in about_polled(each)]
+        beside += [finding for each in running.add_ons for finding in each.findings()]
         beside += [*_about_state(running), *_about_page(running)]
         groups.append(("", [*about_certificates(running.contexts, time.time()), *beside]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.only in ("", wanted)]

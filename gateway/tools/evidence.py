@@ -2,17 +2,28 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
-from gateway.diagnosis.evidence import ClientEvidence, LineEvidence, Search, UnitEvidence
+from gateway.diagnosis.evidence import (
+    ClientEvidence,
+    LineEvidence,
+    PolledEvidence,
+    Search,
+    SourceEvidence,
+    UnitEvidence,
+)
 from gateway.diagnosis.last import NOW, RECENT, Last
 from gateway.diagnosis.lines import is_closed_at_once
 from gateway.diagnosis.pauses import NO_PAUSES, Pauses, pauses_of, situations
+from gateway.images.mirror import Mirror
+from gateway.images.virtual.unit import VirtualUnit
 from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
+from gateway.operator.mapped import source_states
+from gateway.operator.status import oldest
 from gateway.ports.port import SerialSettings
 from gateway.runtime.gateway import Gateway, Listener, Owner
 from gateway.runtime.gateway_line import GatewayLine
@@ -183,6 +194,29 @@ def _last(counts: UnitCounts, now: float, *what: str) -> Last:
         return NOW
     last = max(found)
     return Last(now - last.at, counts.responses - last.responses)
+
+
+async def polled_evidence(gateway: Gateway) -> list[PolledEvidence]:
+    """Gather the evidence about mirrors and virtual units, with pauses for the lines."""
+    lines = {device.name: owner.name for owner in gateway.owners for device in owner.all_devices}
+    found = []
+    for driver in gateway.polling_units:
+        unit, now = driver.unit, asyncio.get_running_loop().time()
+        told = tuple(await in_slices(_sources(unit, lines, now)))
+        found.append(PolledEvidence(unit.name, unit.label, unit.settings.stale, told))
+    return found
+
+
+def _sources(unit: Mirror | VirtualUnit, lines: Mapping[str, str], now: float) -> Iterator[SourceEvidence]:
+    if isinstance(unit, VirtualUnit):
+        for each in source_states(unit, now):
+            line = lines.get(each.device, "")
+            yield SourceEvidence(each.device, line, each.since, each.is_lost, each.invalid, each.refused)
+        return
+    of, parts = unit.settings.of, unit.parts
+    since = oldest(None if part.sampled_at is None else now - part.sampled_at for part in parts)
+    is_lost = any(part.age(now) is None and not part.is_awaited for part in parts)
+    yield SourceEvidence(of, lines.get(of, ""), since, is_lost)
 
 
 def client_evidence(listener: Listener, gateway: Gateway, now: float) -> list[ClientEvidence]:

@@ -16,6 +16,7 @@ from gateway.plant.status import BrokerStatus
 from gateway.ports.port import CharacterErrors
 from gateway.tools.questions import outcome_of
 from gateway.tools.scan import opened
+from kit import mapped_hall
 from kit.asking import answers, ask
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
@@ -649,3 +650,21 @@ async def test_a_page_that_could_not_be_opened_is_named():
         bench.running.page_trouble = "http://127.0.0.1:8502 cannot be used: address already in use"
         rows = await found(bench, ask=False)
         assert rows[-1] == ("fix", "web", "http://127.0.0.1:8502 cannot be used: address already in use")
+
+
+async def test_a_virtual_unit_and_a_mirror_name_the_sources_without_fresh_values():
+    mirror = '[[image]]\nunit = 241\nname = "copy"\nof = "meter-3"\nread = [{ holding = "0-0", every = "1 s" }]\n'
+    async with gateway_bench(mapped_hall.CONFIG + mirror) as bench:
+        meters = mapped_hall.attach(bench)
+        await asyncio.sleep(10)
+        meters["meter-3"].silent = True
+        await asyncio.sleep(30)
+        about = [row for row in await found(bench, ask=False) if row[1] in ("virtual unit block", "mirror copy")]
+        assert [level for level, _, _ in about] == ["ok", "ok"]
+        await asyncio.sleep(90)
+        about = [row for row in await found(bench, ask=False) if row[1] in ("virtual unit block", "mirror copy")]
+        assert about == [
+            ("note", "mirror copy", "no fresh values of its source: meter-3 (for 2 min)"),
+            ("note", "virtual unit block", "no fresh values of 1 of 3 sources: meter-3 (for 2 min)"),
+        ]
+        assert not [row for row in await found(bench, ask=False, line="hall") if row[1] == "virtual unit block"]
