@@ -16,15 +16,18 @@ import asyncio
 import json
 import socket
 import stat
-from collections.abc import AsyncGenerator, AsyncIterator, Mapping
+from collections.abc import AsyncGenerator, AsyncIterator, Mapping, Sequence
 from contextlib import aclosing, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
 from gateway import __version__
+from gateway.clock.threads import ThreadPerCall
 from gateway.control.messages import END, answer_of, line_of
 from gateway.errors import WrongQuestion
 from gateway.events import ControlClosed, Emit, PartFailed
+from gateway.operator.answers.status import Status
+from gateway.operator.answers.unit import UnitPicture, Units
 from gateway.operator.operation import Asker, Operation
 from gateway.operator.operations import BY_NAME
 from gateway.operator.operator import Operator
@@ -35,6 +38,9 @@ from gateway.operator.requests import AT_CONTROL
 LONGEST_REQUEST: Final = 64 * 1024
 #: How long a connection may be idle, in seconds.
 PATIENCE: Final = 60.0
+#: Answers that may be long, and from how many values on a list is.
+_LONG: Final = (Status, Units, UnitPicture)
+_MANY: Final = 256
 #: Concurrent connections.
 MOST_CONNECTIONS: Final = 16
 
@@ -148,7 +154,7 @@ async def _answers(
         request = _request(line)
         async with aclosing(carry_out(request, operator, asker, operations)) as answers:
             async for answer in answers:
-                yield _line({"ok": True, **answer})
+                yield await _written({"ok": True, **answer})
         if _operation(request, operations).is_repeated:
             yield _line({"ok": True, **END})
     except WrongQuestion as wrong:
@@ -194,6 +200,17 @@ async def carry_out(
 
 def _refuse(why: str) -> dict[str, Any]:
     return {"ok": False, "error": why}
+
+
+async def _written(answer: Mapping[str, Any]) -> bytes:
+    """Write an answer as a line; one that may be long in a thread: the lines do not wait for it."""
+    if not any(map(_is_long, answer.values())):
+        return _line(answer)
+    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("control answer"), _line, answer)
+
+
+def _is_long(told: object) -> bool:
+    return isinstance(told, _LONG) or (isinstance(told, Sequence) and len(told) > _MANY and not isinstance(told, str))
 
 
 def _line(answer: Mapping[str, Any]) -> bytes:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from gateway.clock.slices import in_slices
 from gateway.errors import DoesNotFit, Malformed, WrongQuestion
 from gateway.modbus.codes import Area
 from gateway.operator.answers.unit import UnitPicture
@@ -22,7 +23,7 @@ from gateway.operator.reached import holes_of
 from gateway.operator.requests import ask_for
 from gateway.operator.unit_values import assigned, point_named, read, values_at, write
 from gateway.operator.units import picture
-from gateway.operator.values import values_told
+from gateway.operator.values import Outcome, value_told, values_told
 from gateway.profiles.point import Point
 
 
@@ -36,7 +37,7 @@ async def read_values(operator: Operator, asked: Addresses, asker: Asker) -> Val
     points = points_at(asked, unit)
     ask = ask_for(operator, unit.key, asker)
     outcome = await read(unit, points, ask, holes_of(operator.gateway, unit.key))
-    return values_told(unit.unit, unit.name, asked.area, outcome)
+    return await _told(unit, asked.area, outcome)
 
 
 async def read_points(operator: Operator, asked: PointsToRead, asker: Asker) -> Points:
@@ -47,7 +48,7 @@ async def read_points(operator: Operator, asked: PointsToRead, asker: Asker) -> 
     """
     unit = picture(operator.gateway, asked.unit)
     outcome, age = await read_all(operator, unit, asker, asked.max_age)
-    return Points(**fields_of(values_told(unit.unit, unit.name, None, outcome)), age_ms=round(age * 1000, 1))
+    return Points(**fields_of(await _told(unit, None, outcome)), age_ms=round(age * 1000, 1))
 
 
 async def read_point(operator: Operator, asked: PointToRead, asker: Asker) -> Values:
@@ -62,7 +63,7 @@ async def read_point(operator: Operator, asked: PointToRead, asker: Asker) -> Va
         raise DoesNotFit(f"{point.name} can be written, but not read")
     ask = ask_for(operator, unit.key, asker)
     outcome = await read(unit, [point], ask, holes_of(operator.gateway, unit.key))
-    return values_told(unit.unit, unit.name, None, outcome)
+    return await _told(unit, None, outcome)
 
 
 async def write_values(operator: Operator, asked: ValuesToWrite, asker: Asker) -> Values:
@@ -135,4 +136,10 @@ async def _write(
         outcome = await write(new, ask)
     finally:
         forget_values(operator, unit)
-    return values_told(unit.unit, unit.name, area, outcome)
+    return await _told(unit, area, outcome)
+
+
+async def _told(unit: UnitPicture, area: Area | None, outcome: Outcome) -> Values:
+    """Convert an outcome, with pauses for the lines."""
+    values = await in_slices(value_told(each, area) for each in outcome.readings)
+    return values_told(unit.unit, unit.name, area, outcome, values)

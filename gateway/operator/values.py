@@ -13,7 +13,7 @@ from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.modbus.pdu import Span
 from gateway.operator.answers import values as answers
 from gateway.operator.complaint import Complaint
-from gateway.profiles.batches import Batch, batches
+from gateway.profiles.batches import Batch, batches_of
 from gateway.profiles.holes import Holes, Split
 from gateway.profiles.point import Point
 from gateway.profiles.read_rules import ReadRules
@@ -24,6 +24,8 @@ from gateway.registers.masks import read_before, write_after
 
 #: After these exceptions, smaller requests may succeed: an address does not exist, or the request is too long.
 _MAY_BE_ANSWERED_IN_PARTS: Final = frozenset({ExceptionCode.ILLEGAL_DATA_ADDRESS, ExceptionCode.ILLEGAL_DATA_VALUE})
+#: The result if values that were polled are too old: only some of them may be.
+_SOME_ARE_STALE: Final = "stale"
 #: Over a hole also after this one: some devices send it for an address that they do not have.
 _MAY_REFUSE_HOLE: Final = _MAY_BE_ANSWERED_IN_PARTS | {ExceptionCode.SERVER_DEVICE_FAILURE}
 
@@ -103,7 +105,7 @@ def reading(points: Sequence[Point], rules: ReadRules, holes: Holes) -> Steps:
         UnitFailed: a response is too short.
     """
     outcome = Outcome()
-    for batch in batches(points, rules, holes):
+    for batch in batches_of(points, rules, holes):
         yield from _read(batch, holes, outcome)
     order = {id(point): index for index, point in enumerate(points)}
     outcome.readings.sort(key=lambda each: order[id(each.point)])
@@ -123,7 +125,8 @@ def _read(batch: Batch, holes: Holes, outcome: Outcome, split: Split | None = No
             split.part_was_read()
         return
     hole, parts = batch.hole, batch.parts if batch.points[0].name else ()
-    if not parts or answer.exception not in (_MAY_BE_ANSWERED_IN_PARTS if hole is None else _MAY_REFUSE_HOLE):
+    refusals = _MAY_BE_ANSWERED_IN_PARTS if hole is None else _MAY_REFUSE_HOLE
+    if not parts or (answer.exception not in refusals and answer.result != _SOME_ARE_STALE):
         outcome.failures.append(Failure(batch.span, answer))
         return
     within = None if hole is None else Split(hole, holes, split)
@@ -219,13 +222,20 @@ def _reading_and_writing(write: Write) -> Generator[Step, Answer, list[Answer]]:
     return [read, (yield Step(pdu))]
 
 
-def values_told(unit: int | None, name: str, area: Area | None, outcome: Outcome) -> answers.Values:
-    """Convert an outcome to values of one area, or of points, which each name theirs."""
+def value_told(reading: Reading, area: Area | None) -> answers.Value:
+    """Convert what was read or written at a point, which names its area if that of all is not known."""
+    return answers.Value(**reading.as_json(with_area=area is None))
+
+
+def values_told(
+    unit: int | None, name: str, area: Area | None, outcome: Outcome, values: Sequence[answers.Value] | None = None
+) -> answers.Values:
+    """Convert an outcome to values of one area, or of points, which each name theirs; `values` if that is done."""
     return answers.Values(
         unit=unit,
         name=name,
         area=area,
-        values=[answers.Value(**each.as_json(with_area=area is None)) for each in outcome.readings],
+        values=[value_told(each, area) for each in outcome.readings] if values is None else values,
         elapsed_ms=outcome.elapsed_ms,
         errors=[_failure(each) for each in outcome.failures] or None,
     )

@@ -56,14 +56,19 @@ class Batch(NamedTuple):
 
 def batches(points: Iterable[Point], rules: ReadRules, holes: Holes) -> list[Batch]:
     """Group points by area and address, as the device allows it; `holes` are those that it has refused."""
-    found: list[Batch] = []
+    return list(batches_of(points, rules, holes))
+
+
+def batches_of(points: Iterable[Point], rules: ReadRules, holes: Holes) -> Iterator[Batch]:
+    """Yield the groups of points one by one: there may be many."""
+    last: Batch | None = None
     for point in sorted(points, key=lambda point: (point.area, point.width, point.read_span.start)):
-        joined = _joined(found[-1], point, rules, holes) if found else None
-        if joined is None:
-            found.append(_batch((point,)))
-        else:
-            found[-1] = joined
-    return found
+        joined = None if last is None else _joined(last, point, rules, holes)
+        if joined is None and last is not None:
+            yield last
+        last = joined or _batch((point,))
+    if last is not None:
+        yield last
 
 
 def _batch(points: tuple[Point, ...]) -> Batch:

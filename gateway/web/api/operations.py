@@ -14,8 +14,8 @@ from gateway.modbus.codes import Area
 from gateway.operator.answers.past import LinePast, UnitPast
 from gateway.operator.answers.running import Reloaded
 from gateway.operator.answers.status import Lines, Status
-from gateway.operator.answers.unit import Units
-from gateway.operator.answers.values import Cells
+from gateway.operator.answers.unit import UnitPicture, Units
+from gateway.operator.answers.values import Cells, Points
 from gateway.operator.operation import Operation
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import Parameter, fields_of, parameters_of
@@ -29,7 +29,7 @@ ROOT: Final = "/api/v1"
 Operations = Sequence[Operation[Any, Any]]
 
 #: Answers that may be long are written in a thread. One costs more than most answers: others are written at once.
-_LONG: Final = (Status, Lines, LinePast, Units, UnitPast, Cells)
+_LONG: Final = (Status, Lines, LinePast, Units, UnitPicture, UnitPast, Cells, Points)
 #: A parameter in the path of an operation.
 NAMED: Final = re.compile(r"\{(\w+)\}")
 #: The last parameter of a path, which may be left out with what joins it to the one before.
