@@ -22,18 +22,23 @@ _TEXT_COLUMNS: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One value. That of a mirror may be unknown or stale; then clients do not get it."""
+    """One value. One that is polled has a state; clients do not get what is not fine. `source` is where it is from."""
 
     reading: Reading
-    is_known: bool = True
-    is_stale: bool = False
+    state: answers.CellState = "fine"
+    source: str = ""
     age_ms: float | None = None
     written: Written | None = None
 
     @property
     def text(self) -> str:
-        """The value as text; empty while unknown."""
+        """The value as text; empty while there is none."""
         return self.reading.point.show(self.reading.value) if self.is_known else ""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is a value."""
+        return self.state in ("fine", "stale")
 
     def told(self) -> answers.Cell:
         """Convert it to the result type."""
@@ -43,7 +48,8 @@ class Cell:
         return answers.Cell(
             **told,
             text=self.text,
-            state="unknown" if not self.is_known else "stale" if self.is_stale else "fine",
+            state=self.state,
+            source=self.source or None,
             age_ms=self.age_ms,
             writer=None if self.written is None else self.written.client,
             written_ms=None if self.written is None else self.written.ago_ms,
@@ -72,16 +78,26 @@ class Grid:
 
     def _cells(self, span: Span, items: bytes) -> Iterator[Cell]:
         written, width = _writers(self.window.writes, self.area), len(items) // span.count
-        ages = self.window.ages
+        ages = _ages(self.window.ages, span)
         for address in range(span.start, span.end - self.size + 1, self.size):
             point = Point("", self.area, address, self.type, self.swap, self.size)
             begin = (address - span.start) * width
             reading = Reading(point, items[begin : begin + self.size * width])
-            writer = next((written[each] for each in range(address, address + self.size) if each in written), None)
-            if self.window.stale_ms is None:
-                yield Cell(reading, written=writer)
-            else:
-                yield _polled(reading, ages, self.window.stale_ms, writer)
+            here = range(address, address + self.size)
+            writer = next((written[each] for each in here if each in written), None)
+            yield self._cell(reading, [age for each in here for age in ages.get(each, ())], writer)
+
+    def _cell(self, reading: Reading, ages: Sequence[PolledAge], writer: Written | None) -> Cell:
+        if not ages:
+            return Cell(reading, "unknown" if self.window.of else "fine", written=writer)
+        source = ", ".join(dict.fromkeys(each.source for each in ages))
+        known = [each.age_ms for each in ages if each.age_ms is not None]
+        if len(known) < len(ages):
+            return Cell(reading, "unknown", source, written=writer)
+        age, stale = max(known), self.window.stale_ms
+        is_stale = stale is not None and age > stale
+        is_valid = all(each.is_valid for each in ages)
+        return Cell(reading, "stale" if is_stale else "fine" if is_valid else "invalid", source, age, writer)
 
 
 def grid_of(window: ImageWindow, area: Area, data_type: str, swap: str) -> Grid:
@@ -103,11 +119,10 @@ def _writers(writes: Sequence[Written], area: Area) -> dict[int, Written]:
     return found
 
 
-def _polled(reading: Reading, ages: Sequence[PolledAge], stale_ms: float, writer: Written | None) -> Cell:
-    span = reading.point.span
-    touched = [each.age_ms for each in ages if each.span.start < span.end and span.start < each.span.end]
-    known = [age for age in touched if age is not None]
-    if not touched or len(known) < len(touched):
-        return Cell(reading, is_known=False, written=writer)
-    age = max(known)
-    return Cell(reading, is_stale=age > stale_ms, age_ms=age, written=writer)
+def _ages(ages: Sequence[PolledAge], span: Span) -> dict[int, list[PolledAge]]:
+    """Find the ages that count for each address of a span."""
+    found: dict[int, list[PolledAge]] = {}
+    for each in ages:
+        for address in range(max(each.span.start, span.start), min(each.span.end, span.end)):
+            found.setdefault(address, []).append(each)
+    return found

@@ -17,7 +17,7 @@ from gateway.operator.units import picture
 
 
 async def tell_image(operator: Operator, asked: Addresses, asker: Asker) -> Cells:
-    """Return what an image or mirror has at some addresses, with ages and last writers.
+    """Return what an image, mirror or virtual unit has at some addresses, with ages and last writers.
 
     Raises:
         WrongQuestion: there is no such image, the addresses are invalid, or the asker may not read them.

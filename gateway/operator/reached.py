@@ -3,9 +3,13 @@
 from gateway.devices.device import Device
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
+from gateway.images.virtual.unit import VirtualUnit
 from gateway.profiles.holes import Holes
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
+
+#: What the gateway itself answers for.
+Held = Image | Mirror | VirtualUnit
 
 
 def may(router: Router, host: str, unit: int, function: int) -> bool:
@@ -33,7 +37,7 @@ def holes_of(gateway: Gateway, unit: int) -> Holes:
     return Holes() if device is None else device.holes
 
 
-def image_of(gateway: Gateway, unit: int) -> Image | Mirror | None:
-    """Find the image or mirror with this number."""
-    images: tuple[Image | Mirror, ...] = (*gateway.images, *(driver.unit for driver in gateway.mirrors))
+def image_of(gateway: Gateway, unit: int) -> Held | None:
+    """Find the image, mirror or virtual unit with this number."""
+    images: tuple[Held, ...] = (*gateway.images, *(driver.unit for driver in gateway.polling_units))
     return next((image for image in images if image.settings.unit == unit), None)

@@ -67,11 +67,16 @@ class Points(Values):
     age_ms: float
 
 
+#: Whether clients get a value; what is invalid is none, or does not fit.
+CellState = Literal["fine", "stale", "unknown", "invalid"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
     """A value of an image or mirror; `text` is how the page shows it.
 
-    Only a value of a mirror has an age. `writer` is the client that wrote it last, `written_ms` ago, if known.
+    Only a value that is polled has an age; `source` is where that of a virtual unit is from: `meter-1 power`. `writer`
+    is the client that wrote it last, `written_ms` ago, if known.
     """
 
     address: Address
@@ -80,7 +85,8 @@ class Cell:
     unit: str | None = field(default=None, metadata=IF_KNOWN)
     registers: Sequence[Register]
     text: str
-    state: Literal["fine", "stale", "unknown"]
+    state: CellState
+    source: str | None = field(default=None, metadata=IF_KNOWN)
     age_ms: float | None = field(default=None, metadata=IF_KNOWN)
     writer: str | None = field(default=None, metadata=IF_KNOWN)
     written_ms: float | None = field(default=None, metadata=IF_KNOWN)
@@ -88,7 +94,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cells:
-    """Addresses of an image or mirror. Clients get no values of a mirror that are older than `stale_ms`."""
+    """Addresses of an image or mirror. What was polled is stale once it is older than `stale_ms`."""
 
     unit: int | None
     name: str

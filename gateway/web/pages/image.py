@@ -1,4 +1,4 @@
-"""The page of an image or mirror: its values, their ages, and their last writers."""
+"""The page of an image, mirror or virtual unit: its values, their ages and sources, and their last writers."""
 
 import asyncio
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,21 +7,25 @@ from urllib.parse import urlencode
 
 from aiohttp import web
 
+from gateway.clock.slices import in_slices
+from gateway.images.virtual.unit import VirtualUnit
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.grid import COLUMNS, MOST, grid_of
 from gateway.operator.kept import ImageWindow, window
+from gateway.operator.map_lines import MapLine, map_lines
 from gateway.operator.operator import Operator
-from gateway.operator.reached import may
+from gateway.operator.reached import image_of, may
 from gateway.operator.status import part_of_unit
 from gateway.operator.unit_values import values_at
-from gateway.profiles.point import Point
+from gateway.operator.units import points_within, units_of
+from gateway.profiles.point import NO_VALUE, Point
 from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import has_bits
-from gateway.web.access.guard import Need
+from gateway.web.access.guard import VISITOR, Need
 from gateway.web.api.asking import asker_of, unit_in
 from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.addresses import path_of, see_other
@@ -66,11 +70,13 @@ class ImagePage:
         shown = self._window(unit, Span(area, start, MOST)) if may_read else None
         grid = grid_of(shown, area, asked["type"], asked["swap"]) if shown is not None else None
         size, is_panel = 1 if grid is None else grid.size, "kiosk" in request.query
+        points = points_within(self._operator, unit, Span(area, start, MOST))
+        mapped = await self._mapped(unit, points, Span(area, start, MOST if may_read else 0))
         return await self._renderer.page(
             "image.html",
             request,
             unit=unit,
-            status=part_of_unit(self._operator.gateway, unit.unit, unit.name, asyncio.get_running_loop().time()),
+            status=await part_of_unit(self._operator.gateway, unit.unit, unit.name),
             image=whole_image,
             window=shown,
             grid=grid,
@@ -80,25 +86,40 @@ class ImagePage:
             before=_address(asked, _before(ranges, start), is_panel=is_panel),
             after=_address(asked, _after(ranges, start, size), is_panel=is_panel),
             columns=COLUMNS,
-            names_at=_Names(unit.points, area).at,
+            mapped=mapped,
+            with_page=frozenset(each.name for each in units_of(self._operator)),
+            names_at=_Names(points).at,
             asked=asked,
             areas=[each for each in _FIRST_SHOWN if whole_image.areas.get(each)],
             types=tuple(DATA_TYPES),
             swaps=tuple(SWAPS),
-            **self._units.values_shown(unit, request),
+            **self._points(unit, request),
         )
+
+    async def _mapped(self, unit: UnitPicture, points: Sequence[Point], span: Span) -> Sequence[MapLine]:
+        """List the values of a virtual unit at some addresses, with pauses for the lines; nothing of any other unit."""
+        virtual = image_of(self._operator.gateway, unit.key)
+        if not isinstance(virtual, VirtualUnit):
+            return ()
+        return await in_slices(map_lines(virtual, points, span, asyncio.get_running_loop().time()))
+
+    def _points(self, unit: UnitPicture, request: web.Request) -> dict[str, Any]:
+        """Collect what the template shows of points; those of a virtual unit are among its mapped values."""
+        if unit.kind == "virtual":
+            return {"no_value": NO_VALUE, **self._rights.of(unit, request[VISITOR]).as_content()}
+        return self._units.values_shown(unit, request)
 
     def _window(self, unit: UnitPicture, span: Span) -> ImageWindow | None:
         return window(self._operator.gateway, unit.key, span, asyncio.get_running_loop().time())
 
 
 class _Names:
-    """The names of the points at each address of an area, with their bits: `alarm .3`."""
+    """The names of points of an area at each of their addresses, with their bits: `alarm .3`."""
 
-    def __init__(self, points: Iterable[Point], area: Area) -> None:
+    def __init__(self, points: Iterable[Point]) -> None:
         self._names: dict[int, list[str]] = {}
         for point in points:
-            for address in range(point.address, point.address + point.count) if point.area == area else ():
+            for address in range(point.address, point.address + point.count):
                 self._names.setdefault(address, []).append(f"{point.name} {point.bits_shown}".rstrip())
 
     def at(self, span: Span) -> str:

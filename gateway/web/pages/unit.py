@@ -16,7 +16,7 @@ from gateway.operator.answer_times import answer_times
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint, complaint_of, exception_name
 from gateway.operator.failures import failures
-from gateway.operator.kept import Kept, kept, mirrors_of
+from gateway.operator.kept import Kept, kept, maps_of, mirrors_of
 from gateway.operator.last_values import read_all, readable, shown
 from gateway.operator.operator import Operator
 from gateway.operator.past import past_of
@@ -109,6 +109,7 @@ class UnitPage:
             blocked=_blocked(status),
             longest_limit=max((each.limit_ms or 0.0 for each in times), default=0.0),
             mirrors=mirrors_of(self._operator.gateway, unit.key),
+            maps=maps_of(self._operator.gateway, unit.name),
             **self.values_shown(unit, request),
             **_form(_USUAL),
         )

@@ -4,12 +4,12 @@ const MARKED = 2500;
 const grid = document.querySelector("table[data-grid]");
 const section = document.querySelector("[data-keep=grid]");
 
-const shown = ({ state, text }) => (state === "unknown" ? "–" : text);
+const shown = ({ text }) => text || "–";
 
 function show(cell, value) {
   const text = shown(value);
   cell.classList.toggle("old", value.state === "stale");
-  cell.classList.toggle("unknown", value.state === "unknown");
+  cell.classList.toggle("unknown", value.state === "unknown" || value.state === "invalid");
   if (value.writer) cell.title = [cell.dataset.names, value.writer].filter(Boolean).join(" · ");
   if (cell.textContent === text) return;
   cell.textContent = text;
@@ -30,6 +30,19 @@ async function refresh() {
     section.classList.add("stale");
   }
 }
+
+// Where the values come from: they are renewed, and what somebody types beside them stays.
+document.addEventListener("renewed", ({ detail: page }) => {
+  const fresh = new Map([...page.querySelectorAll("tr[data-line]")].map((row) => [row.dataset.line, row]));
+  const rows = document.querySelectorAll("tr[data-line]");
+  if (rows.length !== fresh.size) return location.reload(); // the config has changed
+  for (const row of rows) {
+    for (const cell of ["td.value", "td.age", "td.state-of"]) {
+      const shown = row.querySelector(cell), next = fresh.get(row.dataset.line)?.querySelector(cell);
+      if (next && shown.innerHTML !== next.innerHTML) shown.replaceWith(next);
+    }
+  }
+});
 
 // One after the other: a slow answer delays the next question.
 async function keepFresh() {
