@@ -162,10 +162,12 @@ class PolledRange:
                 part.sampled(self._asked_at, self._asked_after)
 
     def missed(self, now: float, *, answers: bool | None, was_sent: bool = False) -> None:
-        """Tell the readers that there was no answer: reads do not wait for the next poll."""
+        """Tell the readers that there was no answer: reads do not wait for the next poll. Of `halves` these tell."""
         for reader, places in self._places.items():
             reader.counts.polls += was_sent
             reader.counts.failed += was_sent
+            if self.halves:
+                continue
             parts = [part for part, _ in places]
             for part in parts:
                 part.is_awaited = False

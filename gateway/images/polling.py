@@ -230,8 +230,8 @@ class DevicePolls:
             polled.within.part_was_read()
             polled.within = None
         if polled.halves:
-            self._plan(polled, now + polled.poll.every)
-            self._end_halves(polled)
+            self._end_halves(polled)  # perhaps before they were polled again after a write
+            self._plan(polled, now if polled.is_urgent else now + polled.poll.every)
 
     def _failed(self, polled: PolledRange, poll: Request, response: bytes | None, now: float) -> None:
         if polled.is_over:  # its parts are read in another way now

@@ -235,6 +235,39 @@ def test_a_part_that_is_read_after_the_whole_was_says_nothing_of_the_hole():
     assert meter.holes.refused == ()
 
 
+def half_refused():
+    """A meter that refuses 0-9, and of its halves 6-9 for good; both are polled, and so is the whole again."""
+    reader = Reader((0, 4), (6, 9), every=3600.0)
+    meter = Meter(reader)
+    meter.round(0.0, code=2)
+    for now in (0.0, 3600.0):
+        meter.at(now)
+        meter.answers((0, 4), now)
+        meter.answers((6, 9), now, code=2)
+    assert meter.at(3600.0) == [(0, 9)]
+    return meter, reader.parts[0]
+
+
+def test_what_was_written_before_the_whole_is_read_again_is_polled_at_once():
+    meter, written = half_refused()
+    meter.polls.changed(Span(Area.HOLDING, 0, 1), 3600.1)
+    meter.answers((0, 9), 3600.2)
+    assert written.is_urgent, "that poll was sent before"
+    assert meter.round(3600.2) == [(0, 9)]
+    assert not written.is_urgent
+    assert meter.polls.deadline() == 7200.2
+
+
+def test_the_whole_that_is_refused_again_ends_no_wait_for_its_parts():
+    meter, written = half_refused()
+    meter.polls.changed(Span(Area.HOLDING, 0, 1), 3600.1)
+    meter.at(3600.1)
+    meter.answers((0, 9), 3600.2, code=2)
+    assert not written.is_lost(3600.2, 10.0, 1)
+    meter.answers((0, 4), 3600.3)
+    assert written.is_known(1)
+
+
 # Polls without an answer
 
 
