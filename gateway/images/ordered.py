@@ -82,13 +82,8 @@ class OrderedUnit(ABC):
 
     def abandon(self, request: Request) -> None:
         """Fail a request whose processing met a defect, unless it is over."""
-        if request.is_over:
-            return
-        row = self._clients.get(request.caller.client)
-        if row is not None and request in row.waiting:
-            row.waiting.remove(request)
-            row.writes.clear()
-        request.fail(ServerDeviceFailure())
+        if not request.is_over:
+            request.fail(ServerDeviceFailure())
 
     def wrote(self, request: Request, polls: DevicePolls, sent: Request, response: bytes | None, now: float) -> None:
         """Note that `sent`, which was passed on for `request`, may have changed values of the device."""
@@ -136,10 +131,12 @@ class OrderedUnit(ABC):
 
     def _go_on(self, client: str, row: ClientRequests, now: float) -> None:
         """Go on with a client's requests until one has to wait."""
-        while row.waiting and self._go_on_with(row.waiting[0], row, now):
-            pass
-        if not row.waiting and not row.under_way and self._clients.get(client) is row:
-            del self._clients[client]
+        try:
+            while row.waiting and self._go_on_with(row.waiting[0], row, now):
+                pass
+        finally:
+            if not row.waiting and not row.under_way and self._clients.get(client) is row:
+                del self._clients[client]
 
     def _go_on_with(self, request: Request, row: ClientRequests, now: float) -> bool:
         """Answer the first waiting request, or pass it on. Return False if it must still wait."""
@@ -148,6 +145,10 @@ class OrderedUnit(ABC):
         except RequestError as error:
             self._fail(row.take(), error, now)
             return True
+        except BaseException:
+            if row.waiting and row.waiting[0] is request:  # else it was passed on
+                row.take().fail(ServerDeviceFailure())
+            raise
         if response is None:
             return not row.waiting or row.waiting[0] is not request
         answered = row.take()

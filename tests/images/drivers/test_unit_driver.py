@@ -103,3 +103,19 @@ async def test_a_request_that_meets_a_defect_fails_and_the_next_one_goes_on(monk
     assert client.answers[1:] == ["06 00 01 00 05"]
     assert driver.unit._clients == {}
     driver.close()
+
+
+@pytest.mark.interpreted
+async def test_a_request_that_waits_and_meets_a_defect_fails_too(monkeypatch):
+    events, device, client = [], RaisingDevice(answers_first=True), Asker()
+    driver = mirror_of(device, events.append)
+    driver.start()
+    await asyncio.sleep(0.1)
+    driver.submit(client.ask("03 00 00 00 01", unit=241), asyncio.get_running_loop().time())
+    with monkeypatch.context() as patched:
+        patched.setattr(driver.unit, "_read", lambda *_: 1 // 0)
+        device.polls.pop().respond(bytes.fromhex("03 14") + bytes(20))
+    assert client.answers == ["83 04"]
+    assert [type(event) for event in events] == [PartFailed]
+    assert driver.unit._clients == {}
+    driver.close()

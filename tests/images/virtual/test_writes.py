@@ -217,6 +217,17 @@ def test_a_value_with_a_scale_register_needs_it():
     assert bench["a"].questions == ["06 00 05 00 07"]
 
 
+@pytest.mark.parametrize(("scale_at", "read"), [(6, "03 04 00 64 FF FF"), (4, "03 04 FF FF 00 64")])
+def test_a_value_as_it_is_beside_its_scale_register(scale_at, read):
+    point = Point("power", Area.HOLDING, 5, "int16", write="yes", scale_at=scale_at, maximum=50)
+    bench = Bench(value(0, "a", point, write=True))
+    bench["a"].has(read)
+    client = bench.client()
+    assert client.ask("06 0000 01F5") == ["86 03"]
+    assert client.ask("06 0000 01F4") == []
+    assert bench["a"].questions == ["06 00 05 01 F4"]
+
+
 # --- in one turn -------------------------------------------------------------------------------------
 
 
