@@ -19,7 +19,7 @@ Writing = Literal["no", "yes", "only"]
 #: No type and scale have room for numbers with more digits before or behind the point: those are not even converted.
 _LARGEST_EXPONENT: Final = 400
 #: The largest power of ten in a scale register, up or down (SunSpec, type sunssf); beyond it there is no value.
-_LARGEST_SCALE: Final = 10
+LARGEST_SCALE: Final = 10
 #: How bits are written, beside 0 and 1.
 _BIT_WORDS: Final[Mapping[str, int]] = {"on": 1, "off": 0, "true": 1, "false": 0}
 _WORDS_OF_A_BIT: Final = "write 0 or 1, off or on"
@@ -191,7 +191,7 @@ class Point:
             return 0
         at = (self.scale_at - self.read_span.start) * self.width
         exponent = int.from_bytes(items[at : at + 2], "big", signed=True)
-        return exponent if abs(exponent) <= _LARGEST_SCALE else None
+        return exponent if abs(exponent) <= LARGEST_SCALE else None
 
     def _number(self, text: str, exponent: int) -> Decimal:
         """Find the number that `text` means; for a label, what its encoded number means."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from gateway.config.plan.map_place import MapTarget, RowPlace, WrongRow
 from gateway.config.schema.mapped import Mapped
-from gateway.profiles.point import Point, Writing
+from gateway.profiles.point import LARGEST_SCALE, Point, Writing
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import REGISTER, has_bits
 
@@ -87,6 +87,10 @@ def _with_fixed_scale(target: Point, unit: MapTarget) -> Point:
         at, area = target.scale_at, target.area
         remedy = f'make it one of the unit\'s own: {area} = "{at}", initial.{area} = [{{ at = {at}, values = [0] }}]'
         raise WrongRow("at", f"{target.name} has its scale in {area} {at}, which has no fixed value here", remedy)
+    if abs(exponent) > LARGEST_SCALE:
+        where = f"{target.area} {target.scale_at}"
+        what = f"{target.name} has its scale in {where}, and {exponent} is too large a power of ten"
+        raise WrongRow("at", what, f"let initial.{target.area} have {-LARGEST_SCALE} to {LARGEST_SCALE} there")
     return replace(target, scale=float(f"{target.scale * 10.0**exponent:.15g}"), scale_at=None)
 
 

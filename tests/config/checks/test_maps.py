@@ -337,6 +337,16 @@ def test_a_row_may_name_a_point_of_the_profile(row, what):
     assert [each.startswith(f"error: [0]{what}") for each in found] == [True] * bool(what), found
 
 
+@pytest.mark.parametrize(
+    ("scale", "exponent"), [(10, None), (65526, None), (11, 11), (0x7FFF, 32767), (0x8000, -32768), (65300, -236)]
+)
+def test_the_fixed_scale_of_a_point_is_a_power_of_ten_that_numbers_can_have(scale, exponent):
+    own = f'input = "12"\ninitial.input = [{{ at = 12, values = [{scale}] }}]'
+    found = said('at = "total", device = "meter", point = "power", every = "1 s"', keys=f"{TARGET}\n{own}")
+    what = f"total has its scale in input 12, and {exponent} is too large a power of ten"
+    assert found == ([] if exponent is None else [f"error: [0].at: {what} | let initial.input have -10 to 10 there"])
+
+
 def test_the_functions_of_the_profile_hold():
     row = 'at = 0, device = "any", coils = 0, area = "coils", every = "1 s"'
     (found,) = said(row, keys=TARGET)
