@@ -71,7 +71,7 @@ class ReadRate(NamedTuple):
 
 def declared_polls(owner: OwnerPlan, plan: Plan) -> Iterator[DeclaredPoll]:
     """Find every read that is sent to a line or upstream because the config says so: as few as its devices allow."""
-    wanted = wanted_polls(plan)
+    wanted = wanted_polls(plan, {device.name for device in owner.devices})
     for device in owner.devices:
         by_poll: dict[Poll, list[WantedPoll]] = {}
         for each in wanted.get(device.name, ()):

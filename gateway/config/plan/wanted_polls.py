@@ -1,6 +1,6 @@
 """Who wants to have polled what of the devices, as the config says."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple
 
 from gateway.config.plan.settings import Plan
@@ -17,28 +17,29 @@ class WantedPoll(NamedTuple):
     is_point: bool
 
 
-def wanted_polls(plan: Plan) -> Mapping[str, tuple[WantedPoll, ...]]:
-    """Find all that mirrors, virtual units and MQTT want to have polled, by the names of the devices and units."""
+def wanted_polls(plan: Plan, devices: Collection[str]) -> Mapping[str, tuple[WantedPoll, ...]]:
+    """Find all that mirrors, virtual units and MQTT want to have polled of the devices with these names, by these."""
     found: dict[str, list[WantedPoll]] = {}
-    for wanted in (*_of_mirrors(plan), *_of_virtual_units(plan), *_of_mqtt(plan)):
+    for wanted in (*_of_mirrors(plan, devices), *_of_virtual_units(plan, devices), *_of_mqtt(plan, devices)):
         found.setdefault(wanted.of, []).append(wanted)
     return {name: tuple(each) for name, each in found.items()}
 
 
-def _of_mirrors(plan: Plan) -> Iterator[WantedPoll]:
+def _of_mirrors(plan: Plan, devices: Collection[str]) -> Iterator[WantedPoll]:
     for mirror in plan.mirrors:
-        for poll in mirror.wanted:
+        for poll in mirror.wanted if mirror.of in devices else ():
             yield WantedPoll(mirror.label, mirror.of, poll, is_point=False)
 
 
-def _of_virtual_units(plan: Plan) -> Iterator[WantedPoll]:
+def _of_virtual_units(plan: Plan, devices: Collection[str]) -> Iterator[WantedPoll]:
     for unit in plan.virtual:
         for value in unit.values:
-            yield WantedPoll(unit.label, value.device, value.poll, is_point=value.point is not None)
+            if value.device in devices:
+                yield WantedPoll(unit.label, value.device, value.poll, is_point=value.point is not None)
 
 
-def _of_mqtt(plan: Plan) -> Iterator[WantedPoll]:
+def _of_mqtt(plan: Plan, devices: Collection[str]) -> Iterator[WantedPoll]:
     for device in plan.mqtt.devices if plan.mqtt else ():
-        for each in device.points:
+        for each in device.points if device.name in devices else ():
             if each.is_readable:
                 yield WantedPoll(MQTT, device.name, Poll.of(each.point, each.every), is_point=True)
