@@ -10,7 +10,7 @@ from gateway.images.virtual.settings import FreshBits, SourceAge
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.operator.status import milliseconds, optional_ms
+from gateway.operator.status import optional_ms
 from gateway.profiles.point import Point
 from gateway.registers.items import has_bits, reference, unpack_bits, usual_type
 
@@ -22,14 +22,13 @@ class MapLine:
     """A value at the addresses of `point`, which has a name if the unit knows it by one.
 
     It is that of `there` at `device`: `power`, `holding 100`. `text` is empty while it is not known. Only values that
-    are polled have `every_ms` and a `state`.
+    are polled have a `state`.
     """
 
     point: Point
     text: str
     device: str = ""
     there: str = ""
-    every_ms: float | None = None
     age_ms: float | None = None
     state: State | None = None
 
@@ -85,8 +84,7 @@ def _of_row(
 ) -> Iterator[MapLine]:
     """List the points in a row, and its registers that are in none. A value without a name here is one line."""
     state, age = row.state(now, unit.settings.stale), optional_ms(row.age(now))
-    polled = MapLine(Point("", row.place.area, row.place.start), "", row.mapped.device, "", 0.0, age, state)
-    polled = replace(polled, every_ms=milliseconds(row.poll.every))
+    polled = MapLine(Point("", row.place.area, row.place.start), "", row.mapped.device, "", age, state)
     if row.mapped.point is not None and not named.get(row.place.start):
         if row.place.start >= within.start:
             yield _of_point(polled, row, row.mapped.point)

@@ -178,7 +178,9 @@ class _Images:
     """Metrics of mirrors and virtual units: how old their values are, and how many sources are fresh."""
 
     def __init__(self) -> None:
-        self._ages = Family("gauge", "image_age_seconds", "Age of the oldest values of a mirror or map.", ("unit",))
+        self._ages = Family(
+            "gauge", "image_age_seconds", "Age of the oldest values of a mirror or virtual unit.", ("unit",)
+        )
         self._sources = Family("gauge", "image_sources", "Sources of a virtual unit by state.", ("unit", "state"))
         self.families = (self._ages, self._sources)
 

@@ -25,7 +25,8 @@ def told(story: Story, width: int = 80) -> str:
     unit = f"unit {story['unit']}" + (f" ({names})" if names else "")
     asked = request_in_words(bytes.fromhex(story["request"]))
     heading = f"{clock(story['received'])}  {story['client']} asked {unit}: {asked}"
-    return f"{heading}\n{textwrap.fill(sentences(story), width, initial_indent='  ', subsequent_indent='  ')}"
+    text = textwrap.fill(sentences(story), width, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+    return f"{heading}\n{text}"
 
 
 def sentences(story: Story) -> str:
