@@ -89,7 +89,7 @@ class Grid:
 
     def _cell(self, reading: Reading, ages: Sequence[PolledAge], writer: Written | None) -> Cell:
         if not ages:
-            return Cell(reading, "unknown" if self.window.of else "fine", written=writer)
+            return Cell(reading, written=writer)
         source = ", ".join(dict.fromkeys(each.source for each in ages))
         known = [each.age_ms for each in ages if each.age_ms is not None]
         if len(known) < len(ages):

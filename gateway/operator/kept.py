@@ -58,8 +58,8 @@ class Written:
 class ImageWindow:
     """Some addresses of an image or mirror: `parts` are those that exist, with two bytes for a register, one for a bit.
 
-    Only mirrors and virtual units have `stale_ms` and `ages`; of a mirror, addresses without an age are not known.
-    `writes` are the last ones, newest first.
+    Only mirrors and virtual units have `stale_ms` and `ages`; own registers of the latter have no age. `writes` are the
+    last ones, newest first.
     """
 
     unit: int

@@ -668,3 +668,13 @@ async def test_a_virtual_unit_and_a_mirror_name_the_sources_without_fresh_values
             ("note", "virtual unit block", "no fresh values of 1 of 3 sources: meter-3 (for 2 min)"),
         ]
         assert not [row for row in await found(bench, ask=False, line="hall") if row[1] == "virtual unit block"]
+
+
+async def test_a_source_that_was_never_read_is_named_once_its_poll_has_failed():
+    mirror = '[[image]]\nunit = 241\nname = "copy"\nof = "meter-3"\nread = [{ holding = "0-0", every = "1 s" }]\n'
+    async with gateway_bench(mapped_hall.CONFIG + mirror) as bench:
+        mapped_hall.attach(bench)["meter-3"].silent = True
+        await asyncio.sleep(10)
+        about = {name: what for _, name, what in await found(bench, ask=False)}
+        assert about["mirror copy"] == "no fresh values of its source: meter-3 (never read)"
+        assert about["virtual unit block"] == "no fresh values of 1 of 3 sources: meter-3 (never read)"

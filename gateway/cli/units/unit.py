@@ -36,8 +36,6 @@ _REASONS: Final[Mapping[str, str]] = {
     "expired": "the line was busy for longer than its max_wait; try again",
     "line_down": "its line is down; modbus-gateway status shows why",
 }
-#: Results whose reason says more than their name: which port, which device.
-_TOLD_BY_REASON: Final = frozenset({"line_down", "stale"})
 
 
 class NoResponseError(GatewayError):
@@ -114,7 +112,7 @@ class DaemonUnit:
         pdu = step.pdu
         answer = self._daemon.ask(REQUEST, OneRequest(self.wanted, pdu.hex(" "), step.in_one_turn))
         response, result = bytes.fromhex(answer.pdu or ""), answer.result
-        reason = (result in _TOLD_BY_REASON and answer.reason) or _REASONS.get(result) or answer.reason or result
+        reason = (result == "line_down" and answer.reason) or _REASONS.get(result) or answer.reason or result
         head = bytes((self.number or 0,))
         sent, received = head + pdu, head + response
         if answer.sent:

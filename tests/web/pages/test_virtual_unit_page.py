@@ -83,6 +83,15 @@ async def test_what_is_stale_unknown_or_invalid_is_told(bench, meters):
     assert states[21] == ("unknown", None, "meter-2 holding 100-103")
 
 
+async def test_a_value_over_two_rows_is_known_only_if_both_are(bench):
+    attach(bench.inner)["meter-3"].silent = True
+    await asyncio.sleep(10)
+    values = (await bench.browser().get("/api/v1/images/block/holding/0-1?type=uint32")).json["values"]
+    assert [(each["state"], each["source"]) for each in values] == [("unknown", "meter-1 power, meter-3 power")]
+    values = (await bench.browser().get("/api/v1/images/block/holding/0-1")).json["values"]
+    assert [each["state"] for each in values] == ["fine", "unknown"]
+
+
 async def test_its_sources_are_told_as_a_whole(bench, meters):
     meters["meter-3"].silent = True
     await asyncio.sleep(8)
@@ -96,6 +105,7 @@ async def test_its_sources_are_told_as_a_whole(bench, meters):
 
 async def test_its_own_registers_are_shown_as_those_of_an_image(bench, meters):
     await bench.inner.client("10.0.0.7:5000").asks(240, "06 00 C8 00 2A")
+    await asyncio.sleep(1)
     await bench.inner.client("10.0.0.8:6000").asks(240, "06 00 15 00 07")
     await asyncio.sleep(2)
     page = (await bench.browser().get(PAGE)).text
