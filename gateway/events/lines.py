@@ -225,7 +225,7 @@ class UpstreamClosed(Event):
 
 
 class PollRefused(Event):
-    """A device refuses a read of a mirror or of `[mqtt]`: these addresses cannot be read, or not together."""
+    """A device refuses a read of a mirror, virtual unit or `[mqtt]`: it cannot read these addresses, or not together."""
 
     level = Level.WARNING
     image: str

@@ -129,6 +129,22 @@ async def test_the_overview_lists_it(bench, meters):
     assert '<a href="/images/block">block</a></td><td>virtual unit · 2 of 3 sources fresh</td>' in page
 
 
+async def test_the_traffic_says_of_which_devices_a_read_was_and_to_which_one_a_write_went(bench, meters):
+    client = bench.inner.client()
+    await client.asks(240, "03 00 00 00 03")
+    await client.asks(240, "06 00 15 00 07")
+    page = (await bench.browser().get("/traffic?unit=block")).text
+    assert "values of meter-1, meter-3" in page
+    assert "meter-2 · asked at address 2 for 10.0.0.9:49152" in page
+    assert "asked at address 2 for 10.0.0.9:49152" in (await bench.browser().get("/traffic?unit=meter-2")).text
+
+
+async def test_why_a_write_through_it_failed_is_told_on_the_page_of_its_device(bench, meters):
+    meters["meter-2"].silent = True
+    assert await bench.inner.client().asks(240, "06 00 15 00 07") == "86 0B"
+    assert "10.0.0.9:49152: write holding 101 (40102): 7" in (await bench.browser().get("/units/meter-2")).text
+
+
 async def test_who_may_not_read_it_sees_no_values(tmp_path):
     async with web_bench(CONFIG + '[[access]]\nlisten = ["web"]\nfunctions = [1]\n', tmp_path) as bench:
         attach(bench.inner)
