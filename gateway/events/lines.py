@@ -225,7 +225,7 @@ class UpstreamClosed(Event):
 
 
 class PollRefused(Event):
-    """A device refuses a read of a mirror, virtual unit or `[mqtt]`: it cannot read these addresses, or not together."""
+    """A device refuses a read of a mirror, virtual unit or `[mqtt]`: of these addresses, or of all of them together."""
 
     level = Level.WARNING
     image: str
