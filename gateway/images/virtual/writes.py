@@ -40,10 +40,7 @@ def _write_of_value(row: Row, point: Point, asked: RequestPdu, before: bytes | N
     if needs_scale and before is None:
         raise StaleValue(f"the scale of {row.mapped.device} {point.name} is not known now", row.mapped.device)
     before = before if needs_scale else None
-    items = _items(asked)
-    if before is not None and row.mapped.target is None:
-        items = point.around(items, before)  # its registers as they are: the scale is judged with them
-    own = None if row.back is None else row.back(items, before)
+    own = None if row.back is None else row.back(_items(asked), before)
     if own is None:
         raise IllegalDataValue(f"the value does not fit {row.mapped.device} {point.name}")
     items = own if before is None else point.around(own, before)
