@@ -127,11 +127,10 @@ class PolledRange:
         self.parts = parts
         size = 1 if has_bits(self.poll.area) else self.poll.width
         #: The parts of each reader, with the place of their items among those that are read.
-        self._places: dict[Reader, list[tuple[Part, slice]]] = {}
+        self._places: dict[Reader, list[tuple[Part, int, int]]] = {}
         for part in parts:
-            start = (part.poll.first - self.poll.first) * size
-            place = slice(start, start + part.poll.span.count * size)
-            self._places.setdefault(part.reader, []).append((part, place))
+            start, end = part.poll.first - self.poll.first, part.poll.last + 1 - self.poll.first
+            self._places.setdefault(part.reader, []).append((part, start * size, end * size))
         for half in self.halves:
             half.serve(self._parts_of(half.poll))
 
@@ -157,8 +156,8 @@ class PolledRange:
         for reader, places in self._places.items():
             reader.counts.polls += 1
             newer = [each for each in places if each[0].sampled_at is None or each[0].sampled_at <= self._asked_at]
-            reader.took([(part, items[place]) for part, place in newer], now)
-            for part, _ in newer:
+            reader.took([(part, items[start:end]) for part, start, end in newer], now)
+            for part, _, _ in newer:
                 part.sampled(self._asked_at, self._asked_after)
 
     def missed(self, now: float, *, answers: bool | None, was_sent: bool = False) -> None:
@@ -168,7 +167,7 @@ class PolledRange:
             reader.counts.failed += was_sent
             if self.halves:
                 continue
-            parts = [part for part, _ in places]
+            parts = [part for part, _, _ in places]
             for part in parts:
                 part.is_awaited = False
             reader.missed(parts, now, answers=answers)

@@ -122,14 +122,16 @@ def joined(polls: Iterable[Poll], rules: ReadRules, holes: Holes) -> list[Poll]:
 
     `holes` are those that the device has refused.
     """
-    result: list[Poll] = []
+    groups: list[list[Poll]] = []
+    last = 0
     for poll in sorted(set(polls), key=lambda poll: (poll.area, poll.width, poll.every, poll.first, poll.last)):
-        before = result[-1] if result else None
-        if before is not None and _fit_together(before, poll, rules, holes):
-            result[-1] = _together((*before.wanted, poll))
+        if groups and _fit_together(groups[-1][0], last, poll, rules, holes):
+            groups[-1].append(poll)
+            last = max(last, poll.last)
         else:
-            result.append(poll)
-    return result
+            groups.append([poll])
+            last = poll.last
+    return [_together(tuple(group)) for group in groups]
 
 
 def _together(polls: tuple[Poll, ...]) -> Poll:
@@ -139,10 +141,11 @@ def _together(polls: tuple[Poll, ...]) -> Poll:
     return Poll(first.area, first.first, max(each.last for each in polls), first.every, polls, first.width)
 
 
-def _fit_together(one: Poll, other: Poll, rules: ReadRules, holes: Holes) -> bool:
+def _fit_together(one: Poll, last: int, other: Poll, rules: ReadRules, holes: Holes) -> bool:
+    """Tell whether a request from the first address of `one` to `last` can go on to the end of `other`."""
     if (one.area, one.width, one.every) != (other.area, other.width, other.every):
         return False
-    if max(one.last, other.last) - one.first >= rules.most(one.area, one.width):
+    if max(last, other.last) - one.first >= rules.most(one.area, one.width):
         return False
-    hole = Span(one.area, one.last + 1, other.first - one.last - 1)
+    hole = Span(one.area, last + 1, other.first - last - 1)
     return hole.count <= 0 or (rules.allows(hole) and not holes.refuse(hole))

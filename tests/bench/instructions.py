@@ -32,9 +32,9 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from struct import pack, unpack, unpack_from
 
@@ -50,10 +50,8 @@ TRIES = 3
 #: How many registers are read at once, and how many requests are in flight: for each answer another one is asked.
 COUNT = 10
 IN_FLIGHT = 8
-#: The size of an answer: header, unit, function, byte count, values.
-ANSWER = 9 + 2 * COUNT
-#: The addresses that are read: the gateway knows all requests after the first run.
-ADDRESSES = range(0, 100, COUNT)
+#: The most registers of a read.
+MOST = 125
 #: No gateway takes longer to start, to answer or to end under valgrind, in seconds.
 PATIENCE = 120.0
 #: The system calls that are named in the table.
@@ -70,6 +68,8 @@ SLOW = 7_000_000
 class Way:
     """Reads of `units`, as clients know them, `many` of them after a `few`; `lines` carry them, `more` is config.
 
+    Each read is of `count` registers.
+
     `clients` share what is `in_flight`. `step` is how far the gateway's clock goes on at each wait, 0 for real time.
     """
 
@@ -79,15 +79,37 @@ class Way:
     clients: int = 1
     in_flight: int = IN_FLIGHT
     more: str = ""
-    #: The first unit whose values the clients get: of a device, or 0 for zeros.
-    values_of: int = 1
+    count: int = COUNT
+    #: The device whose value the clients get at an address of the only unit; 0 for zeros.
+    values_of: Callable[[int], int] = lambda _: 1
     step: int = QUICK
     few: int = 400
     many: int = 2000
 
+    @property
+    def answer_size(self) -> int:
+        """The size of an answer: header, unit, function, byte count, values."""
+        return 9 + 2 * self.count
+
+    @property
+    def addresses(self) -> range:
+        """What is read: the gateway knows all requests after the first run."""
+        return range(0, 100, self.count)
+
 
 def _lines(number: int, **more: object) -> Scenario:
     return Scenario(what="", clients=IN_FLIGHT, lines=number, count=COUNT, timeout=20_000, **more)  # type: ignore[arg-type]
+
+
+def _rows() -> Iterator[str]:
+    """Rows of two registers, the last one of three, from the same addresses of one device after the other."""
+    for row in range(MOST // 2):
+        first, last = 2 * row, 2 * row + 1 if row < MOST // 2 - 1 else MOST - 1
+        yield f'{{ at = {first}, device = "line0-{_device(row)}", holding = "{first}-{last}", every = "30 s" }}'
+
+
+def _device(row: int) -> int:
+    return 1 + min(row, MOST // 2 - 1) % 20
 
 
 WAYS = {
@@ -96,13 +118,21 @@ WAYS = {
         units=range(200, 201),
         lines=_lines(0),
         more='[[image]]\nunit = 200\nholding = "0-999"\n',
-        values_of=0,
+        values_of=lambda _: 0,
     ),
     "mirror": Way(
         what="a mirror",
         units=range(200, 201),
         lines=_lines(1),
-        more='[[image]]\nunit = 200\nof = "line0-1"\nread = [{ holding = "0-109", every = "30 s" }]\nstale = "90 s"\n',
+        more='[[image]]\nunit = 200\nof = "line0-1"\nread = [{ holding = "0-124", every = "30 s" }]\nstale = "90 s"\n',
+    ),
+    "virtual": Way(
+        what="a virtual unit, 125 registers of 62 rows and 20 devices",
+        units=range(200, 201),
+        lines=_lines(1, units="1-20"),
+        more=f'[[image]]\nunit = 200\nstale = "90 s"\nmap = [{", ".join(_rows())}]\n',
+        count=MOST,
+        values_of=lambda address: _device(address // 2),
     ),
     "line": Way(what="an RTU line", units=range(1, 9), lines=_lines(1)),
     "slow": Way(what="an RTU line, each after 50 ms", units=range(1, 9), lines=_lines(1), step=SLOW),
@@ -140,7 +170,7 @@ def main() -> int:
         programs.compile_into(tools)
         compile_counter(tools)
         for title in args.ways or WAYS:
-            way = WAYS[title]
+            way = WAYS[title] if args.count is None else replace(WAYS[title], count=args.count)
             count = least_instructions(way, tools, bounds[title] * (1 + TOLERANCE))
             cells = [f"{count:.0f}", f"{bounds[title]}"]
             if not args.check:
@@ -289,9 +319,9 @@ def _server(way: Way, tools: Path, ttys: list[Path]) -> Iterator[tuple[str, int]
 
 def _read(way: Way, port: int, reads: int) -> None:
     """Ask so many times in all, and check each answer. A client asks again for as many as it was answered."""
-    places = [(unit, address) for address in ADDRESSES for unit in _living(way)]
+    places = [(unit, address) for address in way.addresses for unit in _living(way)]
     clients = {socket.create_connection(("127.0.0.1", port), PATIENCE): b"" for _ in range(way.clients)}
-    asked, answered = 0, 0
+    asked, answered, size = 0, 0, way.answer_size
 
     def ask(client: socket.socket, count: int) -> None:
         nonlocal asked
@@ -299,7 +329,7 @@ def _read(way: Way, port: int, reads: int) -> None:
         asked = numbers.stop
         client.sendall(
             b"".join(
-                pack(">HHHBBHH", n, 0, 6, places[n % len(places)][0], 3, places[n % len(places)][1], COUNT)
+                pack(">HHHBBHH", n, 0, 6, places[n % len(places)][0], 3, places[n % len(places)][1], way.count)
                 for n in numbers
             )
         )
@@ -312,10 +342,10 @@ def _read(way: Way, port: int, reads: int) -> None:
             raise BenchError("no answer")
         for client in ready:
             received = clients[client] + client.recv(4096)
-            whole = len(received) // ANSWER
-            clients[client] = received[whole * ANSWER :]
-            for at in range(0, whole * ANSWER, ANSWER):
-                _check(received[at : at + ANSWER], places, way)
+            whole = len(received) // size
+            clients[client] = received[whole * size :]
+            for at in range(0, whole * size, size):
+                _check(received[at : at + size], places, way)
             answered += whole
             ask(client, whole)
     for client in clients:
@@ -331,14 +361,15 @@ def _living(way: Way) -> list[int]:
 def _check(answer: bytes, places: list[tuple[int, int]], way: Way) -> None:
     number, *head, byte_count = unpack_from(">HHHBBB", answer)
     unit, address = places[number % len(places)]
-    expected = [_value(way, unit, address + i) for i in range(COUNT)]
-    if [*head, byte_count] != [0, ANSWER - 6, unit, 3, 2 * COUNT] or [*unpack(f">{COUNT}H", answer[9:])] != expected:
+    expected = [_value(way, unit, address + i) for i in range(way.count)]
+    values = [*unpack(f">{way.count}H", answer[9:])]
+    if [*head, byte_count] != [0, way.answer_size - 6, unit, 3, 2 * way.count] or values != expected:
         raise BenchError(f"a wrong answer: {answer.hex(' ')}")
 
 
 def _value(way: Way, unit: int, address: int) -> int:
     """What a device has in this register: `wire_reg` of wire.h."""
-    known_as = unit if len(way.units) > 1 else way.values_of
+    known_as = unit if len(way.units) > 1 else way.values_of(address)
     return (known_as * 2654435761 + address * 40503 + 0x1234) & 0xFFFF if known_as else 0
 
 
@@ -347,6 +378,7 @@ def _arguments() -> argparse.Namespace:
         description=__doc__.splitlines()[0], epilog="What the figures mean: docs/performance.md"
     )
     parser.add_argument("ways", nargs="*", metavar="WAY", help=f"some of {', '.join(WAYS)} (default: all)")
+    parser.add_argument("--count", type=int, metavar="N", help="registers of each read, in place of those of the way")
     parser.add_argument("--check", action="store_true", help="only what has a bound: no system calls")
     args = parser.parse_args()
     if unknown := set(args.ways) - set(WAYS):

@@ -64,8 +64,8 @@ class Block:
             same = before.get(row.place)
             if same is not None and same.mapped == row.mapped and same.source.polls is row.source.polls:
                 row.take_over(same)
-                table = self._tables[row.place.area]
-                table.write(row.place, old.values(Touched(row.place, b"", (row,)), 0.0))
+                area, place = row.place.area, row.place
+                self._tables[area].write(place, old._tables[area].read(place))  # noqa: SLF001 - of its own kind
         self.changes += 1
 
     def are_fresh(self, read: Touched, now: float) -> bool:
