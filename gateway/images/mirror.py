@@ -6,19 +6,28 @@ passed on to the device.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import cast
+from typing import NamedTuple, cast
 
 from gateway.errors import IllegalDataAddress, StaleValue
 from gateway.events import Emit
-from gateway.images.ordered import ClientRequests, OrderedUnit, Passed
+from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
 from gateway.images.polled_range import Part
 from gateway.images.polling import DevicePolls
 from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
-from gateway.images.tables import make_tables
+from gateway.images.tables import Table, make_tables
 from gateway.modbus.pdu import Span, parse_sent
 from gateway.registers.items import has_bits, pack_bits
 from gateway.request import Request, Target
 from gateway.trace.ring import Ring
+
+
+class _Read(NamedTuple):
+    """A read of `span` in `table`: the head of its response, and the parts that it touches."""
+
+    head: bytes
+    table: Table
+    span: Span
+    parts: tuple[Part, ...]
 
 
 class Mirror(OrderedUnit):
@@ -39,6 +48,8 @@ class Mirror(OrderedUnit):
         self._polls = polls
         self.device = device
         self._tables = make_tables(settings.areas, {})
+        self._stale = settings.stale
+        self._reads: dict[bytes, _Read] = {}
 
     @property
     def label(self) -> str:
@@ -81,26 +92,50 @@ class Mirror(OrderedUnit):
             sent.in_one_turn = request.in_one_turn
             self._pass_on(row, self.device, sent, now)
             return None
-        return None if row.under_way else self._read(request.pdu, row, now)
+        return None if row.under_way else self._answer(self._read(request.pdu), row, now)
 
-    def _read(self, pdu: bytes, row: ClientRequests, now: float) -> bytes | None:
-        """Return the response to the first waiting read; None if it must still wait.
+    def _at_once(self, pdu: bytes, now: float) -> bytes | None:
+        read = self._reads.get(pdu)
+        if read is None:
+            return None
+        for part in read.parts:
+            age = part.age(now)
+            if age is None or age > self._stale:
+                return None
+        return read.head + read.table.read(read.span)
+
+    def _read(self, pdu: bytes) -> _Read:
+        """Find what a read touches.
 
         Raises:
-            RequestError: the device's profile refuses it, not all of it is polled, or the values are too old.
+            RequestError: the device's profile refuses it, or not all of it is polled.
         """
+        read = self._reads.get(pdu)
+        if read is not None:
+            return read
         asked = self.settings.profile.check(pdu)
         span = cast("Span", asked.read)
         if not self._tables[span.area].has(span) or self.settings.profile.has_wide(span):
             raise IllegalDataAddress(f"{self.settings.name} does not poll all of {span.area} {span.addresses}")
+        if len(self._reads) >= MOST_READS:
+            self._reads.clear()
+        touched = tuple(part for part in self.parts if part.poll.span.touches(span))
+        read = self._reads[pdu] = _Read(asked.response_head, self._tables[span.area], span, touched)
+        return read
+
+    def _answer(self, read: _Read, row: ClientRequests, now: float) -> bytes | None:
+        """Return the response to the first waiting read; None if it must still wait.
+
+        Raises:
+            StaleValue: the values are too old.
+        """
         if self._is_closed:
             raise StaleValue(f"{self.settings.name} is no longer polled")
         writes = row.writes.setdefault(self._polls, self._polls.writes)
-        touched = [part for part in self.parts if part.poll.span.touches(span)]
-        if any(part.is_lost(now, self.settings.stale, writes) for part in touched):
+        if any(part.is_lost(now, self._stale, writes) for part in read.parts):
             raise StaleValue(f"{self.settings.of} has not answered for too long", self.settings.of)
-        if all(part.is_known(writes) for part in touched):
-            return asked.response_head + self._tables[span.area].read(span)
+        if all(part.is_known(writes) for part in read.parts):
+            return read.head + read.table.read(read.span)
         return None
 
     def __repr__(self) -> str:

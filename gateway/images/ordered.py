@@ -23,6 +23,8 @@ from gateway.trace.ring import Ring
 
 #: Exceptions after which nothing has changed in the device: function, address, value, busy, no path.
 _WITHOUT_EFFECT: Final = frozenset({1, 2, 3, 6, 10})
+#: The most different reads of which a unit remembers what they touch.
+MOST_READS: Final = 1024
 
 
 @dataclass(slots=True)
@@ -76,6 +78,12 @@ class OrderedUnit(ABC):
         """Answer a read, or keep it until a poll; pass on what is for a device."""
         self.answer_counts.requests += 1
         client = request.caller.client
+        if client not in self._clients and not self._is_closed:
+            response = self._at_once(request.pdu, now)
+            if response is not None:
+                self._ring.answer(request, response, now, self.name)
+                request.respond(response)
+                return
         row = self._clients.setdefault(client, ClientRequests())
         row.waiting.append(request)
         self._go_on(client, row, now)
@@ -120,6 +128,13 @@ class OrderedUnit(ABC):
     @abstractmethod
     def wanted(self) -> Iterable[tuple[DevicePolls, Part]]:
         """List what it wants of its sources."""
+
+    @abstractmethod
+    def _at_once(self, pdu: bytes, now: float) -> bytes | None:
+        """Return the response to a read that was answered before, while all that it touches is fresh; None otherwise.
+
+        Its client has no other open requests.
+        """
 
     @abstractmethod
     def _handle(self, request: Request, row: ClientRequests, now: float) -> bytes | None:

@@ -11,7 +11,7 @@ from typing import Final, cast
 from gateway.errors import IllegalDataAddress, IllegalFunction, StaleValue
 from gateway.events import Emit
 from gateway.images.image import Image
-from gateway.images.ordered import ClientRequests, OrderedUnit, Passed
+from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
 from gateway.images.polled_range import Part
 from gateway.images.polling import DevicePolls
 from gateway.images.polls import POLLING_FUNCTIONS
@@ -29,8 +29,6 @@ from gateway.trace.ring import Ring
 
 #: The functions that write coils or registers, but for 23.
 _WRITING: Final = BROADCAST_FUNCTIONS
-#: The most different reads that are remembered with what they touch.
-MOST_READS: Final = 1024
 
 
 class VirtualUnit(OrderedUnit):
@@ -73,17 +71,6 @@ class VirtualUnit(OrderedUnit):
         """List what it wants of its sources."""
         return ((row.source.polls, row) for row in self.block.rows)
 
-    def submit(self, request: Request, now: float) -> None:
-        """Answer a read, or keep it until a poll; pass on what is for a device."""
-        read = self._reads.get(request.pdu)
-        if read is None or request.caller.client in self._clients or not self.block.are_fresh(read, now):
-            super().submit(request, now)
-            return
-        self.answer_counts.requests += 1
-        response = read.head + self.block.values(read, now)
-        self._ring.answer(request, response, now, self.name)
-        request.respond(response)
-
     def took(self, items: Sequence[tuple[Part, bytes]], now: float) -> None:  # noqa: ARG002 - the parts have the time
         """Convert the values of rows, and keep them."""
         for row, own in items:
@@ -115,6 +102,12 @@ class VirtualUnit(OrderedUnit):
     def take_over(self, old: "VirtualUnit") -> None:
         """Have the values and ages of rows that the unit which this one replaces has too."""
         self.block.take_over(old.block)
+
+    def _at_once(self, pdu: bytes, now: float) -> bytes | None:
+        read = self._reads.get(pdu)
+        if read is None or not self.block.are_fresh(read, now):
+            return None
+        return read.head + self.block.values(read, now)
 
     def _handle(self, request: Request, row: ClientRequests, now: float) -> bytes | None:
         if row.under_way:
