@@ -62,6 +62,8 @@ class Image:
         self.settings = settings
         self.name = settings.name
         self.tables = make_tables(settings.areas, settings.initial)
+        #: Whether its values are known.
+        self.has_started = True
         self.counts = ImageCounts()
         self.last_writes = LastWrites()
         self.diagnostics = diagnostics or Diagnostics()

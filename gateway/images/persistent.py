@@ -82,12 +82,12 @@ class PersistentImage(Image):
         self._store = store
         self._keep = store.keep_at_once if settings.persist == "always" else store.keep_soon
         self._waiting: deque[_Waiting] = deque()
-        self._has_started = False
+        self.has_started = False
 
     def start(self) -> None:
         """Load the present values, once they can be read. Called whenever routes have changed."""
-        if not self._has_started and self._store.is_open:
-            self._has_started = True
+        if not self.has_started and self._store.is_open:
+            self.has_started = True
             self._take_over()
             self._store.when_kept(self._confirmed)
 
@@ -99,7 +99,7 @@ class PersistentImage(Image):
     def _act(self, request: Request) -> None:
         try:
             asked = self._check(request)
-            if not self._has_started:
+            if not self.has_started:
                 raise ServerDeviceFailure(f"{self.settings.name}: what was saved cannot be read")
             if asked.write is not None:
                 self._write(request, asked.write, partial(self._perform, asked))

@@ -35,6 +35,11 @@ class Touched:
         self.freshness = Freshness(self.rows)
 
     @property
+    def has_own(self) -> bool:
+        """Whether it touches registers of the unit itself."""
+        return any(isinstance(each, Own) for each in self.others)
+
+    @property
     def is_own(self) -> bool:
         """Whether it touches registers of the unit itself only."""
         return not self.rows and all(isinstance(each, Own) for each in self.others)

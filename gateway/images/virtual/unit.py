@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, cast
 
-from gateway.errors import IllegalDataAddress, IllegalFunction, StaleValue
+from gateway.errors import IllegalDataAddress, IllegalFunction, ServerDeviceFailure, StaleValue
 from gateway.events import Emit
 from gateway.images.image import Image
 from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
@@ -130,7 +130,7 @@ class VirtualUnit(OrderedUnit):
         """Find what a read touches.
 
         Raises:
-            RequestError: the profile refuses it, or not all of its addresses exist.
+            RequestError: the profile refuses it, not all of its addresses exist, or not all own values are known.
         """
         read = self._reads.get(pdu)
         if read is None:
@@ -139,6 +139,8 @@ class VirtualUnit(OrderedUnit):
             read = self.block.touched(span, asked.response_head)
             if read.is_own:
                 return read
+            if read.has_own and not self.own.has_started:
+                raise ServerDeviceFailure(f"{self.name}: what was saved cannot be read")
             if len(self._reads) >= MOST_READS:
                 self._reads.clear()
             self._reads[pdu] = read

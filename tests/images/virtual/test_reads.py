@@ -109,6 +109,17 @@ def test_its_own_registers_are_those_of_an_image(bench):
     assert client.ask("08 0000 1234") == ["08 00 00 12 34"]
 
 
+def test_own_registers_that_persist_are_not_sent_before_they_are_loaded(bench):
+    bench["a"].has("03 04 00 01 00 02")
+    bench["b"].has("03 02 00 03")
+    bench.own.has_started = False
+    client = bench.client()
+    assert client.ask("03 0000 0006") == ["83 04"]
+    assert client.ask("03 0000 0003") == ["03 06 00 01 00 02 00 03"]
+    bench.own.has_started = True
+    assert client.ask("03 0000 0006") == ["03 0C 00 01 00 02 00 03 00 00 00 00 00 00"]
+
+
 def test_a_read_of_rows_and_own_registers(bench):
     bench["b"].has("03 02 00 03")
     client = bench.client()
