@@ -4,13 +4,13 @@ from typing import cast
 
 from gateway.errors import DoesNotFit, IllegalDataAddress, IllegalDataValue, StaleValue
 from gateway.images.virtual.row import Row
-from gateway.modbus.codes import FunctionCode
+from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import RequestPdu, Span
 from gateway.profiles.conversion import keeps_limits
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
 from gateway.profiles.writing import Write, request_to_write
-from gateway.registers.items import has_bits, unpack_bits
+from gateway.registers.items import has_bits, unpack_bits, write_function
 
 
 def write_to(row: Row, asked: RequestPdu, in_one_turn: int, before: bytes | None) -> Write:
@@ -29,6 +29,8 @@ def write_to(row: Row, asked: RequestPdu, in_one_turn: int, before: bytes | None
         raise IllegalDataAddress(f"{place.area} {place.addresses} takes no writes: its row has no `write = true`")
     if row.mapped.point is not None:
         return _write_of_value(row, row.mapped.point, asked, before)
+    if in_one_turn and not row.source.profile.knows(in_one_turn):
+        in_one_turn = int(write_function(Area.HOLDING, 1, row.source.profile.functions))
     moved = Span(row.poll.area, row.poll.first + span.start - place.start, span.count)
     return Write(asked.data[:1] + moved.start.to_bytes(2, "big") + asked.data[3:], moved, in_one_turn)
 

@@ -239,6 +239,13 @@ def test_bits_of_a_register_as_it_is_are_passed_on_in_one_turn(bench):
     assert client.came() == ["16 00 00 FF FE 00 01"]
 
 
+@pytest.mark.parametrize(("functions", "sent_with"), [((3, 16), 16), ((3, 6), 6), ((3, 6, 16), 6)])
+def test_bits_are_written_with_a_function_that_the_device_has(functions, sent_with):
+    bench = Bench(holding(0, "a", 10, write=True), profiles=[("a", Profile("p", functions=frozenset(functions)))])
+    bench.client().ask("16 0000 FFFE 0001", in_one_turn=6)
+    assert [each.in_one_turn for each in bench["a"].asked] == [sent_with]
+
+
 def test_bits_of_own_registers_and_of_values(bench):
     client = bench.client()
     assert client.ask("16 0007 FFFE 0001", in_one_turn=6) == ["16 00 07 FF FE 00 01"]
