@@ -17,7 +17,7 @@ It has no clock: time is an argument, and `deadline` says when to call `tick`.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from itertools import count
 from math import ceil
 from typing import Final, Protocol
@@ -53,6 +53,8 @@ DOWN_PAUSE: Final = 1.0
 RETRY: Final = 5.0
 #: After this many seconds parts that are read apart are tried together again, unless that is known to be refused.
 TOGETHER_AGAIN: Final = 60.0
+#: How many times of a range may be in the heap on average. More are old ones: each write makes polls due sooner.
+_MOST_ENTRIES: Final = 16
 
 
 class PolledTarget(Protocol):
@@ -209,8 +211,12 @@ class DevicePolls:
     def _plan(self, polled: PolledRange, due_at: float) -> None:
         """Set when a range is due; one whose poll is in progress is so again when that is over."""
         polled.due_at = due_at
-        if not polled.is_asked and not polled.is_over:
-            heappush(self._due, (due_at, next(self._number), polled))
+        if polled.is_asked or polled.is_over:
+            return
+        heappush(self._due, (due_at, next(self._number), polled))
+        if len(self._due) > _MOST_ENTRIES * (len(self._ranges) + 1):
+            self._due = [(each.due_at, next(self._number), each) for each in self._ranges if not each.is_asked]
+            heapify(self._due)
 
     def _take(self, polled: PolledRange, response: bytes, now: float) -> bool:
         """Hand the items of a response to their readers. Return False if it has another length."""

@@ -344,6 +344,25 @@ def test_many_writes_leave_nothing_behind_that_grows():
     assert meter.polls.deadline() == 999.0 + 3600.0
 
 
+class AtOnce(Meter):
+    """What answers each poll before the next one is sent, as an image does."""
+
+    now = 0.0
+
+    def submit(self, request, now, *, yields=False):
+        super().submit(request, now, yields=yields)
+        self.answers(addresses(request), now)
+
+
+def test_many_writes_to_what_answers_at_once_leave_nothing_behind_that_grows():
+    meter = AtOnce(points(0, every=3600.0), points(10))
+    for write in range(1000):
+        meter.polls.changed(None, float(write))
+        meter.at(float(write))
+    assert len(meter.polls._due) < 100
+    assert meter.polls.deadline() == 1000.0
+
+
 # Readers that come and go
 
 
