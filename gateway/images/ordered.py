@@ -40,11 +40,13 @@ class ClientRequests:
     """One client's open requests: those at devices, and behind them those that wait here.
 
     `writes`: if the first waiting request is a read, its values must include so many writes to each of these devices.
+    While it `is_going_on`, what is answered at once must not begin that anew.
     """
 
     under_way: int = 0
     waiting: deque[Request] = field(default_factory=deque)
     writes: dict[DevicePolls, int] = field(default_factory=dict)
+    is_going_on: bool = False
 
     def take(self) -> Request:
         """Take the first waiting request."""
@@ -103,12 +105,14 @@ class OrderedUnit(ABC):
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
         """Finish a request passed on with its response; None if it has none. Call `wrote` first."""
         request.place = None
-        self._clients[request.caller.client].under_way -= 1
+        client = request.caller.client
+        row = self._clients[client]
+        row.under_way -= 1
         if response is None:
             request.end()
         else:
             request.respond(response)
-        self.settle(now)
+        self._go_on(client, row, now)
 
     def close(self, now: float) -> None:
         """Fail the reads that wait for a poll: there will be none."""
@@ -146,10 +150,14 @@ class OrderedUnit(ABC):
 
     def _go_on(self, client: str, row: ClientRequests, now: float) -> None:
         """Go on with a client's requests until one has to wait."""
+        if row.is_going_on:
+            return
+        row.is_going_on = True
         try:
             while row.waiting and self._go_on_with(row.waiting[0], row, now):
                 pass
         finally:
+            row.is_going_on = False
             if not row.waiting and not row.under_way and self._clients.get(client) is row:
                 del self._clients[client]
 

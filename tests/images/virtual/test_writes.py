@@ -275,6 +275,20 @@ def test_a_read_waits_for_a_poll_after_the_write():
     assert client.came() == other.came() == ["03 04 00 00 42 48"]
 
 
+@pytest.mark.parametrize(("clients", "writes"), [(300, 1), (1, 300)])
+def test_any_number_of_requests_behind_reads_is_carried_out_when_the_poll_is_answered(clients, writes):
+    bench = Bench(holding(0, "a", 10), own={Area.HOLDING: ((5, 5),)})
+    bench.poll(bench["a"])
+    clients = [bench.client(f"10.0.0.9:{port}") for port in range(clients)]
+    for client in clients:
+        assert client.ask("03 0000 0001") == []
+        for _ in range(writes):
+            assert client.ask("06 0005 0001") == []
+    bench["a"].answers("03 02 0007")
+    for client in clients:
+        assert client.came() == ["03 02 00 07", *["06 00 05 00 01"] * writes]
+
+
 def test_the_bit_of_a_device_stays_when_it_is_written_to():
     bench = Bench(holding(0, "a", 10, write=True), fresh=(FreshBits(Span(Area.HOLDING, 9, 1), ("a",)),))
     bench["a"].has("03 02 0001")
