@@ -326,6 +326,14 @@ def test_reads_that_wait_fail_when_nobody_polls_any_more(bench):
     assert client.why == "hall is no longer polled"
 
 
+def test_a_unit_that_is_closed_answers_no_read_that_it_has_answered_before(bench):
+    bench["b"].has("03 02 00 03")
+    client = bench.client()
+    assert client.ask("03 0002 0001") == client.ask("03 0002 0001") == ["03 02 00 03"]
+    bench.unit.close(0.0)
+    assert client.ask("03 0002 0001") == ["83 0B"]
+
+
 def test_the_trace_has_what_is_answered_here(bench):
     bench["b"].has("03 02 00 03")
     client = bench.client()
