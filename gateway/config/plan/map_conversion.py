@@ -72,9 +72,6 @@ def _as_point_of_profile(row: Mapped, point: Point, target: Point, unit: MapTarg
         raise WrongRow("point", f"{point.name} of {row.device} is no single bit, as {target.area} {target.name} is")
     if not has_bits(target.area):
         _check_text(point, target.type, "point")
-    if target.bits is not None and target.type != "string":
-        what = f"{target.name} is a part of register {target.address}, and a row takes whole registers"
-        raise WrongRow("at", what, "map that register by its address, or make it one of the unit's own")
     return replace(_with_fixed_scale(target, unit), labels={}, write=_writing(row))
 
 

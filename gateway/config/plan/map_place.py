@@ -31,6 +31,16 @@ class RowPlace(NamedTuple):
     start: int
     point: Point | None = None
 
+    def check_size(self, count: int, key: str) -> None:
+        """Check that so many registers or coils, which are not the value of a point, are as many as the point has here.
+
+        Raises:
+            WrongRow: they are not.
+        """
+        if self.point is not None and self.point.count != count:
+            what = f"takes {count}, and point {self.point.name} has {self.point.count}"
+            raise WrongRow(key, what, "map as many as it has, or write an address for at")
+
 
 @dataclass(frozen=True, slots=True)
 class MapTarget:
@@ -44,11 +54,14 @@ class MapTarget:
         """Find where a row begins.
 
         Raises:
-            WrongRow: the profile has no such point.
+            WrongRow: the profile has no such point, or it is no whole register.
         """
         if isinstance(row.at, int):
             return RowPlace(Area(row.area), row.at)
         point = self.points.get(row.at)
+        if point is not None and point.bits is not None and point.type != "string":
+            what = f"{point.name} is a part of register {point.address}, and a row takes whole registers"
+            raise WrongRow("at", what, "map that register by its address, or make it one of the unit's own")
         if point is not None:
             return RowPlace(point.area, point.address, point)
         name = self.profile.name

@@ -46,8 +46,12 @@ def _parts(row: Mapped, target: MapTarget, sources: Mapping[str, MapSource]) -> 
     place = target.place_of(row)
     if row.fresh:
         count = len(row.fresh) if has_bits(place.area) else -(-len(row.fresh) // _BITS_OF_REGISTER)
+        place.check_size(count, "fresh")
         yield FreshBits(target.span(place.area, place.start, count), row.fresh)
     elif row.age is not None:
+        if has_bits(place.area):
+            raise WrongRow("age", f"{place.area} are single bits, and an age is a register", "map it in another area")
+        place.check_size(1, "age")
         yield SourceAge(target.span(place.area, place.start, 1), row.age)
     elif row.device is not None:
         values = _Values(row, target, sources[row.device])
@@ -90,9 +94,7 @@ class _Values:
         if self.source.profile.has_wide(there):
             what = f"registers of {self.source.name} with four bytes are mapped only as points"
             raise WrongRow(area, what, "map each by its point")
-        if place.point is not None and place.point.count != there.count:
-            what = f"takes {there.count}, and point {place.point.name} has {place.point.count}"
-            raise WrongRow(area, what, "map as many as it has")
+        place.check_size(there.count, area)
         self._check_swap(there)
         if self.row.write:
             self._check_written(there, here)
@@ -108,9 +110,10 @@ class _Values:
                 if self.row.point == EVERY_POINT:
                     remedy = "take it out, and map the points that can be written by their names"
                 raise WrongRow("write", what, remedy)
-            self._check_written(point.write_span, place.area)
         written = as_written(self.row, point, place, self.target)
         count = registers_as_they_are(point) if written is None else written.count
+        if self.row.write:
+            self._check_written(point.write_span, place.area, count)
         # The values are numbers here: no register has a label.
         return self._value(self.target.span(place.area, place.start, count), poll, replace(point, labels={}), written)
 
@@ -156,8 +159,8 @@ class _Values:
             what = "a range whose registers are turned takes no writes"
             raise WrongRow("write", what, "take it out, or map each value by its point, with type and swap")
 
-    def _check_written(self, there: Span, here: Area) -> None:
-        """Check that writes to an area here can go to these addresses there."""
+    def _check_written(self, there: Span, here: Area, at_once: int = 1) -> None:
+        """Check that writes of so many items to an area here can go to these addresses there."""
         if here not in WRITERS:
             raise WrongRow("write", f"{here} of this unit cannot be written", "take it out, or map it in another area")
         if there.area not in WRITERS:
@@ -171,3 +174,8 @@ class _Values:
             if not (profile.knows(single) or profile.knows(several)):
                 what = f"{name} has no function {single:d} or {several:d}, which write {area}"
                 raise WrongRow("write", what, "take it out")
+        _, several, most = WRITERS[here]
+        most = self.target.profile.limits.get(several, most) if self.target.profile.knows(several) else 1
+        if at_once > most:
+            what = f"{at_once} of {here} are one value, and one write to {of_unit} sets {most}"
+            raise WrongRow("write", what, "take it out, or choose a shorter type")

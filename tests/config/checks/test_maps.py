@@ -167,6 +167,8 @@ def test_rows_that_mean_something(row):
         ('at = 0, fresh = ["relay"]', '[0].fresh[0]: no row of this map reads "relay"'),
         ('at = 0, age = "relay"', '[0].age: no row of this map reads "relay"'),
         ("at = 0, fresh = []", '[0].fresh: is empty | name devices of this map, such as ["meter-1"]'),
+        ('at = 0, area = "coils", age = "meter"',
+         "[0].age: coils are single bits, and an age is a register | map it in another area"),
         ('at = 0, age = "meter", every = "1 s"',
          "[0].every: only a row with device has it, and this has age | take it out"),
     ],
@@ -323,6 +325,11 @@ TARGET = 'profile = "target"'
          ".at: must be an address where several points are mapped"),
         ('at = "watts", device = "any", holding = 0, every = "1 s"',
          ".holding: takes 1, and point watts has 2 | map as many as it has"),
+        ('at = "watts", age = "any"', ".age: takes 1, and point watts has 2 | map as many as it has"),
+        ('at = "watts", fresh = ["any"]', ".fresh: takes 1, and point watts has 2 | map as many as it has"),
+        ('at = "flag", fresh = ["any"]', ".at: flag is a part of register 8, and a row takes whole registers"),
+        ('at = "flag", device = "any", holding = 0, every = "1 s"',
+         ".at: flag is a part of register 8, and a row takes whole registers"),
         ('at = "flag", device = "meter", point = "alarm", every = "1 s"',
          ".at: flag is a part of register 8, and a row takes whole registers"),
         ('at = 19, area = "input", device = "meter", point = "power", every = "1 s"',
@@ -333,7 +340,8 @@ TARGET = 'profile = "target"'
     ],
 )  # fmt: skip
 def test_a_row_may_name_a_point_of_the_profile(row, what):
-    found = said(row, keys=TARGET)
+    others = ['at = 0, device = "any", holding = 0, every = "1 s"'] if "device" not in row else []
+    found = said(row, *others, keys=TARGET)
     assert [each.startswith(f"error: [0]{what}") for each in found] == [True] * bool(what), found
 
 
@@ -355,6 +363,16 @@ def test_the_functions_of_the_profile_hold():
     assert said(row, keys=TARGET) == []
     (found,) = said(row, keys='profile = "relay"')
     assert found == "error: [0].write: profile relay has no function 6 or 16, which write holding | take it out"
+
+
+@pytest.mark.parametrize(("writes", "most"), [("functions = [3, 6]", 1), ("limits = { 16 = 3 }", 3)])
+def test_one_write_can_set_all_of_a_value(writes, most):
+    row = 'at = 0, device = "any", point = "level", type = "float64", every = "1 s", write = true'
+    level = '{ unit = 4, as = 44, name = "any", points = [{ name = "level", holding = 0, write = true }] }'
+    text = unit(row, keys='profile = "few"').replace('{ unit = 4, as = 44, name = "any" }', level)
+    (found,) = problems(f"{text}[profile.few]\n{writes}\n")
+    what = f"4 of holding are one value, and one write to profile few sets {most}"
+    assert found == f"error: image[2].map[0].write: {what} | take it out, or choose a shorter type"
 
 
 def test_the_scale_of_a_point_of_the_profile_is_a_register_of_the_unit_itself():
