@@ -103,13 +103,12 @@ class _Values:
     def of_point(self, point: Point, place: RowPlace) -> MappedValue:
         """Plan a point: with its registers as they are, or converted."""
         poll = self._poll(point.read_span, point.width, "point")
-        if self.row.write:
-            if point.write == "no":
-                what = f"{point.name} of {self.source.name} cannot be written"
-                remedy = "take it out, or add write = true to the point"
-                if self.row.point == EVERY_POINT:
-                    remedy = "take it out, and map the points that can be written by their names"
-                raise WrongRow("write", what, remedy)
+        if self.row.write and point.write == "no":
+            what = f"{point.name} of {self.source.name} cannot be written"
+            remedy = "take it out, or add write = true to the point"
+            if self.row.point == EVERY_POINT:
+                remedy = "take it out, and map the points that can be written by their names"
+            raise WrongRow("write", what, remedy)
         written = as_written(self.row, point, place, self.target)
         count = registers_as_they_are(point) if written is None else written.count
         if self.row.write:
