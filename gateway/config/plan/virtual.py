@@ -9,8 +9,8 @@ from gateway.config.plan.map_place import MapTarget
 from gateway.config.plan.map_rows import PlannedRow, planned_rows
 from gateway.config.plan.map_sources import map_sources
 from gateway.config.plan.settings import Plan
-from gateway.config.plan.unit_points import DevicePoints, points_in
-from gateway.config.plan.virtual_points import points_of_rows
+from gateway.config.plan.unit_points import DevicePoints
+from gateway.config.plan.virtual_points import points_of_profile, points_of_rows
 from gateway.config.schema.image import Image
 from gateway.config.values.ranges import join_ranges
 from gateway.images.virtual.settings import FreshBits, MappedValue, SourceAge, VirtualSettings
@@ -38,7 +38,7 @@ class Maps:
         """Add the virtual units, whose rows have passed their checks, and their points."""
         units = tuple(_settings(target, rows) for target, rows in zip(self.targets, self.rows, strict=True))
         points = {
-            unit.unit: points_in(unit.areas, target.points.values()) or points_of_rows(unit, self.sources)
+            unit.unit: points_of_profile(unit, target.points.values()) or points_of_rows(unit, self.sources)
             for unit, target in zip(units, self.targets, strict=True)
         }
         return replace(

@@ -1,4 +1,4 @@
-"""The points of a virtual unit whose profile has none: those of its rows, named after device and point."""
+"""The points of a virtual unit: those of its profile, or else those of its rows, named after device and point."""
 
 import re
 from bisect import bisect_left
@@ -7,11 +7,13 @@ from dataclasses import replace
 from typing import Final
 
 from gateway.config.plan.map_sources import MapSource
+from gateway.config.plan.unit_points import points_in
 from gateway.config.values.names import LONGEST_NAME
 from gateway.images.virtual.settings import FreshBits, MappedValue, VirtualSettings
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
+from gateway.profiles.profile import covers
 from gateway.registers.items import REGISTER, has_bits
 
 #: What the name of a point cannot have, and what it cannot begin with.
@@ -19,6 +21,25 @@ _NO_PART: Final = re.compile(r"[^\w.-]+")
 _NO_BEGINNING: Final = re.compile(r"^[\W\d_]+")
 #: Scale registers are read together with their points.
 _MOST_AT_ONCE: Final = 125
+
+
+def points_of_profile(unit: VirtualSettings, points: Iterable[Point]) -> tuple[Point, ...]:
+    """Choose the points of its profile that a unit has. Its rows say which of them can be written, not the profile."""
+    return tuple(
+        point
+        if covers(unit.own.areas.get(point.area, ()), point.span)
+        else replace(point, write="yes" if _is_written(point, unit.values) else "no", write_at=None)
+        for point in points_in(unit.areas, points)
+    )
+
+
+def _is_written(point: Point, values: Iterable[MappedValue]) -> bool:
+    """Tell whether a row takes writes of a point: one of just this value, or one of registers as they are."""
+    for value in values:
+        place = value.place
+        if value.write and place.area is point.area and covers(((place.start, place.end - 1),), point.span):
+            return value.point is None or (place == point.span and point.bits is None)
+    return False
 
 
 def points_of_rows(unit: VirtualSettings, sources: Mapping[str, MapSource]) -> tuple[Point, ...]:

@@ -204,6 +204,39 @@ def test_a_row_may_be_a_point_of_the_profile():
     assert [point.name for point in plan.points[240]] == ["active", "total", "total-scale"]
 
 
+def test_rows_say_which_points_of_the_profile_can_be_written():
+    more = """
+[profile.other]
+points = [
+  { name = "setpoint", holding = 0, write = true },
+  { name = "shown", holding = 1 },
+  { name = "command", holding = 2, write = "only" },
+  { name = "float", holding = 4, type = "float32", write = true },
+  { name = "half", holding = 4, write = true },
+  { name = "range", holding = 8, type = "float32", write = true },
+  { name = "flag", holding = 8, bit = 1, write = true },
+  { name = "own", holding = 20, write = true },
+]"""
+    rows = [
+        'at = "setpoint", device = "any", holding = 7, every = "1 s"',
+        'at = "shown", device = "any", holding = 3, every = "1 s", write = true',
+        'at = "command", device = "any", holding = 4, every = "1 s"',
+        'at = "float", device = "meter 1", point = "power", every = "1 s", write = true',
+        'at = "range", device = "any", holding = "10-11", every = "1 s", write = true',
+    ]
+    points = plan_of(*rows, keys='profile = "other"\nholding = "20"', more=more).points[240]
+    assert {point.name: point.write for point in points} == {
+        "setpoint": "no",
+        "shown": "yes",
+        "command": "no",
+        "float": "yes",
+        "half": "no",
+        "range": "yes",
+        "flag": "yes",
+        "own": "yes",
+    }
+
+
 def test_without_a_profile_its_points_are_called_after_devices_and_points():
     found = points_of(of_meter("power"), 'at = 6, device = "2nd", point = "mode", every = "1 s", write = true')
     power, mode = found
