@@ -6,7 +6,6 @@ from typing import Protocol
 
 from gateway.images.polls import Poll
 from gateway.profiles.holes import Split
-from gateway.registers.items import has_bits
 
 
 @dataclass(slots=True)
@@ -125,12 +124,11 @@ class PolledRange:
     def serve(self, parts: Sequence[Part]) -> None:
         """Read for these parts from now on, instead of others that want the same."""
         self.parts = parts
-        size = 1 if has_bits(self.poll.area) else self.poll.width
         #: The parts of each reader, with the place of their items among those that are read.
         self._places: dict[Reader, list[tuple[Part, int, int]]] = {}
         for part in parts:
-            start, end = part.poll.first - self.poll.first, part.poll.last + 1 - self.poll.first
-            self._places.setdefault(part.reader, []).append((part, start * size, end * size))
+            place = self.poll.place(part.poll)
+            self._places.setdefault(part.reader, []).append((part, place.start, place.stop))
         for half in self.halves:
             half.serve(self._parts_of(half.poll))
 

@@ -11,7 +11,7 @@ from gateway.profiles.holes import Holes, holes_between, middle_hole
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
 from gateway.profiles.read_rules import ReadRules
-from gateway.registers.items import REGISTER, read_request
+from gateway.registers.items import REGISTER, has_bits, read_request
 
 #: The functions that a mirror answers from its polls.
 POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values())
@@ -19,7 +19,7 @@ POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values(
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """A range of addresses, registers of `width` bytes, that is read with one request every `every` seconds.
+    """A range of addresses, registers of `width` bytes, that is read with one request every `every` seconds; 0: once.
 
     `joined` are the ranges that it was joined from, in the order of their first addresses; none if it is one that is
     wanted as it is.
@@ -33,8 +33,8 @@ class Poll:
     width: int = REGISTER
 
     @classmethod
-    def of(cls, point: Point, every: float) -> Self:
-        """Make the poll that reads a point every `every` seconds: all of its `read_span`."""
+    def of(cls, point: Point, every: float = 0.0) -> Self:
+        """Make the poll that reads all of a point's `read_span`."""
         span = point.read_span
         return cls(span.area, span.start, span.end - 1, every, width=point.width)
 
@@ -52,6 +52,12 @@ class Poll:
     def wanted(self) -> "tuple[Poll, ...]":
         """The ranges that it reads."""
         return self.joined or (self,)
+
+    def place(self, wanted: "Poll") -> slice:
+        """Find the items of one of its ranges among all that it reads."""
+        size = 1 if has_bits(self.area) else self.width
+        start = (wanted.first - self.first) * size
+        return slice(start, start + wanted.span.count * size)
 
     @property
     def bridged(self) -> int:
@@ -117,21 +123,21 @@ def cut(polls: Iterable[Poll], rules: ReadRules) -> Iterator[Poll]:
             yield Poll(poll.area, first, min(first + most - 1, poll.last), poll.every)
 
 
-def joined(polls: Iterable[Poll], rules: ReadRules, holes: Holes) -> list[Poll]:
+def joined(polls: Iterable[Poll], rules: ReadRules, holes: Holes) -> Iterator[Poll]:
     """Join polls with the same interval into as few requests as the rules allow; equal ones are one.
 
-    `holes` are those that the device has refused.
+    `holes` are those that the device has refused. They come one by one: there may be many.
     """
-    groups: list[list[Poll]] = []
+    group: list[Poll] = []
     last = 0
     for poll in sorted(set(polls), key=lambda poll: (poll.area, poll.width, poll.every, poll.first, poll.last)):
-        if groups and _fit_together(groups[-1][0], last, poll, rules, holes):
-            groups[-1].append(poll)
-            last = max(last, poll.last)
-        else:
-            groups.append([poll])
-            last = poll.last
-    return [_together(tuple(group)) for group in groups]
+        if group and not _fit_together(group[0], last, poll, rules, holes):
+            yield _together(tuple(group))
+            group = []
+        last = max(last, poll.last) if group else poll.last
+        group.append(poll)
+    if group:
+        yield _together(tuple(group))
 
 
 def _together(polls: tuple[Poll, ...]) -> Poll:

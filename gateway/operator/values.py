@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 from gateway.errors import DoesNotFit, ExceptionCode, UnitFailed
+from gateway.images.polls import Poll, joined
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.modbus.pdu import Span
 from gateway.operator.answers import values as answers
 from gateway.operator.complaint import Complaint
-from gateway.profiles.batches import Batch, batches_of
 from gateway.profiles.holes import Holes, Split
 from gateway.profiles.point import Point
 from gateway.profiles.read_rules import ReadRules
@@ -105,33 +105,41 @@ def reading(points: Sequence[Point], rules: ReadRules, holes: Holes) -> Steps:
         UnitFailed: a response is too short.
     """
     outcome = Outcome()
-    for batch in batches_of(points, rules, holes):
-        yield from _read(batch, holes, outcome)
+    by_poll: dict[Poll, list[Point]] = {}
+    for point in points:
+        by_poll.setdefault(Poll.of(point), []).append(point)
+    for poll in joined(by_poll, rules, holes):
+        yield from _read(poll, by_poll, holes, outcome)
     order = {id(point): index for index, point in enumerate(points)}
     outcome.readings.sort(key=lambda each: order[id(each.point)])
     return outcome
 
 
-def _read(batch: Batch, holes: Holes, outcome: Outcome, split: Split | None = None) -> Generator[Step, Answer, None]:
-    """Read a batch, a part of a `split` if there is one."""
-    answer = yield Step(batch.request)
+def _read(
+    poll: Poll, by_poll: Mapping[Poll, Sequence[Point]], holes: Holes, outcome: Outcome, split: Split | None = None
+) -> Generator[Step, Answer, None]:
+    """Read points with one request, a part of a `split` if there is one."""
+    answer = yield Step(poll.request)
     outcome.answers.append(answer)
     if answer.exception is None:
         try:
-            outcome.readings.extend([Reading(point, items) for point, items in batch.items_read(answer.pdu)])
+            items = items_read(poll.span, answer.pdu, poll.width)
         except ValueError as wrong:
             raise UnitFailed(str(wrong)) from wrong
+        outcome.readings.extend(
+            Reading(point, items[poll.place(each)]) for each in poll.wanted for point in by_poll[each]
+        )
         if split is not None:
             split.part_was_read()
         return
-    hole, parts = batch.hole, batch.parts if batch.points[0].name else ()
+    hole, parts = poll.hole, poll.parts if by_poll[poll.wanted[0]][0].name else ()
     refusals = _MAY_BE_ANSWERED_IN_PARTS if hole is None else _MAY_REFUSE_HOLE
     if not parts or (answer.exception not in refusals and answer.result != _SOME_ARE_STALE):
-        outcome.failures.append(Failure(batch.span, answer))
+        outcome.failures.append(Failure(poll.span, answer))
         return
     within = None if hole is None else Split(hole, holes, split)
     for part in parts:
-        yield from _read(part, holes, outcome, within)
+        yield from _read(part, by_poll, holes, outcome, within)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ The shipped profiles are the TOML files in this folder, one kind of device each,
 
 - profile, point    the rules for requests, and the values
 - coding, conversion    a point's number in its items, and in those of another point
-- batches, read_rules, holes, published    points that are read together, and those that are published
+- read_rules, holes, published    what one read of a device may take, and the points that are published
 - identity, recognition, sunspec    what tells the kind of a unit, and the reads that find it
 - columns      a table of points as CSV
 """

@@ -14,6 +14,7 @@ from gateway.config.plan.line_load import a_read, time_of
 from gateway.config.plan.settings import LinePlan, Plan
 from gateway.devices.device import DeviceSettings
 from gateway.errors import WrongQuestion
+from gateway.images.polls import Poll, joined
 from gateway.lines.breaker import FAILURES
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READERS
@@ -24,7 +25,6 @@ from gateway.operator.operation import Asker, IsThere
 from gateway.operator.operator import Operator
 from gateway.operator.requests import AwaitedOrigin
 from gateway.operator.units import find_line, find_unit
-from gateway.profiles.batches import batches
 from gateway.profiles.holes import Holes
 from gateway.profiles.read_rules import ReadRules
 from gateway.registers.items import read_request
@@ -198,7 +198,7 @@ def _devices(gateway: Gateway, line: LinePlan, wanted: object) -> list[DeviceSet
 def _span(plan: Plan, device: DeviceSettings, items: int) -> Span | None:
     """Choose a read that the device answers: from its longest run of points, else from its profile."""
     points = [point for point in plan.points.get(device.known_as, ()) if point.write != "only"]
-    runs = [batch.span for batch in batches(points, ReadRules(device.profile.limits), Holes())]
+    runs = [poll.span for poll in joined(map(Poll.of, points), ReadRules(device.profile.limits), Holes())]
     known = [span for span in runs if device.profile.knows(READERS[span.area][0])]
     if not known:
         return a_read(device.profile, items)

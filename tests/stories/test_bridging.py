@@ -7,8 +7,8 @@ import pytest
 
 from gateway.events import PollRefused
 from gateway.images.polling import TOGETHER_AGAIN
+from gateway.images.polls import Poll, joined
 from gateway.modbus.codes import Area
-from gateway.profiles.batches import batches
 from gateway.profiles.holes import Holes
 from gateway.profiles.read_rules import NO_RULES
 from kit.asking import ask
@@ -106,7 +106,7 @@ devices = [{ unit = 1, as = 41, name = "meter", profile = "own" }]
 async def test_all_measured_values_of_a_meter_are_a_few_requests(profile, allows, before, after):
     """The document of the SDM120 promises nothing about what lies between: a copy of its profile does."""
     points = [point for point in shipped_points(profile) if point.area is Area.INPUT]
-    assert len(batches(points, NO_RULES, Holes())) == before
+    assert len([*joined(map(Poll.of, points), NO_RULES, Holes())]) == before
     own = shipped_text(profile).replace(f"[profile.{profile}]", f"[profile.own]\n{allows}")
     async with gateway_bench(METER + own) as bench:
         meter = SimulatedDevice(1, items=0x10000)
