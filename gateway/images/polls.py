@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
@@ -17,8 +17,7 @@ from gateway.registers.items import REGISTER, has_bits, read_request
 POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values())
 
 
-@dataclass(frozen=True, slots=True)
-class Poll:
+class Poll(NamedTuple):
     """A range of addresses, registers of `width` bytes, that is read with one request every `every` seconds; 0: once.
 
     `joined` are the ranges that it was joined from, in the order of their first addresses; none if it is one that is
