@@ -145,7 +145,7 @@ class Known:
 
 @dataclass
 class Asked:
-    """A client's open request: `writes` had finished at each device then. A write has its row and what is to be sent."""
+    """A client's open request: so many `writes` had finished then. A write has its row, and what is to be sent."""
 
     pdu: str
     first: int
@@ -153,7 +153,6 @@ class Asked:
     writes: dict[str, int]
     row: Row | None = None
     sent: str = ""
-    others: int = 0
 
 
 @dataclass
@@ -198,6 +197,7 @@ class AnyMap(RuleBasedStateMachine):
             for request in device.asked:
                 if request.origin is device and request not in self.polls:
                     self.polls[request] = self.bench.now, self.world.writes[name]
+        self._look()
 
     @rule(seconds=st.sampled_from((0.0, 0.1, 0.5, 1.0, 2.5)))
     def time_passes(self, seconds):
@@ -224,6 +224,19 @@ class AnyMap(RuleBasedStateMachine):
         waiting = [(name, at) for name, device in self.bench.devices.items() for at in range(len(device.asked))]
         if waiting:
             self._answer(*data.draw(st.sampled_from(waiting)), failure)
+
+    @rule(changes=st.booleans(), number=st.integers(0, 0xFFFF))
+    def all_devices_answer(self, changes, number):
+        if changes:
+            for name, words in self.world.registers.items():
+                at = [number + 7 * place for place in range(len(words))]
+                kinds = [self.kinds[name, place // SIZE] for place in range(len(words))]
+                free = [kind is None or kind.type in ("uint16", "int16", "uint32", "int32") for kind in kinds]
+                words[:] = [new & 0xFFFF if is_free else old for new, old, is_free in zip(at, words, free, strict=True)]
+        self.time_passes(1.0)
+        for name, device in self.bench.devices.items():
+            while device.asked:
+                self._answer(name, 0, None)
 
     def _answer(self, name, at, failure):
         device = self.bench.devices[name]
@@ -296,10 +309,13 @@ class AnyMap(RuleBasedStateMachine):
         last = first
         while last + 1 in places and data.draw(st.integers(0, 8)):
             last += 1
-        asked = Asked(f"03 {first:04X} {last + 1 - first:04X}", first, last + 1 - first, dict(self.world.writes))
+        self._read(name, first, last + 1 - first)
+
+    def _read(self, name, first, count):
+        asked = Asked(f"03 {first:04X} {count:04X}", first, count, dict(self.world.writes))
         self.open[name] = asked
         self.clients[name]._came = self.clients[name].ask(asked.pdu)
-        self._look(new=name)
+        self._look()
 
     @rule(name=st.sampled_from(("one", "other")))
     def a_client_reads_bits_and_ages(self, name):
@@ -339,6 +355,9 @@ class AnyMap(RuleBasedStateMachine):
         assert came == []
         assert device.questions[before:] == [asked.sent]
         self.open[name] = asked
+        if data.draw(st.booleans()):
+            self._answer(row.device, before, None)
+            self._read(name, row.at, row.count)
 
     def _write_to(self, row, data):
         """A write to a row, and what its device is to get: nothing if the value does not fit."""
@@ -366,7 +385,7 @@ class AnyMap(RuleBasedStateMachine):
 
     # --- what is right ---
 
-    def _look(self, new=""):
+    def _look(self):
         """Look at what has come for reads: all that can be answered must be, and rightly."""
         for name, asked in list(self.open.items()):
             if asked.row is not None:
@@ -392,6 +411,9 @@ class AnyMap(RuleBasedStateMachine):
                 begin, end = max(row.at, asked.first), min(row.at + row.count, asked.first + asked.count)
                 part = registers[begin - asked.first : end - asked.first]
                 assert part == list(self._expected(row, fresh[row])[begin - row.at : end - row.at]), row
+
+    def _touched(self, asked):
+        return [row for row in self.rows if row.at < asked.first + asked.count and asked.first < row.at + row.count]
 
     def _expected(self, row, is_fresh):
         known = self.known[row.at]
@@ -421,14 +443,15 @@ class AnyMap(RuleBasedStateMachine):
     def another_map(self, data, count):
         """A reload keeps some rows as they are; no poll is under way."""
         self._drain()
-        kept = [row for row in self.rows[:count]]
+        before, kept = self.known, self.rows[:count]
+        old = dict.fromkeys(self.rows)
         at = max((row.at + row.count for row in kept), default=0)
         new = [
             Row(row.at + at, row.device, row.source, row.here, row.target, row.swap, row.write, row.when_stale)
             for row in data.draw(rows(self.kinds))
         ]
-        self.rows = tuple(kept + new)[:8]
-        self.known = {row.at: self.known[row.at] if row in kept else Known() for row in self.rows}
+        self.rows = (*kept, *new)[:8]
+        self.known = {row.at: before[row.at] if row in old else Known() for row in self.rows}
         fresh, ages = self._specials()
         self.bench.reload(self.bench.made(*(row.mapped for row in self.rows), stale=STALE, fresh=fresh, ages=ages))
         self._send_polls()
