@@ -161,6 +161,11 @@ class Client:
     def answer(self, request, pdu):
         self._came.append(None if pdu is None else pdu.hex(" ").upper())
 
+    def requested(self, pdu: bytes) -> None:
+        """Ask; what has come is to be looked at later."""
+        came = self.ask(pdu.hex())
+        self._came += came
+
     def ask(self, pdu: str, in_one_turn: int = 0) -> list[str]:
         request = Request(240, bytes.fromhex(pdu), self, self._bench.now)
         request.in_one_turn = in_one_turn

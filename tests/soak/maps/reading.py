@@ -207,9 +207,9 @@ class MapReading:
         since, until = max(now - self.meaning.map.stale, *(written_at[each] for each in read)), now
         for each in own:
             write = each.write
-            if write.device is not device or write.done_at is None or each.area is not source.area:
-                continue
-            if write.order > self.order and each.meaning is self.meaning:
+            if write.device is not device or write.done_at is None or source.area is not Area.HOLDING:
+                continue  # coils do not tell whose write has set them
+            if each.area is source.area and write.order > self.order and each.meaning is self.meaning:
                 until = min(until, write.done_at)
         return since - A_MOMENT, until + A_MOMENT
 
