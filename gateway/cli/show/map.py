@@ -6,6 +6,7 @@ from io import StringIO
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
+from gateway.cli.show.ages import Ages
 from gateway.cli.show.register_map import MapRow, RegisterMap
 from gateway.cli.show.virtual import line_as_json
 from gateway.config.documents.points_csv import number_text
@@ -19,11 +20,11 @@ _COLUMNS: Final = (
     *("name", "area", "address", "reference", "count", "type", "word order", "bits", "scale", "offset", "unit"),
     *("access", "labels", "length", "scale from", "device", "point", "source", "every"),
 )
-_HEADINGS: Final = ("ADDRESS", "REFERENCE", "NAME", "TYPE", "UNIT", "SOURCE", "EVERY", "WRITE")
+_HEADINGS: Final = ("ADDRESS", "REFERENCE", "NAME", "TYPE", "UNIT", "SOURCE", "EVERY")
 
 
-def map_as_text(found: RegisterMap) -> str:
-    """Show a map for people."""
+def map_as_text(found: RegisterMap, ages: Ages | None = None) -> str:
+    """Show a map for people, with ages if they are known."""
     rows = [
         (
             f"{line.place.area} {line.place.addresses}{_bits(row)}",
@@ -33,12 +34,14 @@ def map_as_text(found: RegisterMap) -> str:
             line.meaning,
             " ".join(filter(None, (line.device or "its own", line.place_there))),
             "" if line.every is None else show_duration(line.every),
+            *([ages.as_text(line)] if ages else []),
             "yes" if line.write else "-",
         )
         for row in found.rows
         for line in (row.line,)
     ]
-    return f"Unit {found.unit}, {found.name}\n{align([_HEADINGS, *rows], '  ')}"
+    headings = (*_HEADINGS, *(["AGE"] if ages else []), "WRITE")
+    return f"Unit {found.unit}, {found.name}\n{align([headings, *rows], '  ')}"
 
 
 def map_as_csv(found: RegisterMap) -> str:
@@ -51,12 +54,16 @@ def map_as_csv(found: RegisterMap) -> str:
     return text.getvalue()
 
 
-def map_as_json(found: RegisterMap) -> dict[str, Any]:
-    """Make a map for programs."""
+def map_as_json(found: RegisterMap, ages: Ages | None = None) -> dict[str, Any]:
+    """Make a map for programs, with ages if they are known."""
     return {
         "unit": int(found.unit) if found.unit.isdecimal() else None,
         "name": found.name,
-        "map": [{"name": row.point.name if row.point else "", **line_as_json(row.line)} for row in found.rows],
+        "map": [
+            {"name": row.point.name if row.point else "", **line_as_json(row.line)}
+            | (ages.as_json(row.line) if ages else {})
+            for row in found.rows
+        ],
     }
 
 

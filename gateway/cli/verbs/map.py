@@ -3,15 +3,19 @@
 import argparse
 import json
 import sys
+from pathlib import Path
 
+from gateway.cli.kit.daemon import Conversation, which_gateway
 from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere, tell_wrong_usage
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
+from gateway.cli.show.ages import Ages
 from gateway.cli.show.map import map_as_csv, map_as_json, map_as_text
 from gateway.cli.show.register_map import RegisterMap, register_map, units_with_maps
 from gateway.config.load import load
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import did_you_mean, errors_in
 from gateway.config.resolve import resolve
+from gateway.errors import DaemonError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +23,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     let_options_stand_anywhere(parser)
     add = parser.add_argument
     add("unit", metavar="UNIT", help="a virtual unit, image, mirror, or device with points: its number or its name")
-    add("--config", default=DEFAULT_CONFIG, metavar="FILE", help=f"the config file (default {DEFAULT_CONFIG})")
+    add("--config", metavar="FILE", help=f"the config file (default {DEFAULT_CONFIG})")
+    add(
+        "--control",
+        metavar="PATH",
+        help="control socket of the gateway that tells the ages, if it is not the usual one",
+    )
     output = parser.add_mutually_exclusive_group()
     output.add_argument("--csv", action="store_true", help="print CSV, for the one who sets up the PLC or SCADA")
     output.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -27,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the map of a unit; 1 if the config has errors, 2 if there is no such unit, or nothing is known of it."""
-    loaded = load(args.config)
+    loaded = load(args.config or DEFAULT_CONFIG)
     if loaded.config is None:
         print(*errors_in(loaded.problems), sep="\n", file=sys.stderr)
         return PROBLEM_FOUND
@@ -37,8 +46,12 @@ def run(args: argparse.Namespace) -> int:
         return tell_wrong_usage(wrong)
     if args.csv:
         sys.stdout.write(map_as_csv(found))
+        return FINE
+    ages = _ages(found, args)
+    if args.json:
+        print(json.dumps(map_as_json(found, ages), indent=2, ensure_ascii=False))
     else:
-        print(json.dumps(map_as_json(found), indent=2, ensure_ascii=False) if args.json else map_as_text(found))
+        print(map_as_text(found, ages))
     return FINE
 
 
@@ -58,3 +71,18 @@ def _find(unit: str, plan: Plan) -> RegisterMap:
         remedy = "give points to its profile, or to the device itself, in the config"
         raise WrongUsageError(f"{name} has no points, which say what its registers mean", remedy)
     return found
+
+
+def _ages(found: RegisterMap, args: argparse.Namespace) -> Ages | None:
+    """Ask the gateway that runs with the config how old the values are; None, after a note why, if it does not tell."""
+    if all(row.line.every is None for row in found.rows):
+        return None
+    try:
+        meant = which_gateway(args)
+        if not args.control and not args.config:
+            meant = meant._replace(config=Path(DEFAULT_CONFIG))
+        with Conversation(meant) as daemon:
+            return Ages(daemon, found)
+    except DaemonError as error:
+        print(f"without ages: {error}", file=sys.stderr)
+        return None
