@@ -188,6 +188,7 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using profile; and test $_s
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a map -d 'Show the registers of a unit, for those who set up its clients.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using map' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using map' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'the config file (default /etc/modbus-gateway/gateway.toml)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using map' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that tells the ages, if it is not the usual one'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using map' -l csv -d 'print CSV, for the one who sets up the PLC or SCADA'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using map' -l json -d 'print JSON instead of a table'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a ports -d 'List the serial ports of this machine.'

@@ -14,8 +14,8 @@ from gateway.operator.asked import Addresses
 from gateway.operator.operations import IMAGE
 from gateway.profiles.point import NO_VALUE
 
-#: The gateway tells this many addresses at a time.
-_MOST: Final = 400
+#: This many addresses are asked for at a time: the lines do not wait for a longer answer.
+_MOST: Final = 100
 #: From this age on tenths of a second do not matter, in milliseconds.
 _LONG: Final = 10_000
 

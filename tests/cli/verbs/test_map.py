@@ -168,7 +168,7 @@ def test_check_tells_programs_the_same(config, capsys):
 
 
 def mapped(capsys, config, *words):
-    assert main(["map", "--config", config, *words]) == 0
+    assert main(["map", "--config", config, "--control", f"{config}.no-socket", *words]) == 0
     return capsys.readouterr().out
 
 

@@ -142,14 +142,20 @@ async def test_csv_images_and_devices_have_no_age(bench, meters, control, config
     assert control.questions == []
 
 
-async def test_the_age_of_another_device_is_not_told(bench, meters, control, config, capsys) -> None:
-    changed = CONFIG.replace('at = 0, device = "meter-1"', 'at = 0, device = "meter-3"')
+async def test_of_a_changed_config_only_what_is_still_so_has_an_age(bench, meters, control, config, capsys) -> None:
     config.write_text(
-        changed.replace('at = 91, age = "meter-2"', 'at = 92, device = "meter-2", holding = 5, every = "1 s"')
+        CONFIG.replace('at = 0, device = "meter-1"', 'at = 0, device = "meter-3"')
+        .replace(
+            'at = 20, device = "meter-2", holding = "100-103", every = "1 s", write = true', 'at = 20, age = "meter-2"'
+        )
+        .replace('at = 91, age = "meter-2"', 'at = 92, device = "meter-2", holding = 5, every = "1 s"')
     )
     found = ages(capsys, config, "block")
-    assert (found["holding 0"], found["holding 92"]) == ("–", "–")  # noqa: RUF001 - dashes
+    assert [found[place] for place in ("holding 0", "holding 20", "holding 92")] == ["–", "", "–"]  # noqa: RUF001
     assert seconds(found["holding 3"]) < 1.5
+    assert main(["map", "block", "--json", "--config", str(config)]) == FINE
+    rows = json.loads(capsys.readouterr().out)["map"]
+    assert [row["first"] for row in rows if "age_ms" in row] == [1, 3]
 
 
 async def test_a_unit_that_the_gateway_does_not_have_yet_is_shown_without_ages(bench, control, config, capsys) -> None:
@@ -182,8 +188,8 @@ async def test_only_the_gateway_with_this_config_is_asked(bench, meters, control
     assert control.meant == (config.parent / "own.sock", None)
 
 
-async def test_many_values_are_asked_for_in_parts(monkeypatch, capsys, tmp_path) -> None:
-    rows = [f'{{ at = {at}, device = "m", holding = "{at}-{at + 9}", every = "10 s" }}' for at in range(0, 1000, 10)]
+async def test_many_values_are_asked_for_in_parts_that_leave_out_gaps(monkeypatch, capsys, tmp_path) -> None:
+    rows = [f'{{ at = {at}, device = "m", holding = "{at}-{at + 9}", every = "10 s" }}' for at in range(0, 950, 10)]
     rows.append('{ at = 60000, device = "m", holding = 0, every = "10 s" }')
     line = '[[line]]\nname = "hall"\nport = "/dev/hall"\ndevices = [{ unit = 1, name = "m" }]\n'
     text = f'{line}[[image]]\nunit = 240\nname = "block"\nstale = "30 s"\nmap = [{", ".join(rows)}]\n'
@@ -195,8 +201,7 @@ async def test_many_values_are_asked_for_in_parts(monkeypatch, capsys, tmp_path)
         monkeypatch.setattr("gateway.cli.verbs.map.Conversation", control)
         await asyncio.sleep(20)
         found = ages(capsys, config, "block")
-        assert len(found) == 101
+        assert len(found) == 96
         assert all(seconds(age) <= 10 for age in found.values())
-        assert [(each["start"], each["end"]) for each in control.questions] == [
-            *[(0, 399), (400, 799), (800, 999), (60000, 60000)]
-        ]
+        windows = [(each["start"], each["end"]) for each in control.questions]
+        assert windows == [*((first, first + 99) for first in range(0, 900, 100)), (900, 949), (60000, 60000)]
