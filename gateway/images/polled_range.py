@@ -105,7 +105,7 @@ class PolledRange:
     """
 
     __slots__ = (
-        "_asked_after", "_asked_at", "_places", "due_at", "halves", "is_asked", "is_over", "is_refused",
+        "_asked_after", "_asked_at", "_places", "due_at", "halves", "is_asked", "is_over", "is_refused", "is_waiting",
         "parts", "poll", "split", "within",
     )  # fmt: skip
 
@@ -117,6 +117,8 @@ class PolledRange:
         self.halves: list[PolledRange] = []
         #: Whether its poll waits, or is in progress.
         self.is_asked = self.is_refused = self.is_over = False
+        #: Whether its poll waits for its turn.
+        self.is_waiting = False
         self._asked_at = 0.0
         self._asked_after = 0
         self.serve(parts)
@@ -136,6 +138,11 @@ class PolledRange:
     def is_urgent(self) -> bool:
         """Whether one of its parts is, and no poll is sent or waits that may be for it."""
         return not self.is_asked and not self.halves and any(part.is_urgent for part in self.parts)
+
+    @property
+    def is_written(self) -> bool:
+        """Whether a write may have changed values of it that were known: reads wait for its poll."""
+        return any(part.is_urgent and part.sampled_at is not None for part in self.parts)
 
     @property
     def readers(self) -> tuple[Reader, ...]:

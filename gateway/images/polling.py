@@ -137,7 +137,8 @@ class DevicePolls:
     def changed(self, span: Span | None, now: float) -> None:
         """Note that a write to `span` has finished (None: every address); the values there are unknown until polled.
 
-        It may have changed others too, so everything is polled again at once.
+        It may have changed others too, so everything is polled again at once; for what was written others on the line
+        are not waited for, as a client's reads wait.
         """
         self.writes += 1
         for part in self._parts:
@@ -145,6 +146,8 @@ class DevicePolls:
                 part.changed(self.writes)
         for polled in self._ranges:
             if not polled.halves:
+                if polled.is_waiting and polled.is_written:
+                    polled.is_asked = polled.is_waiting = False
                 self._plan(polled, min(polled.due_at, now))
 
     def wants(self, request: Request) -> bool:
@@ -186,14 +189,16 @@ class DevicePolls:
                 polled.missed(now, answers=False)
                 self._settle(polled, now)
             else:
-                polled.is_asked, polled.due_at = True, next_due
-                self._turns.enter(partial(self._send, polled), now)
+                polled.is_asked = polled.is_waiting = True
+                polled.due_at = next_due
+                self._turns.enter(partial(self._send, polled), now, at_once=polled.is_written)
 
     def _send(self, polled: PolledRange, now: float) -> None:
-        """Send a poll whose turn it is."""
-        if polled.is_over:
+        """Send a poll whose turn it is, unless it was sent at once meanwhile."""
+        if polled.is_over or not polled.is_waiting:
             self._turns.leave(now)
             return
+        polled.is_waiting = False
         request = Request(self.unit.unit, polled.poll.request, self._origin, now)
         polled.asked(now, self.writes)
         self._polls[request] = polled

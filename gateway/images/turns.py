@@ -16,8 +16,12 @@ class PollTurns:
         self._is_passing = False
         self._waiting: deque[Callable[[float], None]] = deque()
 
-    def enter(self, send: Callable[[float], None], now: float) -> None:
-        """Call `send` with the time, now or when others are over; `leave` follows when what it sends is over."""
+    def enter(self, send: Callable[[float], None], now: float, *, at_once: bool = False) -> None:
+        """Call `send` with the time, when others are over or `at_once`; `leave` follows when what it sends is over."""
+        if at_once:
+            self._in_progress += 1
+            send(now)
+            return
         self._waiting.append(send)
         self._go_on(now)
 

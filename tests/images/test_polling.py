@@ -154,6 +154,29 @@ def test_few_polls_are_at_a_line_at_once_and_the_others_come_in_turn():
     assert len(one.at(1.0)) == 10, "all have given their turns back"
 
 
+def test_what_was_written_is_polled_before_all_that_waits_at_the_line():
+    turns = PollTurns()
+    busy = Meter(Reader(*((at, at) for at in range(0, 8 * (MOST_POLLS + 4), 8))), turns=turns)
+    meter = Meter(points(0, 10), turns=turns)
+    assert meter.round(0.0) == [(0, 0), (10, 10)]
+    assert len(busy.at(1.0)) == MOST_POLLS
+    assert meter.at(1.0) == [], "it waits for its turn"
+    meter.polls.changed(Span(Area.HOLDING, 10, 1), 1.1)
+    assert meter.at(1.1) == [(10, 10)], "a client's read waits for it"
+    meter.answers((10, 10), 1.2)
+    assert meter.at(1.2) == []
+    meter.polls.changed(Span(Area.HOLDING, 10, 1), 1.3)
+    assert meter.at(1.3) == [(10, 10)]
+    meter.answers((10, 10), 1.4)
+    for asked in busy.at(1.4):
+        busy.answers(asked, 1.5)
+    assert (meter.at(1.5), len(busy.asked)) == ([(0, 0)], 4)
+    for each in (meter, busy):
+        for asked in each.at(1.5):
+            each.answers(asked, 1.6)
+    assert (len(busy.at(2.5)), meter.at(2.5)) == (MOST_POLLS, []), "all have given their turns back, and no more"
+
+
 # Refused polls
 
 
