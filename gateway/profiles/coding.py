@@ -17,9 +17,9 @@ from gateway.registers.items import has_bits
 #: Puts bytes into another order.
 Order = Callable[[bytes], bytes]
 #: Finds the number, or the text, in the items of a point's `read_span`; None if they have no value.
-Reader = Callable[[bytes], float | str | None]
+Decode = Callable[[bytes], float | str | None]
 #: Makes items for a number; None if it does not fit.
-Writer = Callable[[float], bytes | None]
+Encode = Callable[[float], bytes | None]
 
 _FLOATS: Final = {"float32": Struct(">f"), "float64": Struct(">d")}
 
@@ -46,7 +46,7 @@ def finite(point: Point) -> Callable[[bytes], bool]:
     return lambda items: isfinite(unpack(order(items))[0])
 
 
-def reader(point: Point) -> Reader:
+def decoder(point: Point) -> Decode:
     """Make what finds the encoded number, or the text, in the items of a point's `read_span`."""
     if has_bits(point.area):
         return lambda items: items[0]
@@ -75,18 +75,18 @@ def reader(point: Point) -> Reader:
     return point.carried
 
 
-def writer(point: Point) -> Writer:
+def encoder(point: Point) -> Encode:
     """Make what encodes a number as a point's own items. For types of whole numbers it takes only these."""
     if has_bits(point.area):
         return lambda number: bytes((int(number),)) if number in (0, 1) else None
     if point.bits is None and point.type in _FLOATS:
-        return _float_writer(point)
+        return _float_encoder(point)
     if point.bits is None and _is_binary(point.type):
-        return _whole_writer(point)
-    return _other_writer(point)
+        return _whole_encoder(point)
+    return _other_encoder(point)
 
 
-def _float_writer(point: Point) -> Writer:
+def _float_encoder(point: Point) -> Encode:
     order, pack = arranged(point.swap, point.count * point.width), _FLOATS[point.type].pack
 
     def items(number: float) -> bytes | None:
@@ -98,7 +98,7 @@ def _float_writer(point: Point) -> Writer:
     return items
 
 
-def _whole_writer(point: Point) -> Writer:
+def _whole_encoder(point: Point) -> Encode:
     size, signed = point.count * point.width, point.type.startswith("int")
     order = arranged(point.swap, size)
 
@@ -111,7 +111,7 @@ def _whole_writer(point: Point) -> Writer:
     return items
 
 
-def _other_writer(point: Point) -> Writer:
+def _other_encoder(point: Point) -> Encode:
     """Make what encodes BCD, and numbers that have only some bits of their registers."""
     least, greatest = point.least_and_greatest
     return lambda number: point.carrying(number) if least <= number <= greatest else None

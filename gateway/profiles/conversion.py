@@ -9,7 +9,7 @@ from decimal import Decimal
 from fractions import Fraction
 from math import lcm
 
-from gateway.profiles.coding import Order, Reader, by_places, finite, reader, writer
+from gateway.profiles.coding import Decode, Order, by_places, decoder, encoder, finite
 from gateway.profiles.point import Point
 from gateway.registers.datatypes import encode, is_float, swapped
 from gateway.registers.items import REGISTER, has_bits
@@ -24,8 +24,8 @@ class Conversion:
     def __init__(self, source: Point, target: Point | None) -> None:
         self.source = source
         self.target = target or source
-        self._number = reader(source)
-        self._items = writer(self.target)
+        self._number = decoder(source)
+        self._items = encoder(self.target)
         self._order = _order(source, target)
         self._is_valid = _validity(source, self.target, self._number)
         #: By the exponents of both: number there = (number here * factor + summand) / divisor.
@@ -83,7 +83,7 @@ class Conversion:
 
 def keeps_limits(point: Point, items: bytes) -> bool:
     """Tell whether the value in the items of the point's `read_span` is within its limits; text has none."""
-    number, exponent = reader(point)(items), point.exponent(items)
+    number, exponent = decoder(point)(items), point.exponent(items)
     if number is None or exponent is None or isinstance(number, str):
         return True
     value = _decimal(number) * _decimal(point.scale) * Fraction(10) ** exponent + _decimal(point.offset)
@@ -109,7 +109,7 @@ def _order(source: Point, target: Point | None) -> Order | None:
     return by_places(list(swapped(swapped(bytes(range(size)), source.swap), target.swap)))
 
 
-def _validity(source: Point, target: Point, number: Reader) -> Callable[[bytes], bool] | None:
+def _validity(source: Point, target: Point, number: Decode) -> Callable[[bytes], bool] | None:
     """Make what tells whether items of the same encoding have a value; None if all have."""
     invalid = (*source.invalid, *target.invalid)
     if is_float(source.type) and not invalid and source.scale_at is None:

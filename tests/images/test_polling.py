@@ -140,6 +140,18 @@ def test_a_poll_that_is_due_while_the_one_before_is_in_progress_is_sent_right_af
     assert meter.polls.deadline() == 3.0, "and then at its interval again"
 
 
+def test_an_older_poll_that_is_answered_later_changes_nothing():
+    reader = points(0)
+    meter = Meter(reader)
+    assert meter.at(0.0) == [(0, 0)]
+    meter.change(points(3).parts, now=0.1)
+    assert meter.at(0.1) == [(0, 0), (0, 3)]
+    meter.answers((0, 3), 0.2)
+    meter.answers((0, 0), 0.3)
+    assert reader.take() == [[0], []]
+    assert reader.parts[0].sampled_at == 0.1
+
+
 def test_few_polls_are_at_a_line_at_once_and_the_others_come_in_turn():
     turns = PollTurns()
     one, other = (Meter(Reader(*((at, at) for at in range(0, 80, 8))), turns=turns) for _ in range(2))

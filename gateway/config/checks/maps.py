@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from gateway.config.checks.map_rows import check_row
 from gateway.config.plan.areas import ranges_in
 from gateway.config.plan.map_place import MapTarget
-from gateway.config.plan.map_rows import Part, PlannedRow
+from gateway.config.plan.map_rows import MapPart, PlannedRow
 from gateway.config.plan.virtual import Maps
 from gateway.config.problem import Path, Problem, did_you_mean, error, warning
 from gateway.config.schema.image import Image
@@ -161,7 +161,7 @@ def _placed(target: MapTarget, planned: Sequence[PlannedRow]) -> dict[Area, list
     return found
 
 
-def _runs(parts: Sequence[Part]) -> Iterator[Span]:
+def _runs(parts: Sequence[MapPart]) -> Iterator[Span]:
     """Give the addresses of a row: its parts stand one behind the other."""
     if parts:
         first, last = parts[0].place, parts[-1].place

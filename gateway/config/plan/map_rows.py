@@ -18,7 +18,7 @@ from gateway.profiles.read_rules import ReadRules
 from gateway.registers.items import REGISTER, WRITERS, has_bits
 
 #: What a row becomes: one of these, or several values.
-Part = MappedValue | FreshBits | SourceAge
+MapPart = MappedValue | FreshBits | SourceAge
 
 #: Stands for all points of a device.
 EVERY_POINT: Final = "*"
@@ -29,7 +29,7 @@ class PlannedRow(NamedTuple):
     """A row of the config with its parts, in the order of their addresses; or with what is wrong with it."""
 
     row: Mapped
-    parts: tuple[Part, ...]
+    parts: tuple[MapPart, ...]
     wrong: Problem | None = None
 
 
@@ -42,7 +42,7 @@ def planned_rows(target: MapTarget, sources: Mapping[str, MapSource]) -> Iterato
             yield PlannedRow(row, (), error((*row.path, wrong.key), str(wrong), wrong.remedy))
 
 
-def _parts(row: Mapped, target: MapTarget, sources: Mapping[str, MapSource]) -> Iterator[Part]:
+def _parts(row: Mapped, target: MapTarget, sources: Mapping[str, MapSource]) -> Iterator[MapPart]:
     place = target.place_of(row)
     if row.fresh:
         count = len(row.fresh) if has_bits(place.area) else -(-len(row.fresh) // _BITS_OF_REGISTER)
