@@ -85,14 +85,14 @@ class Mirror(OrderedUnit):
         """
         return self._tables[span.area].read(span)
 
-    def _handle(self, request: Request, row: ClientRequests, now: float) -> bytes | None:
+    def _handle(self, request: Request, client: ClientRequests, now: float) -> bytes | None:
         if request.pdu[0] not in POLLING_FUNCTIONS:
             parse_sent(request.pdu)  # malformed ones are not passed on
             sent = self._derived(request, request.pdu, self._polls, now)
             sent.in_one_turn = request.in_one_turn
-            self._pass_on(row, self.device, sent, now)
+            self._pass_on(client, self.device, sent, now)
             return None
-        return None if row.under_way else self._answer(self._read(request.pdu), row, now)
+        return None if client.under_way else self._answer(self._read(request.pdu), client, now)
 
     def _at_once(self, pdu: bytes, now: float) -> bytes | None:
         read = self._reads.get(pdu)
@@ -123,7 +123,7 @@ class Mirror(OrderedUnit):
         read = self._reads[pdu] = _Read(asked.response_head, self._tables[span.area], span, touched)
         return read
 
-    def _answer(self, read: _Read, row: ClientRequests, now: float) -> bytes | None:
+    def _answer(self, read: _Read, client: ClientRequests, now: float) -> bytes | None:
         """Return the response to the first waiting read; None if it must still wait.
 
         Raises:
@@ -131,7 +131,7 @@ class Mirror(OrderedUnit):
         """
         if self._is_closed:
             raise StaleValue(f"{self.settings.name} is no longer polled")
-        writes = row.writes.setdefault(self._polls, self._polls.writes)
+        writes = client.writes.setdefault(self._polls, self._polls.writes)
         if any(part.is_lost(now, self._stale, writes) for part in read.parts):
             raise StaleValue(f"{self.settings.of} has not answered for too long", self.settings.of)
         if all(part.is_known(writes) for part in read.parts):

@@ -79,16 +79,16 @@ class OrderedUnit(ABC):
     def submit(self, request: Request, now: float) -> None:
         """Answer a read, or keep it until a poll; pass on what is for a device."""
         self.answer_counts.requests += 1
-        client = request.caller.client
-        if client not in self._clients and not self._is_closed:
+        name = request.caller.client
+        if name not in self._clients and not self._is_closed:
             response = self._at_once(request.pdu, now)
             if response is not None:
                 self._ring.answer(request, response, now, self.name)
                 request.respond(response)
                 return
-        row = self._clients.setdefault(client, ClientRequests())
-        row.waiting.append(request)
-        self._go_on(client, row, now)
+        client = self._clients.setdefault(name, ClientRequests())
+        client.waiting.append(request)
+        self._go_on(name, client, now)
 
     def abandon(self, request: Request) -> None:
         """Fail a request whose processing met a defect, unless it is over."""
@@ -105,14 +105,14 @@ class OrderedUnit(ABC):
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
         """Finish a request passed on with its response; None if it has none. Call `wrote` first."""
         request.place = None
-        client = request.caller.client
-        row = self._clients[client]
-        row.under_way -= 1
+        name = request.caller.client
+        client = self._clients[name]
+        client.under_way -= 1
         if response is None:
             request.end()
         else:
             request.respond(response)
-        self._go_on(client, row, now)
+        self._go_on(name, client, now)
 
     def close(self, now: float) -> None:
         """Fail the reads that wait for a poll: there will be none."""
@@ -121,8 +121,8 @@ class OrderedUnit(ABC):
 
     def settle(self, now: float) -> None:
         """Go on with requests that no longer have to wait."""
-        for client, row in list(self._clients.items()):
-            self._go_on(client, row, now)
+        for name, client in list(self._clients.items()):
+            self._go_on(name, client, now)
 
     @property
     @abstractmethod
@@ -141,49 +141,49 @@ class OrderedUnit(ABC):
         """
 
     @abstractmethod
-    def _handle(self, request: Request, row: ClientRequests, now: float) -> bytes | None:
+    def _handle(self, request: Request, client: ClientRequests, now: float) -> bytes | None:
         """Return the response to the first waiting request of a client; None if it must still wait, or was passed on.
 
         Raises:
             RequestError: it gets an exception.
         """
 
-    def _go_on(self, client: str, row: ClientRequests, now: float) -> None:
+    def _go_on(self, name: str, client: ClientRequests, now: float) -> None:
         """Go on with a client's requests until one has to wait."""
-        if row.is_going_on:
+        if client.is_going_on:
             return
-        row.is_going_on = True
+        client.is_going_on = True
         try:
-            while row.waiting and self._go_on_with(row.waiting[0], row, now):
+            while client.waiting and self._go_on_with(client.waiting[0], client, now):
                 pass
         finally:
-            row.is_going_on = False
-            if not row.waiting and not row.under_way and self._clients.get(client) is row:
-                del self._clients[client]
+            client.is_going_on = False
+            if not client.waiting and not client.under_way and self._clients.get(name) is client:
+                del self._clients[name]
 
-    def _go_on_with(self, request: Request, row: ClientRequests, now: float) -> bool:
+    def _go_on_with(self, request: Request, client: ClientRequests, now: float) -> bool:
         """Answer the first waiting request, or pass it on. Return False if it must still wait."""
         try:
-            response = self._handle(request, row, now)
+            response = self._handle(request, client, now)
         except RequestError as error:
-            self._fail(row.take(), error, now)
+            self._fail(client.take(), error, now)
             return True
         except BaseException:
-            if row.waiting and row.waiting[0] is request:  # else it was passed on
-                row.take().fail(ServerDeviceFailure())
+            if client.waiting and client.waiting[0] is request:  # else it was passed on
+                client.take().fail(ServerDeviceFailure())
             raise
         if response is None:
-            return not row.waiting or row.waiting[0] is not request
-        answered = row.take()
+            return not client.waiting or client.waiting[0] is not request
+        answered = client.take()
         self._ring.answer(answered, response, now, self.name)
         answered.respond(response)
         return True
 
-    def _pass_on(self, row: ClientRequests, device: Target, sent: Request, now: float) -> None:
+    def _pass_on(self, client: ClientRequests, device: Target, sent: Request, now: float) -> None:
         """Pass `sent` on to the device for the first waiting request; `_derived` makes it."""
-        request = row.take()
+        request = client.take()
         request.place = sent
-        row.under_way += 1  # until it is over: see `passed`
+        client.under_way += 1  # until it is over: see `passed`
         try:
             device.submit(sent, now)
         except BaseException:

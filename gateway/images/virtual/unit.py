@@ -109,8 +109,8 @@ class VirtualUnit(OrderedUnit):
             return None
         return read.head + self.block.values(read, now)
 
-    def _handle(self, request: Request, row: ClientRequests, now: float) -> bytes | None:
-        if row.under_way:
+    def _handle(self, request: Request, client: ClientRequests, now: float) -> bytes | None:
+        if client.under_way:
             return None
         function = request.pdu[0]
         if function == FunctionCode.READ_WRITE_MULTIPLE_REGISTERS:
@@ -118,12 +118,12 @@ class VirtualUnit(OrderedUnit):
         if function in POLLING_FUNCTIONS:
             read = self._read(request.pdu)
             if not read.is_own:
-                return self._answer(read, row, now)
-            self._pass_to_own(request, row, now)
+                return self._answer(read, client, now)
+            self._pass_to_own(request, client, now)
         elif function in _WRITING:
-            self._write(request, row, now)
+            self._write(request, client, now)
         else:
-            self._pass_to_own(request, row, now)
+            self._pass_to_own(request, client, now)
         return None
 
     def _read(self, pdu: bytes) -> Touched:
@@ -146,7 +146,7 @@ class VirtualUnit(OrderedUnit):
             self._reads[pdu] = read
         return read
 
-    def _answer(self, read: Touched, row: ClientRequests, now: float) -> bytes | None:
+    def _answer(self, read: Touched, client: ClientRequests, now: float) -> bytes | None:
         """Return the response to the first waiting read; None if it must still wait.
 
         Raises:
@@ -157,7 +157,7 @@ class VirtualUnit(OrderedUnit):
         stale, waits, fills = self.settings.stale, False, []
         for each in read.rows:
             polls = each.source.polls
-            writes = row.writes.setdefault(polls, polls.writes)
+            writes = client.writes.setdefault(polls, polls.writes)
             if each.is_missing(now, stale, writes):
                 when_stale = each.mapped.when_stale
                 if when_stale == "exception" or (when_stale == "hold" and not each.holds):
@@ -170,7 +170,7 @@ class VirtualUnit(OrderedUnit):
             return read.head + self.block.values(read, now, fills)
         return None
 
-    def _write(self, request: Request, row: ClientRequests, now: float) -> None:
+    def _write(self, request: Request, client: ClientRequests, now: float) -> None:
         """Pass on a write, to the device of the row that it touches, or to the unit's own registers.
 
         Raises:
@@ -183,7 +183,7 @@ class VirtualUnit(OrderedUnit):
         span = cast("Span", asked.write)
         touched = self.block.touched(span)
         if touched.is_own:
-            self._pass_to_own(request, row, now)
+            self._pass_to_own(request, client, now)
             return
         if len(touched.rows) + len(touched.others) > 1:
             raise IllegalDataAddress(f"{span.area} {span.addresses} belong to several rows: write them one by one")
@@ -195,12 +195,12 @@ class VirtualUnit(OrderedUnit):
         sent = self._derived(request, write.pdu, piece.source.polls, now)
         sent.in_one_turn = write.in_one_turn
         request.device = piece.mapped.device
-        self._pass_on(row, piece.source.target, sent, now)
+        self._pass_on(client, piece.source.target, sent, now)
 
-    def _pass_to_own(self, request: Request, row: ClientRequests, now: float) -> None:
+    def _pass_to_own(self, request: Request, client: ClientRequests, now: float) -> None:
         sent = self._derived(request, request.pdu, None, now)
         sent.in_one_turn = request.in_one_turn
-        self._pass_on(row, self.own, sent, now)
+        self._pass_on(client, self.own, sent, now)
 
     def _checked(self, asked: RequestPdu) -> RequestPdu:
         """Check that all addresses of a request exist.
