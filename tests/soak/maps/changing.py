@@ -141,7 +141,8 @@ class ChangingMaps:
         rows += [f'{{ at = {at}, age = "{name}" }}' for at, name in it.ages.items()]
         own = f'holding = "{it.own.start}-{it.own.stop - 1}"\n' if it.own else ""
         tables = ",\n    ".join(rows)
-        return f'[[image]]\nunit = {unit}\nname = "hall-{unit}"\nstale = "{1000 * it.stale:g} ms"\n{own}map = [\n    {tables},\n]\n'
+        head = f'[[image]]\nunit = {unit}\nname = "hall-{unit}"\nstale = "{1000 * it.stale:g} ms"\n{own}'
+        return f"{head}map = [\n    {tables},\n]\n"
 
     @property
     def stale_of_mirror(self) -> float:

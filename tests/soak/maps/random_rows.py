@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from gateway.modbus.codes import Area
@@ -15,8 +15,8 @@ _SWAPS: Final = ("none", "words", "bytes", "both")
 _TYPES: Final = ("uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64", "bcd16", "bcd32")
 _SCALES: Final = ("1", "1", "0.1", "0.5", "10", "-2")
 _OFFSETS: Final = ("0", "0", "100", "-0.5")
-#: The most rows of a map, the longest range, and the largest gap between two rows.
-_ROWS, _LONGEST, _GAP = 9, 12, 2
+#: The most tables that are new in a map, and their most devices; the longest range; the largest gap between two rows.
+_ROWS, _DEVICES, _LONGEST, _GAP = 12, 5, 12, 2
 #: Types in which a row can be written without losing anything.
 _EXACT: Final = ("int64", "float64")
 
@@ -51,13 +51,14 @@ class MapMaker:
         self._names = (*names, *images)
         self._images = images
 
-    def make(self) -> RandomMap:
-        """Make a map."""
+    def make(self, kept: Sequence[tuple[Row, ...]] = ()) -> RandomMap:
+        """Make a map; it begins with the groups that are `kept`."""
         dice = self._dice
-        found = RandomMap(dice.choice((0.8, 1.5, 3.0)))
-        free = dict.fromkeys(Area, 0)
+        found = RandomMap(dice.choice((0.8, 1.5, 3.0)), list(kept))
+        free = dict.fromkeys(Area, 0) | {group[0].area: group[-1].end for group in kept}
+        devices = dice.sample(self._names, dice.randint(1, _DEVICES))
         for _ in range(dice.randint(2, _ROWS)):
-            self._add(found, self._group(free), free)
+            self._add(found, self._group(dice.choice(devices), free), free)
         found.devices = tuple(dict.fromkeys(row.source.device for row in found.rows))
         found.bits_area = dice.choice(tuple(Area))
         found.bits_at = free[found.bits_area]
@@ -69,28 +70,26 @@ class MapMaker:
         return found
 
     def change(self, found: RandomMap) -> RandomMap:
-        """Make another map that has most of the rows of this one."""
+        """Make another map, which has some rows of this one, or all of them, or none."""
         dice = self._dice
-        other = self.make()
-        if dice.random() < 0.5:
-            return RandomMap(
-                other.stale, found.groups, found.devices, found.bits_area, found.bits_at, found.ages, found.own
-            )
-        return other
+        if dice.random() < 0.3:
+            return replace(found, stale=dice.choice((0.8, 1.5, 3.0)))
+        return self.make(found.groups[: dice.choice((0, 1, 2, 5))])
 
     def _add(self, found: RandomMap, group: tuple[Row, ...], free: dict[Area, int]) -> None:
         found.groups.append(group)
         free[group[0].area] = group[-1].end + self._dice.choice((0, 0, 0, self._dice.randint(0, _GAP)))
 
-    def _group(self, free: dict[Area, int]) -> tuple[Row, ...]:
-        dice, device = self._dice, self._dice.choice(self._names)
+    def _group(self, device: str, free: dict[Area, int]) -> tuple[Row, ...]:
+        dice = self._dice
         if device in self._images:
             return (self._range(device, Area.HOLDING, free),)
         if dice.random() < 0.5:
             return (self._range(device, dice.choice(tuple(Area)), free),)
         if dice.random() < 0.1:
             return tuple(self._every_point(device, free))
-        return (self._point(device, dice.choice(list(POINTS.values())), free),)
+        points = [point for point in POINTS.values() if dice.random() < 0.6 or point.written_at >= 0]
+        return (self._point(device, dice.choice(points), free),)
 
     def _range(self, device: str, area: Area, free: dict[Area, int]) -> Row:
         dice = self._dice

@@ -189,15 +189,21 @@ class MapReading:
             return f"it is fresh, and was told {told} from {since:.6f} to {until:.6f} s"
         if row.when_stale != "hold":
             return "filled" if set(part) == {row.when_stale} else f"not {row.when_stale}, and not one of {told}"
-        held = meaning.seen[source.device].held(row, meaning.settled_at, now)
-        since = 0.0 if held is None else held.submitted_at - A_MOMENT
-        if not any(poll.shows(row) for poll in meaning.seen[source.device].of_row(row, 0.0, now + A_MOMENT)):
+        return self._how_held(row, of, part, now) or f"it is not the last value, nor one of {told}"
+
+    def _how_held(self, row: Row, of: slice, part: tuple[int, ...], now: float) -> str:
+        """Say whether a part of a row is what was told to the last poll, or later."""
+        meaning, source = self.meaning, row.source
+        seen = meaning.seen[source.device]
+        if not any(poll.shows(row) for poll in seen.of_row(row, 0.0, now + A_MOMENT)):
             return "there was no value yet"
-        for each in device.between(source.area, since, now + A_MOMENT):
+        last = seen.held(row, meaning.settled_at, now)
+        since = 0.0 if last is None else last.submitted_at - A_MOMENT
+        for each in meaning.devices[source.device].between(source.area, since, now + A_MOMENT):
             shown = row.shown(each)
             if shown is not None and shown[of] == part:
                 return "held"
-        return f"it is not the last value, nor one of {told}"
+        return ""
 
     def _time(self, row: Row, device: MapDevice, own: Sequence[Done], now: float) -> tuple[float, float]:
         """From when to when the device may have told what was read."""

@@ -26,7 +26,7 @@ from soak.wires import FAULTS, Wire
 
 _CLIENTS, _OTHERS = 8, 4
 #: So many seconds pass from one reload to the next, and a device is dead for so long, at most.
-_PAUSE, _DEAD = 8.0, 5.0
+_PAUSE, _DEAD = 4.0, 5.0
 
 
 class MapsWorld(DatedWorld):
