@@ -25,7 +25,7 @@ _ROUND: Final = 1 << 22
 #: For so many seconds it is remembered what was told, and how often what is older is forgotten.
 _MEMORY: Final = 90.0
 _FORGETS: Final = 500
-_COIL_WRITES: Final = 64
+_COIL_WRITES: Final = 1024
 _WRITE, _MASK_WRITE = 6, 22
 #: An int16 that means that there is no value.
 NO_VALUE: Final = -0x8000
