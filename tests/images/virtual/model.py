@@ -156,7 +156,8 @@ class Model:
         if request in self._polls:
             self._answer_poll(name, which, failure)
         else:
-            client = next(client for client, asked in self.open.items() if asked.row and asked.sent == request.pdu)
+            written = ((client, asked) for client, asked in self.open.items() if asked.row and asked.row.device == name)
+            client = next(client for client, asked in written if asked.sent == request.pdu)
             self._answer_write(client, name, which, failure)
         self.time_passes(0.0)
 
