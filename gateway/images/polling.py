@@ -191,7 +191,8 @@ class DevicePolls:
             else:
                 polled.is_asked = polled.is_waiting = True
                 polled.due_at = next_due
-                self._turns.enter(partial(self._send, polled), now, at_once=polled.is_written)
+                send, overdue = partial(self._send, polled), partial(self._wait_no_longer, polled)
+                self._turns.enter(send, overdue, now, at_once=polled.is_written)
 
     def _send(self, polled: PolledRange, now: float) -> None:
         """Send a poll whose turn it is, unless it was sent at once meanwhile."""
@@ -208,6 +209,12 @@ class DevicePolls:
             if not request.is_over:
                 request.fail(ServerDeviceFailure())
             raise
+
+    def _wait_no_longer(self, polled: PolledRange, now: float) -> None:
+        """End the waiting of reads for a poll that has no turn yet."""
+        if polled.is_waiting and not polled.is_over:
+            polled.missed(now, answers=None)
+            self._settle(polled, now)
 
     def _add(self, polled: PolledRange) -> None:
         self._ranges[polled] = None

@@ -7,7 +7,7 @@ from gateway.events import PollRefused
 from gateway.images.polled_range import Part, PollCounts
 from gateway.images.polling import RETRY, TOGETHER_AGAIN, UNSENT_PAUSE, DevicePolls, PolledUnit
 from gateway.images.polls import Poll
-from gateway.images.turns import MOST_POLLS, PollTurns
+from gateway.images.turns import LONGEST_WAIT, MOST_POLLS, PollTurns
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes
@@ -164,6 +164,21 @@ def test_few_polls_are_at_a_line_at_once_and_the_others_come_in_turn():
             for asked in [addresses(request) for request in meter.asked]:
                 meter.answers(asked, 0.2)
     assert len(one.at(1.0)) == 10, "all have given their turns back"
+
+
+def test_reads_do_not_wait_long_for_a_poll_that_has_no_turn_yet():
+    turns, reader = PollTurns(), points(0)
+    busy = Meter(Reader(*((at, at) for at in range(0, 8 * (MOST_POLLS + 4), 8))), turns=turns)
+    meter = Meter(reader, turns=turns)
+    assert (len(busy.at(0.0)), meter.at(0.0)) == (MOST_POLLS, [])
+    (part,) = reader.parts
+    busy.answers((0, 0), LONGEST_WAIT - 0.1)
+    assert part.is_awaited
+    busy.answers((8, 8), LONGEST_WAIT)
+    assert not part.is_awaited
+    while busy.asked:
+        busy.answers(addresses(busy.asked[0]), LONGEST_WAIT)
+    assert meter.at(LONGEST_WAIT) == [(0, 0)], "its turn comes all the same"
 
 
 def test_what_was_written_is_polled_before_all_that_waits_at_the_line():
