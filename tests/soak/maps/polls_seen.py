@@ -18,7 +18,7 @@ from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span, parse_request
 from gateway.registers.items import unpack_bits
-from soak.maps.devices import Told
+from soak.maps.devices import POINTS, Told
 from soak.maps.rows import BITS, Row
 
 #: What happens at the same moment may be on either side of it, in seconds.
@@ -228,7 +228,13 @@ def _changes(write: WriteSeen, row: Row) -> bool:
 
 
 def _may_change(write: WriteSeen, row: Row) -> bool:
-    """Whether a write is to the addresses of a row, or where its point is written."""
-    span, point = write.span, row.source.point
-    is_elsewhere = point is not None and point.written_at >= 0 and span.area is row.source.area
-    return _changes(write, row) or (is_elsewhere and span.start <= point.written_at < span.end)
+    """Whether a write is to the addresses of a row, or to where a point is written that has one of them."""
+    if _changes(write, row):
+        return True
+    read = range(row.source.first, row.source.first + row.source.count)
+    return any(
+        point.area is row.source.area is write.span.area
+        and write.span.start <= point.written_at < write.span.end
+        and point.first in read
+        for point in POINTS.values()
+    )
