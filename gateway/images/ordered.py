@@ -92,6 +92,9 @@ class OrderedUnit(ABC):
 
     def abandon(self, request: Request) -> None:
         """Fail a request whose processing met a defect, unless it is over."""
+        row = self._clients.get(request.caller.client)
+        if row is not None and request in row.waiting:  # behind the one that met it
+            row.waiting.remove(request)
         if not request.is_over:
             request.fail(ServerDeviceFailure())
 

@@ -119,3 +119,22 @@ async def test_a_request_that_waits_and_meets_a_defect_fails_too(monkeypatch):
     assert [type(event) for event in events] == [PartFailed]
     assert driver.unit._clients == {}
     driver.close()
+
+
+@pytest.mark.interpreted
+async def test_what_comes_behind_a_request_that_meets_a_defect_is_answered_once_and_never_carried_out(monkeypatch):
+    events, device, client = [], BrokenDevice(), Asker()
+    device.is_broken = False
+    driver = mirror_of(device, events.append)
+    driver.start()
+    await asyncio.sleep(0.1)
+    (poll,) = device.asked
+    driver.submit(client.ask("03 00 00 00 01", unit=241), asyncio.get_running_loop().time())
+    with monkeypatch.context() as patched:
+        patched.setattr(driver.unit, "_read", lambda *_: 1 // 0)
+        driver.submit(client.ask("06 00 01 00 05", unit=241), asyncio.get_running_loop().time())
+    poll.respond(bytes.fromhex("03 14") + bytes(20))
+    assert client.answers == ["83 04", "86 04"]
+    assert device.asked == [poll]
+    assert [type(event) for event in events] == [PartFailed]
+    driver.close()
