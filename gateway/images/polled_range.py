@@ -134,6 +134,10 @@ class PolledRange:
         for half in self.halves:
             half.serve(self._parts_of(half.poll))
 
+    def is_due_at(self, at: float) -> bool:
+        """Tell whether its poll is to be sent at this time: not while the last one waits or is in progress."""
+        return self.due_at == at and not self.is_asked and not self.is_over
+
     @property
     def is_urgent(self) -> bool:
         """Whether one of its parts is, and no poll is sent or waits that may be for it."""

@@ -73,11 +73,15 @@ class PolledTarget(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PolledUnit:
-    """What is polled: a device named `name`, `unit` in logs and the trace, and what one read of it may take."""
+    """What is polled: a device named `name`, `unit` in logs and the trace, and what one read of it may take.
+
+    What has `many_sources`, a virtual unit, is read value by value, and is there though one of them has no answer.
+    """
 
     name: str
     unit: int
     rules: ReadRules
+    many_sources: bool = False
 
 
 class DevicePolls:
@@ -121,7 +125,8 @@ class DevicePolls:
         due = {poll: now if each.is_asked else each.due_at for each in self._ranges for poll in each.poll.wanted}
         halves = {half for each in self._ranges for half in each.halves}
         before = {each.poll: each for each in self._ranges if each not in halves}
-        for poll in joined(by_poll, self.unit.rules, self._target.holes):
+        unit = self.unit
+        for poll in by_poll if unit.many_sources else joined(by_poll, unit.rules, self._target.holes):
             parts = [part for wanted in poll.wanted for part in by_poll[wanted]]
             if (same := before.pop(poll, None)) is not None:
                 same.serve(parts)
@@ -171,7 +176,7 @@ class DevicePolls:
 
     def deadline(self) -> float | None:
         """Return when to call `tick`; None if there is nothing to poll."""
-        while self._due and (self._due[0][2].is_over or self._due[0][0] != self._due[0][2].due_at):
+        while self._due and not self._due[0][2].is_due_at(self._due[0][0]):
             heappop(self._due)
         return self._due[0][0] if self._due else None
 
@@ -255,7 +260,8 @@ class DevicePolls:
         if polled.is_over:  # its parts are read in another way now
             return
         code = 0 if response is None else response[1]
-        answers = None if isinstance(poll.error, Busy) else response is not None and code not in _NO_ANSWER
+        has_answered = response is not None and (code not in _NO_ANSWER or self.unit.many_sources)
+        answers = None if isinstance(poll.error, Busy) else has_answered
         polled.missed(now, answers=answers, was_sent=True)
         if code == PathUnavailable.code:
             self._plan(polled, now + max(UNSENT_PAUSE, min(polled.poll.every, DOWN_PAUSE)))

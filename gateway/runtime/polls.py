@@ -5,6 +5,7 @@ from gateway.images.drivers.polls_driver import Pollers, PollsDriver
 from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.images.image import Image
 from gateway.images.polling import PolledUnit
+from gateway.images.virtual.settings import VirtualSettings
 from gateway.profiles.read_rules import ReadRules
 from gateway.request import Target
 
@@ -18,4 +19,5 @@ def polls_of(target: Target, pollers: Pollers) -> PollsDriver:
     assert isinstance(target, Image | UnitDriver)  # noqa: S101 - nothing else is polled
     own = target.settings if isinstance(target, Image) else target.unit.settings
     # What the gateway answers itself costs nothing to ask, and has its own addresses only.
-    return pollers.at_once(target, PolledUnit(own.name, own.unit, ReadRules(own.profile.limits)))
+    rules, is_virtual = ReadRules(own.profile.limits), isinstance(own, VirtualSettings)
+    return pollers.at_once(target, PolledUnit(own.name, own.unit, rules, many_sources=is_virtual))

@@ -166,6 +166,18 @@ def test_few_polls_are_at_a_line_at_once_and_the_others_come_in_turn():
     assert len(one.at(1.0)) == 10, "all have given their turns back"
 
 
+def test_a_range_has_one_poll_in_progress_also_after_a_write():
+    reader = points(0)
+    meter = Meter(reader)
+    assert meter.round(0.0) == [(0, 0)]
+    meter.polls.changed(Span(Area.HOLDING, 0, 1), 0.0)
+    assert meter.at(0.0) == [(0, 0)]
+    assert meter.at(2.5) == [(0, 0)], "the second that was due before the write"
+    meter.answers((0, 0), 2.5)
+    (part,) = reader.parts
+    assert part.sampled_at == 0.0
+
+
 def test_reads_do_not_wait_long_for_a_poll_that_has_no_turn_yet():
     turns, reader = PollTurns(), points(0)
     busy = Meter(Reader(*((at, at) for at in range(0, 8 * (MOST_POLLS + 4), 8))), turns=turns)

@@ -95,6 +95,36 @@ async def test_the_birth_tells_all_that_is_known_and_that_the_gateway_is_there()
         assert await settled(broker) == {}, "nothing has changed"
 
 
+async def test_of_a_virtual_unit_only_the_values_of_a_silent_device_are_missing():
+    hall = """
+[[image]]
+unit  = 240
+name  = "hall"
+stale = "2 s"
+map = [
+  { at = 0, device = "silo-1", point = "speed", every = "500 ms" },
+  { at = 1, device = "silo-2", point = "speed", every = "500 ms" },
+  { at = 2, device = "silo-2", point = "state", every = "500 ms" },
+]
+[mqtt]
+broker  = "mqtt://broker"
+publish = [{ device = "hall", every = "1 s" }]
+"""
+    async with gateway_bench(CONFIG + hall) as bench:
+        silo, other = furnish(bench)
+        silo.holding[10] = other.holding[10] = 5
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        broker.connect()
+        whole = json.loads(broker.retained["modbus/plant/hall"])
+        assert (whole["silo-1.speed"], whole["silo-2.speed"]) == (0.5, 0.5)
+        other.silent = True
+        silo.holding[10] = 6
+        said = await settled(broker, 8.0)
+        assert said["modbus/plant/hall"] == {"silo-1.speed": 0.6}
+        assert broker.retained["modbus/plant/hall/availability"] == b"online"
+
+
 async def test_a_change_is_published_and_what_is_inside_the_deadband_is_not():
     async with gateway_bench(CONFIG + MQTT) as bench:
         silo, _ = furnish(bench)
