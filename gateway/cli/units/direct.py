@@ -77,6 +77,7 @@ class DirectUnit:
         self.functions = place.functions
         self.limits = place.limits
         self.wide = place.wide
+        self.is_virtual = False
         self.read_rules = place.read_rules
         self.holes = Holes()
         self._client = client

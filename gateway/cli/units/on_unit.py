@@ -34,7 +34,7 @@ def _run(verb: Verb, args: argparse.Namespace, act: Act) -> int:
         raise WrongUsageError("which unit? It is missing", f"modbus-gateway {verb} UNIT; status lists the units")
     wanted, *words = args.words
     with _open_unit(wanted, args) as unit:
-        return act(unit, Command(verb, wanted, unit.points, args.swap, unit.wide), words)
+        return act(unit, Command(verb, wanted, unit.points, args.swap, unit.wide, unit.is_virtual), words)
 
 
 @contextmanager

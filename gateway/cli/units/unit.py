@@ -46,9 +46,9 @@ class Unit(Protocol):
     """A unit that can be read and written. `name` is empty if it is not known.
 
     `number` is its unit ID for clients, None if it has only a name. `gateway` is the control socket through which it is
-    asked, None without a gateway. `functions` is None for all or unknown; `limits` is the most items for a function,
-    `wide` are registers of four bytes, `read_rules` say what one read may take, `holes` are those that it refused in
-    this command.
+    asked, None without a gateway. `is_virtual` tells that it is a virtual unit. `functions` is None for all or
+    unknown; `limits` is the most items for a function, `wide` are registers of four bytes, `read_rules` say what one
+    read may take, `holes` are those that it refused in this command.
     """
 
     @property
@@ -57,6 +57,7 @@ class Unit(Protocol):
 
     name: str
     gateway: Path | None
+    is_virtual: bool
     points: tuple[Point, ...]
     functions: frozenset[int] | None
     limits: Mapping[int, int]
@@ -98,6 +99,7 @@ class DaemonUnit:
         self.wanted: int | str = unit.name if unit.unit is None else unit.unit
         self.name = unit.name
         self.gateway: Path | None = daemon.gateway
+        self.is_virtual = unit.kind == "virtual"
         self.functions = None if unit.functions is None else frozenset(unit.functions)
         self.areas = {Area(area): ranges for area, ranges in unit.areas.items()}
         self.limits = unit.limits

@@ -23,13 +23,17 @@ Verb = Literal["read", "write"]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """The verb, the unit, its points and its registers of four bytes; used to suggest a correct command."""
+    """The verb, the unit, its points and its registers of four bytes; used to suggest a correct command.
+
+    `is_virtual` tells that the unit is a virtual one, whose rows say what can be written.
+    """
 
     verb: Verb
     unit: str
     points: tuple[Point, ...] = ()
     swap: str = "none"
     wide: Mapping[str, tuple[Range, ...]] = field(default_factory=dict)
+    is_virtual: bool = False
 
     def like(self, *words: object) -> str:
         """Write the command with other words."""
@@ -74,6 +78,9 @@ def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]
     point = _find_point(command, words[0], words)
     if point.write == "no":
         what = f"{point.name} is read-only"
+        if command.is_virtual:
+            remedy = "its row has no write = true, or cannot be written: modbus-gateway map {} shows what can"
+            raise WrongUsageError(what, remedy.format(command.unit))
         remedy = f"to allow writing, add {to_be_writable(point)} to the point in the config"
         if point.area in WRITERS and point.bits is None:
             type_ = () if point.type == "bit" else (point.type,)

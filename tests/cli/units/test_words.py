@@ -155,6 +155,13 @@ def test_what_cannot_be_written_is_answered_with_what_to_type(words, what, remed
     assert wrong.value.remedy.endswith(remedy)
 
 
+@pytest.mark.parametrize("point", [WEIGHT, Point("fresh", Area.HOLDING, 20, bits=(1, 1))])
+def test_what_a_virtual_unit_takes_writes_of_its_map_shows(point):
+    with pytest.raises(WrongUsageError, match=f"{point.name} is read-only") as wrong:
+        find_assignments(Command("write", "hall", (point,), is_virtual=True), [point.name, "5"])
+    assert wrong.value.remedy.endswith("modbus-gateway map hall shows what can")
+
+
 WIDE = {"holding": ((5000, 5999),)}
 
 
