@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from inspect import getdoc
 from types import NoneType
 from typing import Annotated, Any, Final, Literal, get_args, get_origin
 
@@ -166,7 +167,7 @@ def _sections() -> Iterator[str]:
     for key, field in zip(keys_of(Config), Config.model_fields.values(), strict=True):
         model = row_model(field.annotation)
         if model is not None:
-            yield f"### `{_heading(key, field)}`\n\n{model.__doc__}\n\n{_keys(model)}"
+            yield f"### `{_heading(key, field)}`\n\n{getdoc(model)}\n\n{_keys(model)}"
             yield from _inner_tables(model, key, told)
 
 
@@ -189,7 +190,7 @@ def _inner_tables(model: type[Table], path: str, told: dict[type[Table], str]) -
             yield f"#### In {named}\n\nAs in {told[row]}.\n"
         else:
             told[row] = named
-            yield f"#### In {named}\n\n{row.__doc__}\n\n{_keys(row)}"
+            yield f"#### In {named}\n\n{getdoc(row)}\n\n{_keys(row)}"
             yield from _inner_tables(row, paths[0], told)
 
 
