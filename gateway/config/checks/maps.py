@@ -48,6 +48,7 @@ def check_planned_maps(maps: Maps) -> Iterator[Problem]:
         yield from (row.wrong for row in planned if row.wrong is not None)
         yield from _check_numbers(target.image, planned)
         yield from _check_scales(planned)
+        yield from _check_units_of_measure(planned)
         placed = _placed(target, planned)
         for area in Area:
             yield from _check_overlaps(placed[area])
@@ -137,6 +138,19 @@ def _check_scales(planned: Iterable[PlannedRow]) -> Iterator[Problem]:
         if (value.device, point.area, point.scale_at) not in as_they_are:
             what = f"{point.name} has its scale in {point.area} {point.scale_at} there, and that is not mapped"
             yield warning((*row.path, "point"), what, 'write type, such as "float32": then the value is scaled')
+
+
+def _check_units_of_measure(planned: Iterable[PlannedRow]) -> Iterator[Problem]:
+    """Warn of points of the profile whose values are in another unit of measure than those that they are made of."""
+    for row, parts, _ in planned:
+        for value in parts if isinstance(row.at, str) else ():
+            if not isinstance(value, MappedValue) or value.point is None or value.target is None:
+                continue
+            there, here = value.point.unit, value.target.unit
+            if there and here and there != here:
+                what = f"{value.point.name} of {value.device} is in {there}, and {value.target.name} here in {here}"
+                remedy = f"numbers are copied as they are: give {value.device} a point with another scale, in {here}"
+                yield warning((*row.path, "point"), what, remedy)
 
 
 class _Placed(NamedTuple):

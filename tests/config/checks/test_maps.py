@@ -48,6 +48,7 @@ points = [
   { name = "flag", input = 8, bit = 1 },
   { name = "total", input = 10, type = "uint32", scale_from = "total-scale" },
   { name = "total-scale", input = 12, type = "int16" },
+  { name = "demand", input = 14, type = "float32", unit = "W" },
 ]
 [[image]]
 unit = 200
@@ -211,7 +212,7 @@ def test_a_row_has_no_address_of_another_one_nor_of_the_registers_of_the_unit_it
     assert said(at_2, POWER) == []
     (found,) = said(POWER, at_2, POWER.replace("at = 0", "at = 1"))
     assert found == (
-        "error: [2].at: holding 1: the row at gateway.toml:57 has them already | 2 is the first address behind that row"
+        "error: [2].at: holding 1: the row at gateway.toml:58 has them already | 2 is the first address behind that row"
     )
     whole = 'at = 0, device = "any", holding = "0-9", every = "1 s"'
     assert [each.partition(":")[2].partition(":")[0] for each in said(POWER, at_2, whole)] == [" [2].at"]
@@ -229,7 +230,7 @@ def test_a_row_has_no_address_of_another_one_nor_of_the_registers_of_the_unit_it
 
 def test_every_point_needs_its_place():
     (found,) = said('at = 0, device = "meter", point = "*", every = "1 s"', 'at = 11, age = "meter"')
-    assert found.startswith("error: [1].at: holding 11: the row at gateway.toml:57 has them already | 12 is")
+    assert found.startswith("error: [1].at: holding 11: the row at gateway.toml:58 has them already | 12 is")
 
 
 def test_a_gap_that_one_read_could_include_is_a_warning():
@@ -435,3 +436,16 @@ def test_ten_thousand_rows_take_no_minute():
     loaded = parse(unit(*rows), "gateway.toml", lambda _: None, str)
     assert [one for one in loaded.problems if one.severity == "error"] == []
     assert time.process_time() - began < 20  # 3 s here; quadratic, it would be minutes
+
+
+def test_a_point_of_the_profile_is_in_the_same_unit_of_measure():
+    row = 'at = "demand", device = "meter", point = "power", every = "1 s"'
+    assert said(row, keys=TARGET) == [
+        (
+            "warning: [0].point: power of meter is in kW, and demand here in W | "
+            "numbers are copied as they are: give meter a point with another scale, in W"
+        )
+    ]
+    assert said(row.replace("power", "state"), keys=TARGET) == []
+    assert said(row.replace("demand", "watts"), keys=TARGET) == []
+    assert said(row.replace('"demand"', '14, area = "input", type = "float32"'), keys=TARGET) == []
