@@ -21,6 +21,15 @@ holding = 10
 unit    = 201
 of      = "axis-1"
 read    = [{ holding = "1-2", every = "1 s" }]
+
+[[image]]
+unit    = 202
+name    = "block"
+holding = "8"
+map     = [
+    { at = 0, device = "shift-data", holding = "0-1", every = "1 s" },
+    { at = 4, device = "shift-data", holding = "2-3", every = "1 s" },
+]
 """
 CLIENT = "10.0.0.9:49152"
 
@@ -35,6 +44,10 @@ CLIENT = "10.0.0.9:49152"
         (52, "axis-1", "05 0000 1234", "03", "function 05: a coil is FF00 or 0000: 05 00 00 12 34"),
         (200, "shift-data", "03 000A 0001", "02", "shift-data has no holding 10"),
         (201, "image-201", "03 0003 0001", "02", "image-201 does not poll all of holding 3"),
+        (202, "block", "03 0000 0006", "02", "block has no holding 2-3"),
+        (202, "block", "03 0005 0009", "02", "block has no holding 6-7"),
+        (202, "block", "03 0008 0003", "02", "block has no holding 9-10"),
+        (202, "block", "06 0006 0001", "02", "block has no holding 6"),
     ],
 )
 async def test_a_refusal_is_told(unit: int, name: str, pdu: str, code: str, why: str) -> None:

@@ -47,6 +47,13 @@ class Block:
         """Tell whether all addresses of `span` exist."""
         return self._tables[span.area].has(span)
 
+    def missing(self, span: Span) -> Span:
+        """Find the first addresses of `span` that do not exist; at least one of them does not."""
+        exist = [self.has(Span(span.area, address, 1)) for address in range(span.start, span.end)]
+        start = exist.index(False)
+        count = exist.index(True, start) - start if True in exist[start:] else len(exist) - start
+        return Span(span.area, span.start + start, count)
+
     def touched(self, span: Span, head: bytes = b"") -> Touched:
         """Find what a read of `span` touches, whose response begins with `head`."""
         return Touched(span, head, self._layout.touched(span))

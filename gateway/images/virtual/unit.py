@@ -210,7 +210,7 @@ class VirtualUnit(OrderedUnit):
         """
         span = cast("Span", asked.read or asked.write)
         if not self.block.has(span):
-            raise IllegalDataAddress(f"{self.name} has no {span.area} {span.addresses}")
+            raise IllegalDataAddress(f"{self.name} has no {span.area} {self.block.missing(span).addresses}")
         return asked
 
     def __repr__(self) -> str:
