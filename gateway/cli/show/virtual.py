@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
+from gateway.cli.show.limits import milliseconds, round_up
 from gateway.cli.show.mapped import MappedLine, mapped_lines
+from gateway.config.plan.forecast import waits_by_name
 from gateway.config.plan.settings import Plan
 from gateway.config.values.duration import show_duration
 from gateway.images.virtual.settings import VirtualSettings, WhenStale
@@ -22,21 +24,24 @@ _MEANINGS: Final = {
 
 def virtual_as_text(plan: Plan) -> Iterator[str]:
     """Show a table of the rows of each virtual unit."""
+    waits = waits_by_name(plan) if plan.virtual else {}
     for unit in plan.virtual:
         rows = [_row(line) for line in mapped_lines(unit)]
         stale = f"values older than {show_duration(unit.stale)} are stale"
         title = f"Virtual unit {unit.unit}, {unit.name}: profile {unit.profile.name}, {stale}"
-        yield "\n".join([title, align([_HEADINGS, *rows], "  "), *_notes(unit)])
+        yield "\n".join([title, align([_HEADINGS, *rows], "  "), *_notes(unit, waits[unit.name])])
 
 
 def virtual_as_json(plan: Plan) -> list[dict[str, Any]]:
     """Make the virtual units for programs; times are in milliseconds."""
+    waits = waits_by_name(plan) if plan.virtual else {}
     return [
         {
             "unit": unit.unit,
             "name": unit.name,
             "profile": unit.profile.name,
             "stale_ms": 1000 * unit.stale,
+            "longest_wait_ms": milliseconds(waits[unit.name]),
             "map": [line_as_json(line) for line in mapped_lines(unit)],
         }
         for unit in plan.virtual
@@ -87,8 +92,11 @@ def _when_stale(when_stale: WhenStale | None, *, is_bit: bool) -> str:
     return "hold" if when_stale == "hold" else "0B"
 
 
-def _notes(unit: VirtualSettings) -> Iterator[str]:
-    """Say what a device without an answer means for the others."""
+def _notes(unit: VirtualSettings, longest_wait: float) -> Iterator[str]:
+    """Say when reads wait, and what a device without an answer means for the others."""
+    if longest_wait:
+        when = "of reads at the start and after a write, and of writes. All others wait for no line."
+        yield f"  Longest wait {round_up(longest_wait)}: {when}"
     strict = {value.device for value in unit.values if value.when_stale == "exception"}
     if strict and len(unit.devices) > 1:
         yield "  One device that does not answer makes every read with values of it 0B, that of a whole block, too."

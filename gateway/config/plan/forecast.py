@@ -178,17 +178,24 @@ def most_items(function: int, profile: Profile) -> int:
     return min(most, longest, profile.limits.get(function, longest))
 
 
+def waits_by_name(plan: Plan) -> dict[str, float]:
+    """Compute the longest wait for each device, mirror and virtual unit, by its name; images answer at once."""
+    waits = {name: wait for line in plan.lines for name, wait in longest_waits(line).items()}
+    waits |= {name: wait for upstream in plan.upstreams for name, wait in longest_waits_behind(upstream).items()}
+    through = {mirror.name: waits[mirror.of] for mirror in plan.mirrors}
+    through |= {unit.name: max((waits.get(name, 0.0) for name in unit.devices), default=0.0) for unit in plan.virtual}
+    return waits | through
+
+
 def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
     """Find the name of the destination of each unit of a server line, and the longest wait for it."""
-    behind = {name: wait for line in plan.lines for name, wait in longest_waits(line).items()}
-    behind |= {name: wait for upstream in plan.upstreams for name, wait in longest_waits_behind(upstream).items()}
+    behind = waits_by_name(plan)
     shared = [device for line in plan.lines for device in line.shared]
     shared += [device for upstream in plan.upstreams for device in upstream.devices]
     waits = {device.known_as: (device.name, behind[device.name]) for device in shared}
     waits |= {image.unit: (image.name, 0.0) for image in plan.images}
-    waits |= {mirror.unit: (mirror.name, behind[mirror.of]) for mirror in plan.mirrors}
-    for unit in plan.virtual:
-        waits[unit.unit] = unit.name, max((behind.get(name, 0.0) for name in unit.devices), default=0.0)
+    waits |= {mirror.unit: (mirror.name, behind[mirror.name]) for mirror in plan.mirrors}
+    waits |= {unit.unit: (unit.name, behind[unit.name]) for unit in plan.virtual}
     return {unit: waits[unit] for unit in sorted(server.line.serves)}
 
 

@@ -77,6 +77,7 @@ def test_check_shows_a_virtual_unit_as_a_table_with_gaps_and_own_registers(confi
           holding 18     40019      press                              uint16                -              seconds since its last answer; 65535: none yet
           holding 19-39  40020      nothing: 02
           holding 40-49  40041      its own                                                  yes
+          Longest wait 3.31 s: of reads at the start and after a write, and of writes. All others wait for no line.
           One device that does not answer makes every read with values of it 0B, that of a whole block, too.
         """  # noqa: E501 - as it is printed
     assert dedent(table) in said
@@ -134,6 +135,7 @@ def test_check_tells_programs_the_same(config, capsys):
     main(["check", "--json", config])
     (unit,) = json.loads(capsys.readouterr().out)["virtual_units"]
     rows = unit.pop("map")
+    assert unit.pop("longest_wait_ms") == pytest.approx(3310, abs=10)
     assert unit == {"unit": 240, "name": "block", "profile": "generic", "stale_ms": 5000.0}
     assert [(row["area"], row["first"], row["last"], row["what"]) for row in rows] == [
         ("coils", 0, 7, "value"),
