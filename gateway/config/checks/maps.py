@@ -220,8 +220,9 @@ def _check_gaps(image: Image, area: Area, placed: Sequence[_Placed]) -> Iterator
         others = len(gaps) - _MOST_TOLD
         more = f" and {others} more gap{'' if others == 1 else 's'}" if others > 0 else ""
         what = f"nothing is at {area} {told}{more}: a read over it is answered 02"
-        filling = f'"{gaps[0].start}-{gaps[0].end - 1}"'
-        own = f"add {filling} to {area}" if ranges_in(area, image) else f"{area} = {filling}"
+        filling = ", ".join(f'"{gap.start}-{gap.end - 1}"' for gap in gaps[:_MOST_TOLD])
+        listed = filling if len(gaps) == 1 else f"[{filling}]"
+        own = f"add {filling} to {area}" if ranges_in(area, image) else f"{area} = {listed}"
         remedy = f"close it, or let it have registers of the unit's own, which are 0: {own}"
         yield warning((*at[0].path, "at"), what, remedy)
 

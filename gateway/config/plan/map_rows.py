@@ -15,6 +15,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
 from gateway.profiles.read_rules import ReadRules
+from gateway.profiles.writing import to_be_writable
 from gateway.registers.items import REGISTER, WRITERS, has_bits
 
 #: What a row becomes: one of these, or several values.
@@ -105,7 +106,7 @@ class _Values:
         poll = self._poll(point.read_span, point.width, "point")
         if self.row.write and point.write == "no":
             what = f"{point.name} of {self.source.name} cannot be written"
-            remedy = "take it out, or add write = true to the point"
+            remedy = f"take it out, or add {to_be_writable(point)} to the point"
             if self.row.point == EVERY_POINT:
                 remedy = "take it out, and map the points that can be written by their names"
             raise WrongRow("write", what, remedy)

@@ -185,6 +185,8 @@ def test_rows_that_mean_nothing(row, what):
     [
         ('at = 0, device = "meter", point = "power", every = "1 s"',
          "power of meter cannot be written | take it out, or add write = true to the point"),
+        ('at = 0, area = "coils", device = "relay", point = "closed", every = "1 s"',
+         "closed of relay cannot be written | take it out, or add write = true and write_at = ADDRESS to the point"),
         ('at = 0, device = "meter", point = "*", every = "1 s"',
          "power of meter cannot be written | take it out, and map the points that can be written by their names"),
         ('at = 0, device = "meter", point = "limit", area = "input", every = "1 s"',
@@ -251,6 +253,7 @@ def test_a_gap_that_one_read_could_include_is_a_warning():
     assert found.endswith('own, which are 0: add "2-3" to holding')
     many = [f'at = {at}, age = "meter"' for at in (3, 5, 7, 9)]
     assert said(POWER, *many)[0].startswith("warning: [1].at: nothing is at holding 2, 4, 6 and 1 more gap: a read")
+    assert said(POWER, *many[:2])[0].endswith('own, which are 0: holding = ["2-2", "4-4"]')
 
 
 def test_a_poll_comes_more_often_than_values_are_stale():
