@@ -21,5 +21,7 @@ def findings_about(broker: BrokerStatus | None) -> Iterator[Finding]:
         last = Last((broker.last_refused_ms or 0.0) / 1000)
         what = f"has refused {broker.refused_messages} messages{last}"
         yield Finding(last.level, about, what, "give the user of the gateway the right to publish there")
+    elif not broker.available:
+        yield Finding("note", about, "there is nothing to publish: no published device answers", "see the lines")
     else:
         yield Finding("ok", about, f"takes the values of {broker.available} of {broker.devices} devices")

@@ -30,6 +30,10 @@ def test_what_is_said_of_a_broker():
     )
 
 
+def test_a_broker_that_gets_nothing_because_no_device_answers_is_a_note():
+    assert found(available=0)[:2] == ("note", "there is nothing to publish: no published device answers")
+
+
 def test_refusals_of_long_ago_are_a_note():
     assert found(refused_messages=4, last_refused_ms=720_000.0)[:2] == (
         "note",
