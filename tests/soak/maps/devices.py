@@ -26,6 +26,8 @@ _ROUND: Final = 1 << 22
 _MEMORY: Final = 90.0
 _FORGETS: Final = 500
 _COIL_WRITES: Final = 1024
+#: Numbers are used again after so many.
+_NUMBERS: Final = 0x10000
 _WRITE, _MASK_WRITE = 6, 22
 #: An int16 that means that there is no value.
 NO_VALUE: Final = -0x8000
@@ -198,9 +200,10 @@ class MapImage(MapDevice):
                 break
 
     def acknowledged(self, area: Area, write: Write) -> None:
-        """A write is acknowledged: now it must be there."""
+        """A write is acknowledged: now it must be there, or what another client has written since."""
         self.look()
-        if self._last[write.first : write.addresses.stop] == write.values:
+        there = self._last[write.first : write.addresses.stop]
+        if all((found - value) % _NUMBERS < _NUMBERS // 2 for found, value in zip(there, write.values, strict=True)):
             write.done_at = write.done_at or self._clock()
         super().acknowledged(area, write)
 
