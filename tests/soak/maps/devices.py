@@ -26,8 +26,6 @@ _ROUND: Final = 1 << 22
 _MEMORY: Final = 90.0
 _FORGETS: Final = 500
 _COIL_WRITES: Final = 1024
-#: Numbers are used again after so many.
-_NUMBERS: Final = 0x10000
 _WRITE, _MASK_WRITE = 6, 22
 #: An int16 that means that there is no value.
 NO_VALUE: Final = -0x8000
@@ -188,6 +186,7 @@ class MapImage(MapDevice):
         super().__init__(0, number=number, writes=writes, clock=clock)
         self._look = look
         self._last: list[int] = [0] * ITEMS[Area.HOLDING]
+        self._changed_at = [clock()] * ITEMS[Area.HOLDING]
         self.told[Area.HOLDING].append(Told(clock(), tuple(self._last)))
 
     def between(self, area: Area, since: float, until: float) -> Iterator[Told]:
@@ -200,11 +199,11 @@ class MapImage(MapDevice):
                 break
 
     def acknowledged(self, area: Area, write: Write) -> None:
-        """A write is acknowledged: now it must be there, or what another client has written since."""
+        """A write is acknowledged: now it must be there, or what another client has written at the same moment."""
         self.look()
-        there = self._last[write.first : write.addresses.stop]
-        if all((found - value) % _NUMBERS < _NUMBERS // 2 for found, value in zip(there, write.values, strict=True)):
-            write.done_at = write.done_at or self._clock()
+        now, there = self._clock(), zip(write.addresses, write.values, strict=True)
+        if all(self._last[at] == value or self._changed_at[at] == now for at, value in there):
+            write.done_at = write.done_at or now
         super().acknowledged(area, write)
 
     def look(self) -> None:
@@ -216,6 +215,7 @@ class MapImage(MapDevice):
             write = self._writes.of(after)
             if before == after:
                 continue
+            self._changed_at[address] = now
             if (
                 write is None
                 or write.device is not self
