@@ -8,6 +8,7 @@
 - attribution  the owner of each received frame: the table of rules (ADR 14)
 - receiver, echo, pacing    the outcome of a request; copies of our own requests; when the port is read (ADR 11)
 - bits         a write to bits of a register: a read and a write in one turn (ADR 33)
+- last_reads   the last response to each read of a device, for those who want to see its values
 - breaker, idle, reopening    back-off of units, scans in idle time, requests that wait for a connection
 - telling, counts    events, records for the trace, counters for the status
 - driver       connects a line to port and event loop

@@ -5,6 +5,7 @@ from math import inf
 from gateway.errors import RequestError, ResponseTimeout, Unwanted
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import UnitCounts
+from gateway.lines.last_reads import LastReads
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
@@ -52,7 +53,8 @@ class Destination:
         self.answer_time = answer_time
         self.breaker = Breaker()
         self.counts = UnitCounts()
-        self.times = self.counts.times
+        #: What it has last answered; None unless something is known of what its registers mean.
+        self.last_reads: LastReads | None = None
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
         """Note that a transaction has ended; `response` is None if none came. Must not answer requests.
@@ -84,8 +86,9 @@ class Transaction:
         self.asked = asked
         self.device = device
         function = asked.function
-        self.counts = device.counts[function]
-        self.times = device.times[function]
+        counts = device.counts
+        self.counts = counts[function]
+        self.times = counts.times[function]
         self.expects_answer = asked.is_answered
         #: The unit identifier that the request is sent to.
         self.unit = device.unit
@@ -211,6 +214,9 @@ class Transaction:
         else:
             self.counts.ok += len(self.requests)
             self.times.samples.add(self.asked.items, now - self.ends_at)
+            last_reads = self.device.last_reads
+            if last_reads is not None:
+                last_reads.answered(self.asked, pdu, self.requests[0].caller, self.unit, self.sent_at, now)
         for request in self.requests:
             self.times.request.add(now - request.received_at)
             request.respond(pdu)
@@ -220,6 +226,8 @@ class Transaction:
         self.times.limit = self.limit
         self.device.counts.record_error(error.result, now)
         self.device.counts.record(error.result, now)
+        if self.device.last_reads is not None and not self.asked.only_reads:
+            self.device.last_reads.written(self.asked.write, now)
         for request in self.requests:
             self.times.request.add(now - request.received_at)
         self.fail(error)

@@ -31,6 +31,13 @@ class OneUnit:
 
 
 @dataclass(frozen=True, slots=True)
+class KnownOf:
+    """The `unit` whose values are asked for; all devices without it."""
+
+    unit: UnitNamed | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class OneDevice:
     """One `device`."""
 

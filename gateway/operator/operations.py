@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from gateway.errors import ChangedMeanwhile, DoesNotFit, ExceptionReceived, Unready, WrongQuestion
 from gateway.operator.asked import (
     Addresses,
+    KnownOf,
     OneDevice,
     OneLine,
     OneRequest,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from gateway.operator.answers.bench import BenchStep
     from gateway.operator.answers.doctor import Examination
     from gateway.operator.answers.forgotten import Forgotten
+    from gateway.operator.answers.known_values import KnownValues
     from gateway.operator.answers.measured import Measured
     from gateway.operator.answers.past import LinePast, UnitPast
     from gateway.operator.answers.running import Reloaded, Which
@@ -154,6 +156,16 @@ UNIT_HISTORY: Final[Operation[PastOfUnit, "UnitPast"]] = Operation(
     "What a unit did in the last hours",
     by="gateway.operator.past:tell_unit",
     path=f"{_A_UNIT}/history",
+    refuses=(WrongQuestion,),
+)
+VALUES: Final[Operation[KnownOf, "KnownValues"]] = Operation(
+    "values",
+    KnownOf,
+    "gateway.operator.answers.known_values:KnownValues",
+    "reading",
+    "The latest known values of all points, without asking a device",
+    by="gateway.operator.known_values:tell_values",
+    path="/values",
     refuses=(WrongQuestion,),
 )
 POINTS: Final[Operation[PointsToRead, "Points"]] = Operation(
@@ -310,6 +322,7 @@ OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     UNIT,
     UNIT_STATUS,
     UNIT_HISTORY,
+    VALUES,
     POINTS,
     POINT,
     READ,

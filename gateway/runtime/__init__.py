@@ -7,7 +7,7 @@ that are the same as before, and `Running.switch` replaces the previous one with
 - running              what outlives a reload; start, switch to another gateway, drain
 - listening, open_ports, draining    what switch, start and stop do with listeners, and with ports
 - build, reach         a gateway from a plan; which units each client reaches there, and by which numbers
-- polls                the polls of a unit, for all that want its values
+- polls, reads         the polls of a unit, for all that want its values; the last reads of devices, over a reload
 - gateway              what is built: a plan, its parts, the routes between them
 - gateway_line, gateway_upstream, gateway_server    one table of the config with all that it needs
 - routers              the routers of requests that come by no listener: control socket, HTTP

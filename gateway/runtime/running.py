@@ -24,6 +24,7 @@ from gateway.runtime.gateway import Driver, Gateway, Listener
 from gateway.runtime.kept_state import KeptState
 from gateway.runtime.listening import Listening
 from gateway.runtime.open_ports import OpenPorts
+from gateway.runtime.reads import keep_reads
 from gateway.runtime.recent import Recent
 from gateway.runtime.routers import Routers
 from gateway.runtime.self_state import show_itself
@@ -103,6 +104,7 @@ class Running:
         gateway.load_images()
         self._route(gateway)
         gateway.adopt_plan()
+        keep_reads(self.gateway, gateway)
         for each in self.add_ons:
             each.rerouted(gateway)
         self.gateway = gateway

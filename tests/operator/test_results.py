@@ -124,6 +124,7 @@ QUESTIONS = {
     "units": {},
     "unit": {"unit": 41},
     "unit-status": {"unit": 41},
+    "values": {},
     "points": {"unit": 200},
     "point": {"unit": 200, "name": "speed"},
     "read": {**IMAGE, "end": 3},
