@@ -108,6 +108,10 @@ def _rows() -> Iterator[str]:
         yield f'{{ at = {first}, device = "line0-{_device(row)}", holding = "{first}-{last}", every = "30 s" }}'
 
 
+def _points() -> Iterator[str]:
+    return (f'{{ name = "p{at}", holding = {at} }}' for at in range(100))
+
+
 def _device(row: int) -> int:
     return 1 + min(row, MOST // 2 - 1) % 20
 
@@ -135,6 +139,12 @@ WAYS = {
         values_of=lambda address: _device(address // 2),
     ),
     "line": Way(what="an RTU line", units=range(1, 9), lines=_lines(1)),
+    "points": Way(
+        what="an RTU line, devices with 100 points",
+        units=range(1, 9),
+        lines=_lines(1),
+        more=f"[profile.generic]\npoints = [{', '.join(_points())}]\n",
+    ),
     "slow": Way(what="an RTU line, each after 50 ms", units=range(1, 9), lines=_lines(1), step=SLOW),
     "ascii": Way(what="an ASCII line", units=range(1, 9), lines=_lines(1, is_ascii=True)),
     "clients": Way(what="an RTU line, by 8 clients", units=range(1, 9), clients=IN_FLIGHT, lines=_lines(1)),
