@@ -48,6 +48,8 @@ class Link:
         self.reason = "not tried yet"
         #: Since when there is none, by the event loop's clock; None if there is one.
         self.down_since: float | None = asyncio.get_running_loop().time()
+        #: Since when there is one; None if there is none.
+        self.up_since: float | None = None
         self.server = servers[0]
         self.attempts = 0
         #: Lost messages of all its connections.
@@ -129,13 +131,14 @@ class Link:
         self.connection = connection
         self.reason = self._told = ""
         self.down_since = None
+        self.up_since = asyncio.get_running_loop().time()
         self._emit(FleetUp(str(self.server)))
 
     def _lost(self, reason: str) -> None:
         """Report a lost connection, once per reason."""
         self.reason = reason
         if self.down_since is None:
-            self.down_since = asyncio.get_running_loop().time()
+            self.down_since, self.up_since = asyncio.get_running_loop().time(), None
         if reason != self._told:
             self._told = reason
             self._emit(FleetLost(str(self.server), reason))

@@ -163,6 +163,7 @@ def _listener(listener: Listener) -> ListenerStatus:
         rejected=listener.counts.rejected,
         denied=listener.router.counts.denied,
         no_route=listener.router.counts.no_route,
+        most=listener.settings.clients,
     )
 
 

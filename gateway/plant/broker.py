@@ -21,6 +21,8 @@ from gateway.timing.measured import NEVER
 ENDING_TIME: Final = 1.0
 #: After this many messages, lines and clients get a turn.
 _SLICE: Final = 10
+#: Messages are counted in steps of so many seconds.
+STEP: Final = 10.0
 
 
 @dataclass(slots=True)
@@ -30,6 +32,26 @@ class MessageCounts:
     confirmed: int = 0
     refused: int = 0
     refused_at: float = NEVER
+    #: The present step of time, and what was confirmed by its begin and by that of the one before it.
+    _step: int = 0
+    _begins: tuple[int, int] = (0, 0)
+
+    def per_second(self, now: float) -> float:
+        """Return how many messages were confirmed in each second of the last whole step."""
+        self._look(now)
+        earlier, later = self._begins
+        return (later - earlier) / STEP
+
+    def confirm(self, now: float) -> None:
+        """Count a message that the broker has confirmed."""
+        self._look(now)
+        self.confirmed += 1
+
+    def _look(self, now: float) -> None:
+        step = int(now // STEP)
+        if step != self._step:
+            self._begins = (self._begins[1] if step == self._step + 1 else self.confirmed, self.confirmed)
+            self._step = step
 
 
 class Broker:
@@ -48,6 +70,8 @@ class Broker:
         self.reason = "not tried yet"
         #: Since when, by the clock of the event loop; None while values are published.
         self.down_since: float | None = asyncio.get_running_loop().time()
+        #: Since when values are published; None while they are not.
+        self.up_since: float | None = None
         self.version: Version = VERSIONS[0]
         #: How many times the gateway has tried to connect.
         self.attempts = 0
@@ -209,7 +233,7 @@ class Broker:
 
     def _has_confirmed(self, message: Message | None, refusal: str, is_passing: bool) -> None:  # noqa: FBT001 - a callback
         if message is None or not refusal:
-            self.counts.confirmed += 1
+            self.counts.confirm(asyncio.get_running_loop().time())
         else:
             self.counts.refused += 1
             self.counts.refused_at = asyncio.get_running_loop().time()
@@ -231,6 +255,7 @@ class Broker:
             return
         self.reason = self._told = ""
         self.down_since = None
+        self.up_since = asyncio.get_running_loop().time()
         self._steadiness.connected(asyncio.get_running_loop().time())
         self._emit(BrokerUp(self.name, self.version))
 
@@ -247,4 +272,4 @@ class Broker:
 
     def _note_down(self) -> None:
         if self.down_since is None:
-            self.down_since = asyncio.get_running_loop().time()
+            self.down_since, self.up_since = asyncio.get_running_loop().time(), None

@@ -112,6 +112,11 @@ class Publisher:
         """Whether `take` has something to publish."""
         return self.is_born and bool(self.has_birth or self._came_or_went or self._changed or self._results.waiting)
 
+    @property
+    def waiting(self) -> int:
+        """How many messages `take` would give now, if there were a connection."""
+        return len(self._came_or_went) + len(self._changed) + len(self._results.waiting)
+
     def deadline(self) -> float | None:
         """Return when `tick` must be called, or None."""
         return self._births.next_at

@@ -16,7 +16,7 @@ from gateway.tls.status import CertificateStatus
 
 @dataclass(frozen=True, slots=True)
 class ListenerStatus:
-    """An address where clients connect. `denied` and `no_route` count requests that were not sent to any unit."""
+    """An address where at most `most` clients connect. `denied` and `no_route` count requests that went to no unit."""
 
     name: str
     address: str
@@ -25,6 +25,7 @@ class ListenerStatus:
     rejected: int
     denied: int
     no_route: int
+    most: int = 0
 
 
 @dataclass(frozen=True, slots=True)

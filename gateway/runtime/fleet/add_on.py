@@ -189,6 +189,7 @@ class Fleet(AddOn):
         counts = OwnerCounts() if self.serving is None else self.serving.owner.counts
         messages = LostMessages() if link is None else link.messages
         down_since = None if link is None else link.down_since
+        up_since = None if link is None else link.up_since
         reason = self.reason if link is None else link.reason
         now = asyncio.get_running_loop().time()
         return FleetStatus(
@@ -209,6 +210,7 @@ class Fleet(AddOn):
             unreadable=messages.unreadable,
             overflowed=messages.overflowed,
             last_dropped_ms=1000 * (now - counts.dropped_at) if counts.dropped else None,
+            up_ms=None if up_since is None else 1000 * (now - up_since),
         )
 
     def metrics(self) -> Iterator[Family]:

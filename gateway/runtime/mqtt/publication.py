@@ -129,6 +129,9 @@ class Publication:
             failed_polls=self.driver.counts.failed,
             last_refused_ms=None if refused_at is None else 1000 * (now - refused_at),
             unsteady="" if broker is None else broker.unsteady,
+            up_ms=None if broker is None or broker.up_since is None else 1000 * (now - broker.up_since),
+            messages_per_s=0.0 if broker is None else broker.counts.per_second(now),
+            waiting=publisher.waiting,
         )
 
     def _down_ms(self) -> float | None:

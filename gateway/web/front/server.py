@@ -27,6 +27,7 @@ from gateway.web.front.streams import Streams
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.clients import ClientsPage
 from gateway.web.pages.config import ConfigPage
+from gateway.web.pages.head import Heads
 from gateway.web.pages.health import HealthPage
 from gateway.web.pages.heat_map import HeatMap
 from gateway.web.pages.image import ImagePage
@@ -35,6 +36,7 @@ from gateway.web.pages.login import LoginPage
 from gateway.web.pages.overview import OverviewPage
 from gateway.web.pages.problem import problem_pages
 from gateway.web.pages.renderer import Page, Renderer
+from gateway.web.pages.situation import Situations
 from gateway.web.pages.traffic import TrafficPage
 from gateway.web.pages.unit import UnitPage
 from gateway.web.pages.writing import WritePages, WriteRights
@@ -124,12 +126,13 @@ def _application(
     guard = Guard(settings, table, sessions)
     api = Api(operator, operations, fan_out, guard, streams, may_write=settings.write)
     assets = Assets()
-    renderer = Renderer(assets, lambda: operator.gateway.plan.site, is_encrypted=settings.is_encrypted)
+    situations = Situations(operator, doctor)
+    renderer = Renderer(assets, Heads(operator, situations), is_encrypted=settings.is_encrypted)
     heat_map = HeatMap()
     rights = WriteRights(operator, may_write=settings.write)
     units = UnitPage(operator, renderer, rights)
     pages: tuple[Page, ...] = (
-        OverviewPage(operator, doctor, renderer, heat_map),
+        OverviewPage(operator, situations, renderer, heat_map),
         LinePage(operator, renderer, heat_map),
         TrafficPage(operator, renderer),
         units,

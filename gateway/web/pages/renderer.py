@@ -18,6 +18,7 @@ from gateway.web.access.guard import VISITOR, Need
 from gateway.web.front.problems import Handler
 from gateway.web.front.turns import Turns
 from gateway.web.pages.assets import Assets
+from gateway.web.pages.head import Heads
 from gateway.web.text.languages import LANGUAGES, Language, Texts, keep_language, language_of
 from gateway.web.text.themes import DARK, keep_theme, theme_of
 
@@ -59,8 +60,8 @@ class Page(Protocol):
 class Renderer:
     """Makes pages, one at a time and in a thread: the lines do not wait for them."""
 
-    def __init__(self, assets: Assets, site: Callable[[], str], *, is_encrypted: bool) -> None:
-        self._site = site
+    def __init__(self, assets: Assets, heads: Heads, *, is_encrypted: bool) -> None:
+        self._heads = heads
         self._turns = Turns()
         self._is_encrypted = is_encrypted
         self._templates = {code: _templates(language, assets) for code, language in LANGUAGES.items()}
@@ -87,7 +88,7 @@ class Renderer:
         frame = {
             "visitor": request[VISITOR],
             "path": request.path,
-            "site": self._site(),
+            "head": await self._heads.of(request[VISITOR]),
             "is_kiosk": "kiosk" in request.query,
             "other_languages": [(each, address) for each, address in others if each is not language],
             "theme": theme,

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from gateway.diagnosis.finding import Finding
 from gateway.lines.counts import Counts
 from gateway.timing.history import UnitUse
-from gateway.web.pages.overview import Trouble, troubles, with_findings, worst_first
+from gateway.web.pages.troubles import Trouble, troubles, with_findings, worst_first
 from gateway.web.pages.unit_states import ShownState
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import re
+from socket import gethostname
 
 import pytest
 
@@ -56,10 +57,52 @@ async def test_the_first_page_shows_all_parts(bench):
         "plant",
         "shift",
         "mirror of silo & co",
-        "default",
         "RTU 19200 8E1",
     ):
         assert each in texts
+
+
+TILE = re.compile(r'<a href="([^"]+)" class="tile (\w+)"[^>]*><b>([^<]+)</b> <span>([^<]+)</span>')
+
+
+async def test_the_first_page_has_figures_that_lead_to_where_they_are_explained(bench):
+    bench.inner.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
+    await asyncio.sleep(60)
+    tiles = TILE.findall((await bench.browser().get("/")).text)
+    assert [(link, state, name) for link, state, _, name in tiles] == [
+        ("/#lines", "up", "lines up"),
+        ("/#units", "up", "units answering"),
+        ("/traffic", "known", "requests/s"),
+        ("/units/silo%20%26%20co", "known", "worst p99: silo &amp; co"),
+        ("/clients", "known", "clients"),
+    ]
+    assert [figure for _, _, figure, _ in tiles][:3] == ["3/3", "1/1", "1.0"]
+
+
+async def test_units_that_do_not_answer_make_their_tile_red(bench):
+    await asyncio.sleep(60)
+    tiles = TILE.findall((await bench.browser().get("/")).text)
+    assert tiles[1][:3] == ("/#units", "down", "0/1")
+
+
+async def test_the_title_tells_how_many_things_are_wrong_on_which_page_of_which_site(bench):
+    async def title(path, host="127.0.0.1"):
+        page = await bench.browser(host).get(path)
+        return re.search("<title>(.*)</title>", page.text)[1]
+
+    bench.inner.attach("hall", SimulatedLine("rtu", SimulatedDevice(1)))
+    await asyncio.sleep(60)
+    overview = (await bench.browser().get("/")).text
+    count = overview.partition("troubles")[2].partition("</ul>")[0].count("<li>")
+    assert count
+    assert await title("/clients") == f"{count} problems · Clients · {gethostname()}"
+    assert await title("/login", "10.0.0.9") == "Log in · modbus-gateway"
+
+
+async def test_the_connections_have_a_place_on_the_page_of_the_clients(bench):
+    texts = Markup((await bench.browser().get("/clients")).text).texts
+    assert "Connections of the gateway" in texts
+    assert {"default", "0 of 32"} <= set(texts)
 
 
 async def test_nothing_of_the_config_becomes_markup(bench):
@@ -155,7 +198,7 @@ async def test_without_users_the_login_says_so(tmp_path):
 async def test_files_are_kept_for_ever_under_the_name_of_their_version(bench):
     browser = bench.browser("10.0.0.9")
     addresses = re.findall(r'"(/static/[^"]+)"', (await browser.get("/login")).text)
-    assert len(addresses) == 4
+    assert len(addresses) == 5
     for address in addresses:
         page = await browser.get(address)
         assert page.status == 200

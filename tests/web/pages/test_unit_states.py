@@ -10,7 +10,7 @@ from gateway.diagnosis.finding import Finding
 from gateway.timing.history import STEP, History, UnitUse
 from gateway.tools.examinations import Report
 from gateway.web.pages.heat_map import kind_of
-from gateway.web.pages.overview import Trouble, with_findings
+from gateway.web.pages.troubles import Trouble, with_findings
 from gateway.web.pages.unit_states import states_of
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine

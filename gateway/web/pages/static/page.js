@@ -19,7 +19,7 @@ async function refresh() {
     const page = new DOMParser().parseFromString(await response.text(), "text/html");
     if (filesOf(page) !== filesOf(document)) return location.reload(); // of another version of the gateway
     document.dispatchEvent(new CustomEvent("renewed", { detail: page }));
-    renew(page.querySelector("main"));
+    if (!isLive) renew(page.querySelector("main"));
     reachedAt = new Date();
     told.remove();
     main.classList.remove("stale");
@@ -30,7 +30,7 @@ async function refresh() {
   }
 }
 
-const filesOf = (page) => [...page.head.querySelectorAll("script[src], link[href]")].map((file) => file.getAttribute("src") ?? file.getAttribute("href")).join();
+const filesOf = (page) => [...page.head.querySelectorAll("script[src], link[rel=stylesheet]")].map((file) => file.getAttribute("src") ?? file.getAttribute("href")).join();
 
 /** Replace what the server made, but not where somebody is busy. What a script draws (`data-keep`), it renews itself at the event. */
 function renew(fresh) {
@@ -67,9 +67,10 @@ function beKiosk() {
 letScroll();
 addEventListener("resize", letScroll);
 if (isKiosk) beKiosk();
-// A page that follows by itself, that has asked a unit for something, or asks somebody, stays as it is.
+// A page that follows by itself needs only a fresh head; one that has asked a unit for something, or asks somebody,
+// stays as it is.
 const isLive = [...main.children].every((part) => part.dataset.keep !== undefined || part.tagName === "H1");
-if (location.pathname !== "/login" && !isLive && !document.querySelector("[data-still]")) {
-  setInterval(refresh, EVERY);
+if (location.pathname !== "/login" && !document.querySelector("[data-still]")) {
+  setInterval(refresh, isLive ? 6 * EVERY : EVERY);
   document.addEventListener("visibilitychange", refresh);
 }

@@ -1,0 +1,3 @@
+export const TEXTS = {
+  apart: (time, isAhead) => ` · ${time} ${isAhead ? "ahead of" : "behind"} your clock`,
+};

@@ -1,0 +1,3 @@
+export const TEXTS = {
+  apart: (time, isAhead) => ` · 比您的时钟${isAhead ? "快" : "慢"} ${time}`,
+};
