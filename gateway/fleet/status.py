@@ -8,11 +8,11 @@ from typing import Literal
 class FleetStatus:
     """The connection to NATS. `reason` is why there is none, `unseen` why others do not see this site.
 
-    It has been down for `down_ms`, None if it is up; and up for `up_ms`, None if it is down. `requests` from other sites
-        were received and `responses` sent; `busy` ones were rejected because too many were in progress, `expired` ones
-        because their deadline had passed, `refused` ones because they name no instance of this gateway or have passed too
-        many sites. `dropped` ones came with a subject that NATS should have rejected, the last one `last_dropped_ms` ago.
-        `unreadable` messages and those that `overflowed` a queue were not delivered.
+    It has been down for `down_ms`, None if it is up; and up for `up_ms`, None if it is down. `requests` from other
+    sites were received and `responses` sent; `busy` ones were rejected because too many were in progress, `expired`
+    ones because their deadline had passed, `refused` ones because they name no instance of this gateway or have passed
+    too many sites. `dropped` ones came with a subject that NATS should have rejected, the last one `last_dropped_ms`
+    ago. `unreadable` messages and those that `overflowed` a queue were not delivered.
     """
 
     server: str

@@ -8,13 +8,13 @@ from typing import Literal
 class BrokerStatus:
     """The broker at which values are published. `reason` says why nothing is published; it is empty when all is well.
 
-        `unsteady` says why connections were lost, each soon after it was made; it is empty once one has held for a minute.
+    `unsteady` says why connections were lost, each soon after it was made; it is empty once one has held for a minute.
 
-    `down_ms` is for how long nothing has been published; None when all is well, or the library is missing. `up_ms` is for
-        how long values have been published, None while they are not. `messages_per_s` is of the last seconds, and `waiting`
-        messages have not been sent yet. `version` is the version of MQTT. `available` of the `devices` respond. `messages`
-        counts those that the broker has confirmed, `refused_messages` those that it has refused, the last one
-        `last_refused_ms` ago. `polls` counts reads of points, `failed_polls` those that failed.
+    `down_ms` is for how long nothing has been published; None when all is well, or the library is missing. `up_ms` is
+    for how long values have been published, None while they are not. `messages_per_s` is of the last seconds, and
+    `waiting` messages have not been sent yet. `version` is the version of MQTT. `available` of the `devices` respond.
+    `messages` counts those that the broker has confirmed, `refused_messages` those that it has refused, the last one
+    `last_refused_ms` ago. `polls` counts reads of points, `failed_polls` those that failed.
     """
 
     broker: str
