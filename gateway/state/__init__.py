@@ -2,7 +2,7 @@
 
 - memory, entry_file    addresses of devices that moved, rates that changed: JSON with a copy (ADR 29)
 - page_log, pages    values of images (ADR 8)
-- database     SQLite with a sum for each row
+- database, row_file     SQLite with a sum for each row; what is in memory, written to it once a minute
 - files        how files are opened, locked and replaced
 - troubles, status    files and folders that cannot be written
 """

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway.operator import history as history_module
 from gateway.operator import uses as uses_module
-from gateway.operator.history import FILE_NAME, LOOK_EVERY, WRITE_EVERY, history_kept
+from gateway.operator.history import _TABLE, FILE_NAME, LOOK_EVERY, history_kept
 from gateway.operator.uses import Look
-from gateway.state.database import is_damage
+from gateway.state.database import is_damage, open_table
+from gateway.state.row_file import WRITE_EVERY, RowFile
 from gateway.timing.history import STEP, History
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
@@ -176,12 +176,12 @@ async def test_without_a_folder_nothing_is_written(tmp_path):
 
 async def test_a_disk_is_written_to_once_a_minute(tmp_path, monkeypatch):
     written = []
-    save = history_module._save
-    monkeypatch.setattr(history_module, "_save", lambda *args: written.append(args) or save(*args))
+    save = RowFile.save
+    monkeypatch.setattr(RowFile, "save", lambda *args: written.append(args) or save(*args))
     async with bench_with_history(tmp_path):
         await asyncio.sleep(60 * WRITE_EVERY)
         assert 59 <= len(written) <= 60
-        assert max(len(changes.written) for _, changes in written) <= 2
+        assert max(len(changes.written) for *_, changes in written) <= 2
 
 
 async def test_a_clock_that_is_set_back_and_right_again(bench):
@@ -255,7 +255,7 @@ async def test_a_value_that_has_changed_by_itself_is_not_believed(tmp_path):
 async def test_slots_of_another_version_are_left_out(tmp_path):
     async with bench_with_history(tmp_path):
         await asyncio.sleep(LOOK_EVERY)
-    opened = history_module.open_table(tmp_path / FILE_NAME, history_module._TABLE)
+    opened = open_table(tmp_path / FILE_NAME, _TABLE)
     opened.database.write([(7, '{"other": 1}')])
     opened.database.close()
     async with bench_with_history(tmp_path) as bench:
@@ -284,20 +284,20 @@ async def test_a_folder_that_cannot_be_written_is_told_once_and_tried_again(tmp_
 
 @pytest.mark.parametrize("error", [sqlite3.OperationalError("disk is full"), sqlite3.DatabaseError("malformed")])
 async def test_a_disk_that_fails_is_told_once_and_nothing_is_lost(tmp_path, monkeypatch, error):
-    save = history_module._save
+    save = RowFile.save
 
-    def fail(database, changes):
+    def fail(_file, database, _changes):
         if is_damage(error):
             database.close()
         raise error
 
     async with bench_with_history(tmp_path) as bench:
         await asyncio.sleep(LOOK_EVERY)
-        monkeypatch.setattr(history_module, "_save", fail)
+        monkeypatch.setattr(RowFile, "save", fail)
         await bench.home.client().asks(1, READ)
         await asyncio.sleep(3 * STEP)
         assert [event.reason for event in bench.events("state_not_kept")] == [str(error)]
-        monkeypatch.setattr(history_module, "_save", save)
+        monkeypatch.setattr(RowFile, "save", save)
         await asyncio.sleep(2 * WRITE_EVERY)
         assert len(bench.events("state_kept_again")) == 1
         slots = bench.last(4)

@@ -39,7 +39,8 @@ QUICK = f"""
 import sys
 sys.path.append({str(Path(prepared.__file__).parents[1])!r})
 from gateway.operator import history
-history.LOOK_EVERY, history.WRITE_EVERY, history.CLOSING_DEADLINE = 0.2, 0.4, 30.0
+from gateway.state import row_file
+history.LOOK_EVERY, row_file.WRITE_EVERY, row_file.CLOSING_DEADLINE = 0.2, 0.4, 30.0
 from kit.prepared import prepare
 prepare(sys.argv[1])
 """

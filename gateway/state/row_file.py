@@ -1,0 +1,187 @@
+"""A database with what a part of the gateway has in memory: read at the start, and written where that has changed.
+
+The file is written once a minute and at a stop, in a thread, so that a disk which hangs does not delay the lines. What
+could not be written is written later. A power cut loses what happened since the last write.
+"""
+
+import asyncio
+import sqlite3
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, Generic, ParamSpec, Protocol, TypeVar
+from zlib import crc32
+
+from gateway.clock.threads import ThreadPerCall
+from gateway.errors import StateError
+from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.state.database import Database, Row, Table, is_damage, open_table
+
+P = ParamSpec("P")
+T = TypeVar("T")
+E = TypeVar("E")
+E_co = TypeVar("E_co", covariant=True)
+
+#: How often the file is written, in seconds.
+WRITE_EVERY: Final = 60.0
+#: How long the disk may take at the end, in seconds.
+CLOSING_DEADLINE: Final = 1.0
+
+
+class Changes(Protocol[E_co]):
+    """Entries that a file does not have yet, and the keys of those that it has no longer to keep."""
+
+    @property
+    def written(self) -> Sequence[E_co]:
+        """The entries."""
+
+    @property
+    def gone(self) -> Iterable[int]:
+        """The keys."""
+
+
+class Entries(Protocol[E]):
+    """What is kept, in memory."""
+
+    def load(self, entries: Iterable[E], /) -> None:
+        """Add what an earlier run has kept."""
+
+    def changes(self) -> Changes[E]:
+        """Take what has changed since the last time."""
+
+    def put_back(self, changes: Any, /) -> None:
+        """Take back changes that could not be written."""
+
+    def change_all(self) -> None:
+        """Count all of it as changed: nothing of it is in the file any more."""
+
+
+def numbered_texts(name: str, application: int, needed_by: str) -> Table:
+    """Describe a table of texts by number."""
+    return Table(
+        name=name,
+        columns=(("number", "INTEGER"), ("content", "TEXT")),
+        keys=1,
+        check_sum=_check_sum,
+        application=application,
+        version=1,
+        needed_by=needed_by,
+    )
+
+
+def _check_sum(row: Row) -> int:
+    number, content = row
+    return crc32(f"{number}={content}".encode())
+
+
+class RowFile(Generic[E]):
+    """The file of `kept`. Trouble is reported when it begins and when it ends.
+
+    `read` makes an entry of a row, and raises ValueError for one of another version; `row` makes its row. Both are
+    called in a thread.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        table: Table,
+        kept: Entries[E],
+        emit: Emit,
+        *,
+        read: Callable[..., E],
+        row: Callable[[E], Row],
+    ) -> None:
+        self._file = file
+        self._table = table
+        self._kept = kept
+        self._emit = emit
+        self._read = read
+        self._row = row
+        self._database: Database | None = None
+        self._was_read = False
+        self._fails = False
+
+    async def keep_writing(self) -> None:
+        """Read the file, and write changes every minute, until cancelled."""
+        while True:
+            await self.write()
+            await asyncio.sleep(WRITE_EVERY)
+
+    async def write(self) -> None:
+        """Write changes; open and read the file first if it is not open."""
+        try:
+            if self._database is None:
+                self._database = await self._open()
+            await self._write(self._database)
+        except (StateError, sqlite3.Error) as error:
+            self._tell(str(error))
+        else:
+            self._tell("")
+
+    async def close(self) -> None:
+        """Write the rest and close the file, if it is open; give up after CLOSING_DEADLINE."""
+        if self._database is None:
+            return
+        try:
+            async with asyncio.timeout(CLOSING_DEADLINE):
+                await self._write(self._database)
+                await self._in_thread(self._database.close)
+        except TimeoutError:
+            self._tell("the disk takes too long")
+        except sqlite3.Error as error:
+            self._tell(str(error))
+
+    async def _open(self) -> Database:
+        opened = await self._in_thread(open_table, self._file, self._table)
+        if opened.damage:
+            self._emit(StateDamaged(str(self._file), opened.damage))
+        if self._was_read:
+            self._kept.change_all()
+        else:
+            self._kept.load(await self._in_thread(self._entries, opened.rows))
+            self._was_read = True
+        return opened.database
+
+    def _entries(self, rows: Iterable[Row]) -> list[E]:
+        entries = []
+        for row in rows:
+            with suppress(ValueError):  # written by a version that kept something else
+                entries.append(self._read(*row))
+        return entries
+
+    async def _write(self, database: Database) -> None:
+        changes = self._kept.changes()
+        if not changes.written and not changes.gone:
+            return
+        try:
+            await self._in_thread(self.save, database, changes)
+        except BaseException as error:
+            self._kept.put_back(changes)
+            if is_damage(error):
+                self._database = None
+            raise
+
+    def save(self, database: Database, changes: Changes[E]) -> None:
+        """Write changes; close a file that is found to be damaged. Blocks.
+
+        Raises:
+            sqlite3.Error: the disk is full or fails.
+        """
+        try:
+            database.write([self._row(each) for each in changes.written], [(number,) for number in changes.gone])
+        except sqlite3.DatabaseError as error:
+            if is_damage(error):
+                database.close()
+            raise
+
+    def _tell(self, trouble: str) -> None:
+        if trouble and not self._fails:
+            self._emit(StateNotKept(str(self._file), trouble))
+        if self._fails and not trouble:
+            self._emit(StateKeptAgain(str(self._file)))
+        self._fails = bool(trouble)
+
+    async def _in_thread(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(ThreadPerCall(self._table.name), partial(call, *args, **kwargs))
