@@ -22,10 +22,11 @@ TABLES = frozenset(
 #: What such a table says of a point. One object for all that is known of a failure: a second one would cost the ring
 #: 50 bytes more.
 #: And what the rules of `doctor` look at: a line, a unit, each fact for itself. And the status, with a list for each
-#: kind of part, and what it says of a broker.
+#: kind of part, and what it says of a broker. And the event with the most to tell.
 RECORDS = frozenset(
     {
         "gateway.profiles.point.Point",
+        "gateway.events.clients.WriteAudit",
         "gateway.trace.records.Incident",
         "gateway.diagnosis.evidence.LineEvidence",
         "gateway.diagnosis.evidence.UnitEvidence",

@@ -38,6 +38,7 @@ VERBS: Final[Mapping[str, str]] = {
     "reload": "make the running gateway read its config again",
     "status": "show the state of the running gateway",
     "trace": "show what passes on the lines, and why requests failed",
+    "events": "show what has happened, and what happens",
     "doctor": "find what is wrong with ports, lines, units and clients",
     "read": "read coils and registers of a unit",
     "write": "write coils and registers of a unit",

@@ -28,6 +28,7 @@ class ClientEvent(Event):
 class ListenerUp(Event):
     """Clients can connect to this address."""
 
+    says = "clients can connect to {address}"
     listener: str
     address: str
 
@@ -36,6 +37,7 @@ class ClientConnected(ClientEvent):
     """A client has connected."""
 
     level = Level.DEBUG
+    says = "{client} has connected to {listener}[ as {subject}]"
     listener: str
     client: str
     subject: str = ""
@@ -46,6 +48,7 @@ class ClientClosed(Event):
     """A client's connection has ended."""
 
     level = Level.DEBUG
+    says = "{client} has left {listener}: {reason}"
     listener: str
     client: str
     reason: str
@@ -55,6 +58,7 @@ class ClientRejected(Event):
     """A connection was closed because of what the client did, its missing rights, or because the listener was full."""
 
     level = Level.WARNING
+    says = "{listener} has closed the connection of {client}: {reason}"
     listener: str
     client: str
     reason: str
@@ -64,6 +68,7 @@ class AnswerWithheld(Event):
     """The client on a server line got no response: it would have taken it for the response to another request."""
 
     level = Level.WARNING
+    says = "line {line}: no response was sent to the client, after {elapsed_ms} ms: {reason}"
     line: str
     unit: int
     function: int
@@ -78,6 +83,7 @@ class RequestRefused(Event):
     If there is no such unit, `listener` tells where it is missing; else `device` is its name.
     """
 
+    says = "{client} asked[ {device},] unit {unit} with function {function}, and got {code}: {why}"
     client: str
     unit: int
     function: int
@@ -97,6 +103,7 @@ class AccessDenied(ClientEvent):
     """A client used a function without the right to it; it got exception 01, and nothing was sent."""
 
     level = Level.WARNING
+    says = "{client} has no right to function {function} of[ {device},] unit {unit}[, with the role {role}]"
     listener: str
     client: str
     unit: int
@@ -115,6 +122,10 @@ class WriteAudit(ClientEvent):
     response, as in the counts of a unit. `code` is the exception, if any.
     """
 
+    says = (
+        "{client} wrote to[ {device},] unit {unit}[, address {address}]"
+        "[, count {count}] with function {function}: {result}[ {code}]"
+    )
     client: str
     listener: str
     unit: int

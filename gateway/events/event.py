@@ -3,7 +3,11 @@
 import re
 from collections.abc import Callable
 from enum import IntEnum
-from typing import ClassVar, dataclass_transform
+from typing import ClassVar, Final, dataclass_transform
+
+_FIELD: Final = re.compile(r"\{(\w+)\}")
+_OPTIONAL: Final = re.compile(r"\[(.*?)\]")
+_EMPTY: Final = ("", (), None)
 
 
 class Level(IntEnum):
@@ -24,6 +28,11 @@ class Event:
     """
 
     level: ClassVar[Level] = Level.INFO
+    #: The event in words. `{unit}` is the value of a field; what stands in [...] is left out if a value in it is empty.
+    says: ClassVar[str] = ""
+    #: What is wrong from this event on, as in `LastEvents.began`; and what no longer is.
+    begins: ClassVar[str] = ""
+    ends: ClassVar[tuple[str, ...]] = ()
     #: The event's name in logs: `line_lost` for LineLost.
     name: ClassVar[str]
     #: The names of its fields, in the order of the values that make it.
@@ -58,6 +67,21 @@ class Event:
     def fields(self) -> dict[str, object]:
         """Return the fields of the log line, by name."""
         return {name: getattr(self, name) for name in self.field_names}
+
+    def in_words(self, template: str | None = None) -> str:
+        """Return the event as a sentence; or another `template` filled in."""
+        text = self.says if template is None else template
+        return _FIELD.sub(self._told, _OPTIONAL.sub(self._kept, text)) if "{" in text else text
+
+    def _kept(self, part: re.Match[str]) -> str:
+        """Return what stands in brackets, or nothing if a value in it is empty."""
+        return "" if any(getattr(self, name) in _EMPTY for name in _FIELD.findall(part[1])) else part[1]
+
+    def _told(self, field: re.Match[str]) -> str:
+        value = getattr(self, field[1])
+        if isinstance(value, tuple):
+            return ", ".join(map(str, value))
+        return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 #: Logs an event. It never raises and never blocks.

@@ -6,6 +6,8 @@ from gateway.events.event import Event, Level
 class BrokerUp(Event):
     """Values are published there, with this version of MQTT."""
 
+    says = "values are published at {broker}, with MQTT {version}"
+    ends = ("broker {broker}",)
     broker: str
     version: str
 
@@ -14,6 +16,8 @@ class BrokerLost(Event):
     """Nothing is published: the broker cannot be reached, or refuses. The gateway tries again."""
 
     level = Level.WARNING
+    says = "nothing is published at {broker}: {reason}"
+    begins = "broker {broker}"
     broker: str
     reason: str
 
@@ -22,6 +26,7 @@ class BrokerRefused(Event):
     """The broker does not publish what it is sent; logged once for each connection."""
 
     level = Level.WARNING
+    says = "{broker} refuses what it is sent: {reason}"
     broker: str
     reason: str
 
@@ -33,6 +38,7 @@ class CommandRefused(Event):
     """
 
     level = Level.WARNING
+    says = "a value for the topic {topic} was refused: {reason}"
     client: str
     topic: str
     reason: str
@@ -41,6 +47,8 @@ class CommandRefused(Event):
 class FleetUp(Event):
     """The gateway is connected to this NATS server, and other sites can reach it."""
 
+    says = "other sites can be reached through {server}"
+    ends = ("fleet {server}",)
     server: str
 
 
@@ -48,6 +56,8 @@ class FleetLost(Event):
     """NATS cannot be reached, or refuses: no other site can be reached. The gateway tries again; all else works."""
 
     level = Level.WARNING
+    says = "no other site can be reached through {server}: {reason}"
+    begins = "fleet {server}"
     server: str
     reason: str
 
@@ -56,6 +66,7 @@ class FleetRefused(Event):
     """NATS refuses a subject to this site; logged once for each connection."""
 
     level = Level.WARNING
+    says = "{server} refuses a subject: {reason}"
     server: str
     reason: str
 
@@ -64,6 +75,7 @@ class FleetBucketUnsafe(Event):
     """A bucket of NATS has settings by which a site can harm others; logged once for each connection."""
 
     level = Level.WARNING
+    says = "a bucket of {server} is not safe: {reason}"
     server: str
     reason: str
 
@@ -71,6 +83,7 @@ class FleetBucketUnsafe(Event):
 class LeaseTaken(Event):
     """This gateway holds the lease of a line: it opens the port, and sends requests after this silence."""
 
+    says = "this gateway holds the lease {lease} of line {line}[, and sends requests after {silent_s} s]"
     line: str
     lease: str
     silent_s: float
@@ -80,6 +93,7 @@ class LeaseLost(Event):
     """This gateway does not hold the lease of a line any more: it has closed the port, and sends nothing."""
 
     level = Level.WARNING
+    says = "this gateway does not hold the lease {lease} of line {line} any more: {reason}"
     line: str
     lease: str
     reason: str
@@ -88,6 +102,7 @@ class LeaseLost(Event):
 class WebUp(Event):
     """The web page, the API and metrics can be reached over HTTP."""
 
+    says = "the web page is at {address}"
     address: str
 
 
@@ -95,6 +110,8 @@ class WebClosed(Event):
     """Nothing can be reached over HTTP. All else works."""
 
     level = Level.WARNING
+    says = "there is no web page at {address}: {reason}"
+    begins = "web"
     address: str
     reason: str
 
@@ -102,6 +119,7 @@ class WebClosed(Event):
 class WebLogin(Event):
     """Somebody has logged in at the web page."""
 
+    says = "{user} has logged in from {client}"
     client: str
     user: str
 
@@ -110,6 +128,7 @@ class WebLoginFailed(Event):
     """Somebody has sent a wrong password to the web page; `user` is empty if there is no such user."""
 
     level = Level.WARNING
+    says = "a wrong password was sent[ for {user}] from {client}"
     client: str
     user: str
 
@@ -118,4 +137,5 @@ class WebUsersRejected(Event):
     """The file with the users cannot be used as it is now; those that were in it before stay."""
 
     level = Level.WARNING
+    says = "the file with the users cannot be used: {reason}"
     reason: str

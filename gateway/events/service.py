@@ -10,6 +10,8 @@ from gateway.events.event import Event, Level
 class ConfigLoaded(Event):
     """A config file was read and is in use."""
 
+    says = "the gateway starts with {file}: {lines} lines, {units} units"
+    ends = ("config", "state", "unit", "web")
     file: str
     lines: int
     units: int
@@ -19,6 +21,7 @@ class ConfigWarning(Event):
     """A config file can be used, but something in it may be wrong."""
 
     level = Level.WARNING
+    says = "{problem}[; {help}]"
     problem: str
     help: str
 
@@ -27,6 +30,8 @@ class ConfigRejected(Event):
     """A config file is not used; the one in use, if any, stays."""
 
     level = Level.ERROR
+    says = "{file} was rejected: {reason}"
+    begins = "config"
     file: str
     reason: str
 
@@ -40,6 +45,10 @@ class ConfigRejected(Event):
 class ConfigApplied(Event):
     """A config file was read again and is in use. `restart` names the tables that apply only after a restart."""
 
+    says = (
+        "{file} was applied[; added: {added}][; removed: {removed}][; changed: {changed}][; after a restart: {restart}]"
+    )
+    ends = ("config",)
     file: str
     added: tuple[str, ...]
     removed: tuple[str, ...]
@@ -51,6 +60,7 @@ class ControlClosed(Event):
     """The control socket cannot be used, so no command can reach this gateway. All else works."""
 
     level = Level.WARNING
+    says = "commands cannot reach this gateway at {socket}: {reason}"
     socket: str
     reason: str
 
@@ -59,6 +69,8 @@ class CertificateExpires(Event):
     """A certificate or a revocation list is valid for less than a month. `used_by` names a table of the config."""
 
     level = Level.WARNING
+    says = "the certificate {file} ({key} of {used_by}) is valid for {days_left} more days"
+    begins = "{used_by}"
     used_by: str
     key: str
     file: str
@@ -69,6 +81,7 @@ class CertificateExpires(Event):
 class Ready(Event):
     """Clients can connect and every line was tried once. `page` is the web page, `control` the socket for commands."""
 
+    says = "the gateway is ready: {lines_up} lines up, {lines_down} down[; the web page is at {page}]"
     listeners: tuple[str, ...]
     lines_up: int
     lines_down: int
@@ -79,17 +92,21 @@ class Ready(Event):
 class Stopping(Event):
     """The gateway was told to stop."""
 
+    says = "the gateway was told to stop: {reason}"
     reason: str
 
 
 class Stopped(Event):
     """The gateway has stopped."""
 
+    says = "the gateway has stopped"
+
 
 class PartFailed(Event):
     """A defect in the gateway: an unexpected error in a part, which is started again. Please report it."""
 
     level = Level.ERROR
+    says = "a defect in {part}, which was started again: {error}; please report it"
     part: str
     error: str
     traceback: str
@@ -104,6 +121,8 @@ class StateNotKept(Event):
     """Values that must be kept over a restart could not be written to their file."""
 
     level = Level.ERROR
+    says = "{file} cannot be written: {reason}"
+    begins = "state"
     file: str
     reason: str
 
@@ -111,6 +130,8 @@ class StateNotKept(Event):
 class StateKeptAgain(Event):
     """The file can be written again."""
 
+    says = "{file} can be written again"
+    ends = ("state",)
     file: str
 
 
@@ -118,5 +139,6 @@ class StateDamaged(Event):
     """A file in the state directory is damaged or foreign. It or a copy was kept; what could be read of it is used."""
 
     level = Level.ERROR
+    says = "{file} is damaged: {damage}"
     file: str
     damage: str

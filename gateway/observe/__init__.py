@@ -5,5 +5,6 @@
 - writer, backlog    the thread that writes, and what waits for it
 - limiter      events that come too often
 - fan_out      events for followers over HTTP
+- last_events, event_file    the last events, bounded, and their file
 - families, metrics    counters, and their exposition
 """

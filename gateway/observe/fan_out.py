@@ -13,13 +13,14 @@ from datetime import UTC, datetime
 from typing import Final
 
 from gateway.events import Emit, Event, Level
+from gateway.observe.last_events import LastEvents
 
 #: The most events that wait for one follower.
 MOST_WAITING: Final = 256
 #: The most events that are handed on in a second; further ones are counted.
 MOST_IN_A_SECOND: Final = 100
 #: The fields with bytes of a line: None for followers who may not read every unit.
-_BYTES: Final = ("heard", "frame")
+BYTES: Final = ("heard", "frame")
 
 
 class Follower:
@@ -57,9 +58,13 @@ class Follower:
 
 
 class FanOut:
-    """Hands events on: all to the log by `emit`, and those from INFO on to all followers. Any thread may emit."""
+    """Hands events on: all to the log by `emit`, and those from INFO on to the `last` ones and to all followers.
 
-    def __init__(self, emit: Emit) -> None:
+    Any thread may emit.
+    """
+
+    def __init__(self, emit: Emit, last: LastEvents | None = None) -> None:
+        self.last: Final = last or LastEvents()
         self._emit = emit
         self._loop: asyncio.AbstractEventLoop | None = None
         self._followers: set[Follower] = set()
@@ -70,6 +75,7 @@ class FanOut:
     def emit(self, event: Event) -> None:
         """Hand on an event. Never raises or blocks."""
         self._emit(event)
+        self.last.add(event)
         if self._followers and event.level >= Level.INFO and self._loop is not None:
             with suppress(RuntimeError):  # the loop has ended
                 self._loop.call_soon_threadsafe(self._spread, event)
@@ -104,7 +110,7 @@ class FanOut:
 
     def _put(self, fields: dict[str, object]) -> None:
         text = json.dumps(fields, default=repr)
-        hidden = {name: None for name in _BYTES if name in fields}
+        hidden = {name: None for name in BYTES if name in fields}
         without = json.dumps({**fields, **hidden}, default=repr) if hidden else text
         for follower in self._followers:
             follower.put(text if not hidden or follower.may_see_bytes() else without)

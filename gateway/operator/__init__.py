@@ -13,6 +13,7 @@
 - images, grid, kept    values of images and mirrors
 - trace, stories, unit_names, capture, trace_reader, sampling    recorded traffic, and why requests failed
 - answer_times, calibration, failures, reached    what pages show of a unit
+- happened    the last events
 - history, uses, past    what lines and units did in the last days
 - metrics, rights, config_view    counters, access rights, the config
 """

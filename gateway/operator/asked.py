@@ -17,6 +17,10 @@ LONGEST_AGE: Final = 60
 #: Records may be looked for this many seconds back: longer than any machine runs.
 _LONGEST_LOOK_BACK: Final = 1e9
 
+#: The severities of events, and the most that are kept.
+LEVELS: Final = ("info", "warning", "error")
+MOST_EVENTS: Final = 1000
+
 #: A unit: the number that clients use, or its name.
 UnitNamed = Annotated[int | str, Within(0, 255), "a number from 0 to 255, or a name"]
 LineNamed = Annotated[str, "the name of a line"]
@@ -82,6 +86,24 @@ class Traced:
     client: Annotated[str | None, "a client, or its address"] = None
     result: Annotated[str | None, "ok, exception, failed (all others), or one of these, such as timeout"] = None
     lines: Annotated[bool, "true or false: whether the answer has the lines too"] = False
+
+
+@dataclass(frozen=True, slots=True)
+class ToList:
+    """Events of the last `since` seconds from this `level` on, or the last `count`; or those that came `after` others.
+
+    `line`, `unit` and `client` select among them.
+    """
+
+    since: Annotated[
+        float | None, Within(0, _LONGEST_LOOK_BACK), "a number of seconds, not below 0: events of that time before now"
+    ] = None
+    level: Annotated[str, OneOf(LEVELS), f"one of {', '.join(LEVELS)}; the least severe"] = "info"
+    line: Annotated[str | None, "the name of a line"] = None
+    unit: Annotated[int | str | None, "the number or name of a unit"] = None
+    client: Annotated[str | None, "a client, or its address"] = None
+    count: Annotated[int | None, Within(1, MOST_EVENTS), f"1 to {MOST_EVENTS}: how many, the last ones"] = None
+    after: Annotated[int | None, "a number: `next` of an earlier answer"] = None
 
 
 @dataclass(frozen=True, slots=True)

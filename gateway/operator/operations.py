@@ -25,6 +25,7 @@ from gateway.operator.asked import (
     PointToWrite,
     ToExamine,
     ToExplain,
+    ToList,
     ToMeasure,
     ToScan,
     Traced,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from gateway.operator.answers.bench import BenchStep
     from gateway.operator.answers.doctor import Examination
     from gateway.operator.answers.forgotten import Forgotten
+    from gateway.operator.answers.happened import Happened
     from gateway.operator.answers.known_values import KnownValues
     from gateway.operator.answers.measured import Measured
     from gateway.operator.answers.past import LinePast, UnitPast
@@ -282,6 +284,16 @@ WHY: Final[Operation[ToExplain, "Stories"]] = Operation(
     "Why requests failed",
     by="gateway.operator.trace:tell_stories",
 )
+EVENTS: Final[Operation[ToList, "Happened"]] = Operation(
+    "events",
+    ToList,
+    "gateway.operator.answers.happened:Happened",
+    "reading",
+    "The last events, kept over a restart",
+    by="gateway.operator.happened:tell_events",
+    path="/events/last",
+    refuses=(WrongQuestion,),
+)
 BENCH: Final[Operation[ToMeasure, "BenchStep"]] = Operation(
     "bench",
     ToMeasure,
@@ -335,6 +347,7 @@ OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     DOCTOR,
     TRACE,
     WHY,
+    EVENTS,
     BENCH,
     TIMES,
     SCAN,

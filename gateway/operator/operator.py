@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Literal, TypeVar
 
+from gateway.observe.last_events import LastEvents
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.reload import Reloader
@@ -19,13 +20,20 @@ Door = Literal["control", "web"]
 class Operator:
     """What operations work on: the `running` gateway, and the `reloader` of its config.
 
-    `clock` gives seconds since 1970. There is a `history` while `[web]` keeps one.
+    `clock` gives seconds since 1970. `events` are the last ones. There is a `history` while `[web]` keeps one.
     """
 
-    def __init__(self, running: Running, reloader: Reloader, clock: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        running: Running,
+        reloader: Reloader,
+        clock: Callable[[], float] = time.time,
+        events: LastEvents | None = None,
+    ) -> None:
         self.running = running
         self.reloader = reloader
         self.clock = clock
+        self.events = events or LastEvents(clock)
         self.history: History | None = None
         self._kept: dict[type[Any], Any] = {}
 

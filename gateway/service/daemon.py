@@ -16,6 +16,7 @@ from gateway.control.server import control_open
 from gateway.errors import ListenError, StateError, TlsError
 from gateway.images.drivers.store import Store
 from gateway.listeners.sockets import OpenSockets
+from gateway.observe.event_file import events_kept
 from gateway.observe.fan_out import FanOut
 from gateway.observe.journal import leads_to_journal
 from gateway.observe.log import open_log
@@ -115,10 +116,10 @@ async def _run(
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop, hang_up)
-    operator = Operator(running, reloader)
+    operator = Operator(running, reloader, events=fan_out.last)
     pages = _web_pages(plan.web, operator, fan_out, folder)
     with usual_path_leads(control_path(source.file), control):
-        async with control_open(control, operator, emit):
+        async with events_kept(fan_out.last, folder, emit), control_open(control, operator, emit):
             garbage.settle()
             await serve(running, stop, systemd, reloader, pages, control=str(control))
 

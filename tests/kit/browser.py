@@ -13,6 +13,7 @@ from unittest.mock import patch
 from urllib.parse import urlencode
 
 from gateway.observe.fan_out import FanOut
+from gateway.observe.last_events import LastEvents
 from gateway.operator.operations import OPERATIONS
 from gateway.operator.operator import Operator
 from gateway.readconfig.reader import read_here
@@ -197,14 +198,14 @@ async def web_bench(config: str, folder: Path, operations: Any = OPERATIONS, **s
     file = folder / "gateway.toml"
     file.write_text(config)
     async with gateway_bench(config) as home:
-        fan_out = FanOut(home.events.append)
         running, loop = home.running, asyncio.get_running_loop()
+        fan_out = FanOut(home.events.append, LastEvents(lambda: CLOCK + loop.time()))
         running.emit = fan_out.emit
         running.ready.set()
         reloader = Reloader(file, running, Notifier({}), text=config, read=read_here)
         asked = WebSettings("127.0.0.1", 8502, users=users, write=True)
         history = History()
-        operator = Operator(running, reloader, lambda: CLOCK + loop.time())
+        operator = Operator(running, reloader, lambda: CLOCK + loop.time(), fan_out.last)
         operator.history = history
         settles = patch("gateway.runtime.garbage.settle")  # after a reload: that looks at the objects of all tests
         with settles, patch("gateway.web.front.server.Assets", _assets):

@@ -106,6 +106,10 @@ def tell_which(gateway: Path) -> None:
     print(f"through {gateway}", file=sys.stderr)
 
 
+class GatewayGoneError(DaemonError):
+    """The gateway has closed the connection."""
+
+
 class Conversation:
     """A connection to the gateway for any number of requests; open inside the context.
 
@@ -202,7 +206,7 @@ class Conversation:
         except ConnectionError:
             line = b""
         if not line:
-            raise DaemonError("the gateway closed the connection before it answered; is it stopping?")
+            raise GatewayGoneError("the gateway closed the connection before it answered; is it stopping?")
         was_first, self._is_first = self._is_first, False
         answer = _read_answer(line, compares=was_first)
         self._version = answer.get("version", UNKNOWN)

@@ -239,7 +239,7 @@ async def _gateway(config: Path, text: str, plan: Plan, stage: Stage) -> AsyncIt
     contexts.adopt(load_all(plan.secured))
     running, stop = Running(plan, make_opener, fan_out.emit, contexts=contexts), Stop()
     reloader = Reloader(config, running, Notifier({}), text=text, read=read_here)
-    operator = Operator(running, reloader)
+    operator = Operator(running, reloader, events=fan_out.last)
     pages = web_pages(plan.web, operator, fan_out)
     serving = asyncio.create_task(serve(running, stop, None, reloader, pages), name="gateway")
     try:
