@@ -68,6 +68,15 @@ class LastEvent(NamedTuple):
         return self.number, json.dumps(told, separators=(",", ":"), default=str)
 
 
+#: What stands in a row besides `ends`.
+_TYPES: Final = {
+    **dict.fromkeys(("first_at", "last_at"), int | float),
+    **dict.fromkeys(("times", "level"), int),
+    **dict.fromkeys(("name", "text", "begins"), str),
+    "fields": dict,
+}
+
+
 def read_row(number: int, content: str) -> LastEvent:
     """Read what `row` has written.
 
@@ -76,10 +85,11 @@ def read_row(number: int, content: str) -> LastEvent:
     """
     try:
         told = json.loads(content)
-        event = LastEvent(number, 0, **{**told, "ends": tuple(told["ends"]), "size": len(content)})
-        float(event.first_at + event.last_at), int(event.times + event.level), event.name + event.text + event.begins
-    except (AttributeError, LookupError, RecursionError, TypeError) as error:
+        event = LastEvent(number, 0, **{**told, "ends": tuple(told["ends"])}, size=len(content))
+    except (LookupError, RecursionError, TypeError) as error:
         raise ValueError(str(error)) from error
+    if not all(isinstance(getattr(event, name), kinds) for name, kinds in _TYPES.items()):
+        raise ValueError("a value has another type")
     return event
 
 
