@@ -114,7 +114,7 @@ async def examined(
         polled = await polled_evidence(gateway)
         beside = [finding for each in polled for finding in about_polled(each)]
         beside += [finding for each in running.add_ons for finding in each.findings()]
-        beside += [*_about_state(running), *_about_page(running)]
+        beside += [*_about_config(running), *_about_state(running), *_about_page(running)]
         groups.append(("", [*about_certificates(running.contexts, time.time()), *beside]))
     listeners = [each for each in gateway.listeners if wanted is None or each.settings.only in ("", wanted)]
     now = asyncio.get_running_loop().time()
@@ -127,6 +127,12 @@ async def examined(
 def _about_state(running: Running) -> Iterator[Finding]:
     for each in () if running.troubles is None else running.troubles.status():
         yield about_state_file(each.file, each.reason, was_damaged=each.state == "damaged")
+
+
+def _about_config(running: Running) -> Iterator[Finding]:
+    if not running.reload_succeeded:
+        what = "the config was rejected when it was last read: the gateway goes on with the one before"
+        yield Finding("fix", "config", what, "modbus-gateway check FILE says why; then modbus-gateway reload")
 
 
 def _about_page(running: Running) -> Iterator[Finding]:

@@ -136,6 +136,7 @@ QUESTIONS = {
     "doctor": {},
     "trace": {"since": 600, "lines": True},
     "why": {"who": "silo-1"},
+    "events": {"since": 60, "unit": 41},
     "bench": {"line": "hall", "seconds": 1.0, "progress": True},
     "times": {"unit": 41},
     "scan": {"line": "hall", "units": "7-8"},

@@ -50,8 +50,8 @@ function _shtab_modbus_gateway_using
   test "$_shtab_modbus_gateway_cmdpath" = "$argv"
 end
 
-set -g _shtab_modbus_gateway_commands demo run check reload status trace doctor read write ask forget scan calibrate bench profile map ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
-set -g _shtab_modbus_gateway_opts_with_value --at --baud --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
+set -g _shtab_modbus_gateway_commands demo run check reload status trace events doctor read write ask forget scan calibrate bench profile map ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
+set -g _shtab_modbus_gateway_opts_with_value --at --baud --client --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --line --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
 
 complete -c modbus-gateway -e
 complete -c modbus-gateway -f
@@ -93,6 +93,17 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using trace' -l pcapng -xka
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using trace' -l json -d 'print JSON, an object on each line, instead of rows'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using trace' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using trace' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config of the gateway that is meant, which says where its control socket is'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a events -d 'Show what has happened, and what happens.'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -s h -l help -d 'show this help message and exit'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -s f -l follow -d 'go on with what happens, until Ctrl-C'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -l since -x -d 'events of the last 1h, or another time (default: the last 50 events)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -l line -x -d 'only this line or upstream, with its units'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -l unit -x -d 'only this unit: the number that clients use, or a name'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -l client -x -d 'only this client: its address, or the name of a user'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -l worst -d 'only warnings and errors'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -l json -d 'print JSON, an object on each line, instead of rows'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using events' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config of the gateway that is meant, which says where its control socket is'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a doctor -d 'Find what is wrong with ports, lines, units and clients.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l passive -d 'send nothing: use what the gateway has measured'
@@ -139,7 +150,7 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_mod
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config of the gateway that is meant, which says where its control socket is'
-complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask; and test $_shtab_modbus_gateway_npos -eq 0' -ka "status which fleet reload lines line line-history units unit unit-status unit-history values points point read write-points write-point write image request forget doctor trace why bench times scan" -d 'the operation (default: list all)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask; and test $_shtab_modbus_gateway_npos -eq 0' -ka "status which fleet reload lines line line-history units unit unit-status unit-history values points point read write-points write-point write image request forget doctor trace why events bench times scan" -d 'the operation (default: list all)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a forget -d 'Ask a device that moved where the config says again.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using forget' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using forget' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'

@@ -36,6 +36,11 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "forget": (("forget silo-1", "it was replaced, or set back by hand: it is at the address in the config"),),
     "scan": (("scan hall-a", "ask which units are on a line, in its idle time"),),
     "trace": (("trace hall-a --since 5min", "the frames of the last five minutes"),),
+    "events": (
+        ("events --since 24h --worst", "the warnings and errors of a day; docs/operations.md says what each means"),
+        ("events -f --line hall-a", "what happens on a line, with its units and those who ask them, until Ctrl-C"),
+        ("events --unit silo-1 --json", "the last events of a unit, for a script"),
+    ),
     "calibrate": (("calibrate silo-1 --for 10min", "how fast a device answers, and the limits that fit"),),
     "doctor": (("doctor hall-a", "what is wrong with a line, and the remedy"),),
     "bench": (

@@ -24,22 +24,9 @@ _AGAIN: Final = 60.0
 _LAST: Final = 50
 _LAST_BEFORE: Final = 10
 
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway events                      the last 50 events
-  modbus-gateway events -f                   what happens, until Ctrl-C
-  modbus-gateway events --since 1h --worst   warnings and errors of the last hour
-  modbus-gateway events --since 24h --line hall-a
-  modbus-gateway events --unit silo-1 --json
-
-docs/operations.md#events says what each event means, and what to do.
-"""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `events`."""
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     add = parser.add_argument
     add("-f", "--follow", action="store_true", help="go on with what happens, until Ctrl-C")
     add(

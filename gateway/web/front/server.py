@@ -27,6 +27,7 @@ from gateway.web.front.streams import Streams
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.clients import ClientsPage
 from gateway.web.pages.config import ConfigPage
+from gateway.web.pages.events import EventsPage
 from gateway.web.pages.head import Heads
 from gateway.web.pages.health import HealthPage
 from gateway.web.pages.heat_map import HeatMap
@@ -134,6 +135,7 @@ def _application(
     pages: tuple[Page, ...] = (
         OverviewPage(operator, situations, renderer, heat_map),
         LinePage(operator, renderer, heat_map),
+        EventsPage(operator, situations, renderer),
         TrafficPage(operator, renderer),
         units,
         ImagePage(operator, renderer, units, rights),

@@ -59,7 +59,7 @@ class TrafficPage:
             chosen=dict.fromkeys(CHOICES, "") | chosen,
             lines=lines,
             modes={name: (each.mode, each.baud, each.format) for name, each in lines.items()},
-            units=[_choice(each) for each in units_of(self._operator)],
+            units=[choice(each) for each in units_of(self._operator)],
             functions=FUNCTIONS,
             clients=sorted({split_host(each.client) for each in status.clients}),
             results=RESULTS,
@@ -70,6 +70,6 @@ class TrafficPage:
         )
 
 
-def _choice(unit: UnitPicture) -> tuple[int | str, str]:
+def choice(unit: UnitPicture) -> tuple[int | str, str]:
     """Make the choice of a unit: what selects it, and its text."""
     return (unit.name, unit.name) if unit.unit is None else (unit.unit, f"{unit.unit} {unit.name}")
