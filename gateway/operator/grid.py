@@ -22,10 +22,10 @@ _TEXT_COLUMNS: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One value. One that is polled has a state; clients do not get what is not fine. `source` is where it is from."""
+    """One value. One that is polled has a state; clients do not get what is not fresh. `source` is where it is from."""
 
     reading: Reading
-    state: answers.CellState = "fine"
+    state: answers.CellState = "fresh"
     source: str = ""
     age_ms: float | None = None
     written: Written | None = None
@@ -38,7 +38,7 @@ class Cell:
     @property
     def is_known(self) -> bool:
         """Whether there is a value."""
-        return self.state in ("fine", "stale")
+        return self.state in ("fresh", "stale")
 
     def told(self) -> answers.Cell:
         """Convert it to the result type."""
@@ -97,7 +97,7 @@ class Grid:
         age, stale = max(known), self.window.stale_ms
         is_stale = stale is not None and age > stale
         is_valid = all(each.is_valid for each in ages)
-        return Cell(reading, "stale" if is_stale else "fine" if is_valid else "invalid", source, age, writer)
+        return Cell(reading, "stale" if is_stale else "fresh" if is_valid else "invalid", source, age, writer)
 
 
 def grid_of(window: ImageWindow, area: Area, data_type: str, swap: str) -> Grid:

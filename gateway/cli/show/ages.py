@@ -42,7 +42,7 @@ class Ages:
         if oldest is None or oldest.age_ms is None:
             return NO_VALUE
         age = f"{oldest.age_ms / 1000:.1f} s" if oldest.age_ms < _LONG else show_age(oldest.age_ms)
-        return age if oldest.state == "fine" else f"{oldest.state} {age}"
+        return age if oldest.state == "fresh" else f"{oldest.state} {age}"
 
     def as_json(self, line: MappedLine) -> dict[str, float]:
         """Make the age of a line for programs: nothing if it is not known."""

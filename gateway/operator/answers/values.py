@@ -68,7 +68,7 @@ class Points(Values):
 
 
 #: Whether clients get a value; what is invalid is none, or does not fit.
-CellState = Literal["fine", "stale", "unknown", "invalid"]
+CellState = Literal["fresh", "stale", "unknown", "invalid"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

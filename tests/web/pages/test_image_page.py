@@ -160,7 +160,7 @@ async def test_programs_get_the_same_without_a_request(bench):
         "value": -2,
         "registers": [65534],
         "text": "-2",
-        "state": "fine",
+        "state": "fresh",
         "writer": "10.0.0.7:5000",
         "written_ms": 0.0,
     }

@@ -70,16 +70,16 @@ async def test_what_is_stale_unknown_or_invalid_is_told(bench, meters):
     meters["meter-1"].holding[0], meters["meter-2"].silent = 0x8000, True
     await asyncio.sleep(8)
     found = await shown(bench)
-    assert found["holding 0 (40001)"] == ["meter-1.power", "meter-1 power", "\u2013", "kW", "no valid value"]
+    assert found["holding 0 (40001)"] == ["meter-1.power", "meter-1 power", "\u2013", "kW", "invalid"]
     assert found["holding 3 (40004)"][2:] == ["run", "", "fresh"]
     assert found["holding 21 (40022)"][2:] == ["(8)", "", "stale"]
     assert found["holding 90.1 (40091.1)"][2] == "0"
     await bench.inner.client().asks(240, "06 00 15 00 07")
-    assert (await shown(bench))["holding 21 (40022)"][2:] == ["\u2013", "", "not known"]
+    assert (await shown(bench))["holding 21 (40022)"][2:] == ["\u2013", "", "unknown"]
     values = (await bench.browser().get("/api/v1/images/block/holding/0-23")).json["values"]
     states = {each["address"]: (each["state"], each["value"], each["source"]) for each in values}
     assert states[0] == ("invalid", None, "meter-1 power")
-    assert states[3] == ("fine", 1, "meter-1 mode")
+    assert states[3] == ("fresh", 1, "meter-1 mode")
     assert states[21] == ("unknown", None, "meter-2 holding 100-103")
 
 
@@ -89,7 +89,7 @@ async def test_a_value_over_two_rows_is_known_only_if_both_are(bench):
     values = (await bench.browser().get("/api/v1/images/block/holding/0-1?type=uint32")).json["values"]
     assert [(each["state"], each["source"]) for each in values] == [("unknown", "meter-1 power, meter-3 power")]
     values = (await bench.browser().get("/api/v1/images/block/holding/0-1")).json["values"]
-    assert [each["state"] for each in values] == ["fine", "unknown"]
+    assert [each["state"] for each in values] == ["fresh", "unknown"]
 
 
 async def test_its_sources_are_told_as_a_whole(bench, meters):
