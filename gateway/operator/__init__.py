@@ -8,7 +8,7 @@
 - status, running, lines, units, forgetting    the status, the reload, lines, units, `forget`
 - requests, frames, complaint    a request to a unit, its frames on the line, and an exception in words
 - values       requests that read and write values, for all doors and for the command line without a gateway
-- known_values, passed    the latest values of points, and registers without a point, out of what has passed anyway
+- known_values, values_csv, passed    the latest values of points, and of registers without one, out of what passes
 - unit_values, last_values, reading_and_writing    the same through the gateway, as operations
 - images, grid, kept    values of images and mirrors
 - trace, stories, unit_names, capture, trace_reader, sampling    recorded traffic, and why requests failed

@@ -20,12 +20,8 @@ from gateway.runtime.gateway import Gateway
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """Coils or registers that the image or mirror `name` has.
+    """Coils or registers of an image or mirror. `age_ms` is 0 for an image, and None while a mirror's are unknown."""
 
-    `age_ms` is 0 for an image, and None while a mirror's values are unknown.
-    """
-
-    name: str
     items: bytes
     age_ms: float | None
     is_stale: bool
@@ -74,24 +70,24 @@ class ImageWindow:
 
 
 def kept(gateway: Gateway, unit: int, spans: Sequence[Span], now: float) -> list[Kept | None]:
-    """Find what an image, a mirror, or the mirrors of a device have of each span; None for what they do not have."""
+    """Find what an image or a mirror has of each span; None for what it does not have."""
     image = image_of(gateway, unit)
-    if isinstance(image, Image):
-        _look_again(image, now)
-        tables, name = image.tables, image.settings.name
-        has = [tables[span.area].has(span) for span in spans]
-        return [
-            Kept(name, _items(image, span, now), 0.0, is_stale=False) if it else None
-            for span, it in zip(spans, has, strict=True)
-        ]
-    mirrors = [image] if isinstance(image, Mirror) else _mirrors_of(gateway, unit)
-    polled = [(mirror, _ages(mirror, now)) for mirror in mirrors]
-    return [next(filter(None, (_kept(mirror, ages, span, now) for mirror, ages in polled)), None) for span in spans]
+    if isinstance(image, Mirror):
+        ages = _ages(image, now)
+        return [_kept(image, ages, span, now) for span in spans]
+    if not isinstance(image, Image):
+        return [None] * len(spans)
+    _look_again(image, now)
+    has = [image.tables[span.area].has(span) for span in spans]
+    return [
+        Kept(_items(image, span, now), 0.0, is_stale=False) if it else None for span, it in zip(spans, has, strict=True)
+    ]
 
 
 def mirrors_of(gateway: Gateway, unit: int) -> list[str]:
     """List the names of a device's mirrors."""
-    return [mirror.settings.name for mirror in _mirrors_of(gateway, unit)]
+    device = device_of(gateway, unit)
+    return [driver.name for driver in gateway.mirrors if device is not None and driver.unit.device is device]
 
 
 def maps_of(gateway: Gateway, name: str) -> list[str]:
@@ -121,11 +117,6 @@ def window(gateway: Gateway, unit: int, span: Span, now: float) -> ImageWindow |
             if each.span.touches(span)
         ],
     )
-
-
-def _mirrors_of(gateway: Gateway, unit: int) -> list[Mirror]:
-    device = device_of(gateway, unit)
-    return [driver.unit for driver in gateway.mirrors if driver.unit.device is device] if device is not None else []
 
 
 def _look_again(image: Held, now: float) -> None:
@@ -178,7 +169,7 @@ def _kept(mirror: Mirror, ages: Sequence[PolledAge], span: Span, now: float) -> 
     known = [age for age in touched if age is not None]
     age = max(known, default=0.0) if len(known) == len(touched) else None
     is_stale = age is not None and age > mirror.settings.stale * 1000
-    return Kept(mirror.settings.name, _items(mirror, span, now), age, is_stale)
+    return Kept(_items(mirror, span, now), age, is_stale)
 
 
 def _existing(ranges: Iterable[Range], span: Span) -> Iterator[Span]:

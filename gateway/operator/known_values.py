@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from shlex import quote
 from typing import Final, NamedTuple
 
 from gateway.clock.slices import in_slices
@@ -33,9 +34,9 @@ from gateway.runtime.gateway import Gateway
 STALE_AFTER: Final = 3
 STALE_BY_CLIENTS: Final = 60.0
 
-WITHOUT_POINTS: Final = (
-    "no device has points: modbus-gateway profile list shows the kinds of devices whose points are known, and "
-    "modbus-gateway import csv makes a profile of a table of registers"
+_HOW_TO_GET_POINTS: Final = (
+    "modbus-gateway profile list shows the kinds of devices whose points are known, and modbus-gateway import csv "
+    "makes a profile of a table of registers"
 )
 
 
@@ -56,6 +57,10 @@ class Known(NamedTuple):
         size = len(items) // self.read.span.count
         return Reading(self.point, items[first * size : (first + count) * size])
 
+    def is_stale(self, now: float) -> bool:
+        """Return whether it is known, and too old, or from before a write."""
+        return self.read is not None and (self.read.outdated or now - self.read.asked_at > self.stale_after)
+
 
 @dataclass
 class _Intervals:
@@ -73,14 +78,22 @@ async def tell_values(operator: Operator, asked: KnownOf, asker: Asker) -> Known
     """
     units = devices_with_points(operator) if asked.unit is None else [picture(operator.gateway, asked.unit)]
     clock = asyncio.get_running_loop().time(), time.time()
-    told = (_told(unit, known, *clock) for unit in units for known in known_points(operator, unit, asker))
-    hint = "" if devices_with_points(operator) else WITHOUT_POINTS
-    return KnownValues(await in_slices(told), hint)
+    values = (told(unit, known, *clock) for unit in units for known in known_points(operator, unit, asker))
+    return KnownValues(await in_slices(values), hint_for(operator, None if asked.unit is None else units[0]))
 
 
 def devices_with_points(operator: Operator) -> Sequence[UnitPicture]:
     """List the devices, on lines and behind other servers, that have points."""
     return [unit for unit in units_of(operator) if unit.points and unit.kind in ("device", "upstream")]
+
+
+def hint_for(operator: Operator, unit: UnitPicture | None = None) -> str:
+    """Say what to do if a unit, or without one all devices, have no points; empty if they have some."""
+    if unit is None:
+        return "" if devices_with_points(operator) else f"no device has points: {_HOW_TO_GET_POINTS}"
+    if unit.kind not in ("device", "upstream"):
+        return f"{unit.name} is answered by the gateway itself: modbus-gateway read {quote(unit.name)} tells its values"
+    return "" if unit.points else f"{unit.name} has no points: {_HOW_TO_GET_POINTS}"
 
 
 def known_points(operator: Operator, unit: UnitPicture, asker: Asker) -> Iterator[Known]:
@@ -101,7 +114,7 @@ def state_of(known: Known, reading: Reading | None, now: float) -> ValueState:
     """Decide whether a value is known, and young enough."""
     if known.read is None or reading is None:
         return "never"
-    if known.read.outdated or now - known.read.asked_at > known.stale_after:
+    if known.is_stale(now):
         return "stale"
     return "fresh" if reading.value is not None else "invalid"
 
@@ -143,7 +156,8 @@ def _shortest(operator: Operator, unit: UnitPicture, polls: Iterable[Poll]) -> M
     return every
 
 
-def _told(unit: UnitPicture, known: Known, now: float, day: float) -> KnownValue:
+def told(unit: UnitPicture, known: Known, now: float, day: float) -> KnownValue:
+    """Convert it to the result type; `now` is the time of the event loop, `day` the same in seconds since 1970."""
     point, read, reading = known.point, known.read, known.reading
     age = None if read is None else now - read.asked_at
     return KnownValue(

@@ -1,4 +1,4 @@
-"""The last values of units, shared by their readers: any number of open pages costs a line no more than one."""
+"""The last reads of all points of units, shared by readers: any number of open pages costs a line no more than one."""
 
 import asyncio
 from collections import OrderedDict
@@ -16,9 +16,8 @@ from gateway.operator.unit_values import read
 from gateway.operator.values import Outcome
 from gateway.profiles.point import Point
 
-#: Units whose last values are kept, and how long they may be shown, in seconds.
+#: Units whose last reads are kept.
 MOST_UNITS: Final = 256
-SHOWN_FOR: Final = 3600.0
 
 #: Unit, door, and the functions that may read the unit there: values are shared only between equal rights.
 _Key = tuple[int, Door, frozenset[int]]
@@ -57,10 +56,10 @@ async def read_all(operator: Operator, unit: UnitPicture, asker: Asker, max_age:
         return last.outcome, clock() - last.at
 
 
-def shown(operator: Operator, unit: UnitPicture, asker: Asker) -> tuple[Outcome, float] | None:
-    """Find the last values and their age in seconds; None if there are none, or they are too old to show."""
+def last_read(operator: Operator, unit: UnitPicture, asker: Asker) -> tuple[Outcome, float] | None:
+    """Find the outcome of the last `read_all`, and its age in seconds; None if there was none since a write."""
     now, last = asyncio.get_running_loop().time(), operator.kept(_LastOfAll).get(_key(operator, unit, asker))
-    if last is None or _has_changed(operator, last, unit) or last.outcome is None or now - last.at > SHOWN_FOR:
+    if last is None or last.outcome is None or _has_changed(operator, last, unit):
         return None
     return last.outcome, now - last.at
 

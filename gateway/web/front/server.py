@@ -40,6 +40,7 @@ from gateway.web.pages.renderer import Page, Renderer
 from gateway.web.pages.situation import Situations
 from gateway.web.pages.traffic import TrafficPage
 from gateway.web.pages.unit import UnitPage
+from gateway.web.pages.values import ValuesPage
 from gateway.web.pages.writing import WritePages, WriteRights
 
 #: How long a connection may be idle between two requests, and how long the end waits for requests, in seconds.
@@ -134,6 +135,7 @@ def _application(
     units = UnitPage(operator, renderer, rights)
     pages: tuple[Page, ...] = (
         OverviewPage(operator, situations, renderer, heat_map),
+        ValuesPage(operator, renderer),
         LinePage(operator, renderer, heat_map),
         EventsPage(operator, situations, renderer),
         TrafficPage(operator, renderer),

@@ -1,6 +1,6 @@
 """The pages. They are made on the server, so that they appear at once and work without JavaScript.
 
-- overview, line, unit, image, events, traffic, health, clients, config, login    a page each
+- overview, values, line, unit, image, events, traffic, health, clients, config, login    a page each
 - writing, questions, fields    forms, and writes that wait to be confirmed
 - problem      errors as pages
 - renderer, addresses, assets    templates, paths of pages, and static files

@@ -1,10 +1,10 @@
-"""The page of a unit: how fast it answers against its limit, what failed and why, and its values."""
+"""The page of a unit: its values, how fast it answers against its limit, what failed and why."""
 
 import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from shlex import quote
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from aiohttp import web
 
@@ -13,12 +13,16 @@ from gateway.lines.counts import RESULTS
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.operator.answer_times import answer_times
+from gateway.operator.answers.known_values import ValueState
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint, complaint_of, exception_name
 from gateway.operator.failures import failures
 from gateway.operator.kept import Kept, kept, maps_of, mirrors_of
-from gateway.operator.last_values import read_all, readable, shown
+from gateway.operator.known_values import Known, hint_for, known_points, state_of
+from gateway.operator.last_values import last_read, read_all, readable
+from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
+from gateway.operator.passed import Passed, passed
 from gateway.operator.past import past_of
 from gateway.operator.reached import may
 from gateway.operator.requests import ask_for
@@ -26,7 +30,6 @@ from gateway.operator.status import recent_status
 from gateway.operator.unit_values import read, values_at
 from gateway.operator.values import Outcome
 from gateway.profiles.point import NO_VALUE, Point
-from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import reference
 from gateway.web.access.guard import VISITOR, Need
@@ -50,14 +53,17 @@ _FAILED: Final = frozenset(RESULTS) - {"ok", "exception", "broadcast"}
 
 @dataclass(frozen=True, slots=True)
 class ShownPoint:
-    """A point and its value as text; empty if it is not known. `source` is the mirror that it comes from."""
+    """A point and its value as text; empty if it is not known. `source` is the client that asked a device for it.
+
+    If it could not be read since, `trouble` says why.
+    """
 
     point: Point
     reference: str
     value: str
-    age_ms: float | None
+    age_ms: float | None = None
+    state: ValueState | Literal[""] = ""
     source: str = ""
-    is_stale: bool = False
     trouble: Complaint | None = None
 
 
@@ -110,6 +116,9 @@ class UnitPage:
             longest_limit=max((each.limit_ms or 0.0 for each in times), default=0.0),
             mirrors=mirrors_of(self._operator.gateway, unit.key),
             maps=maps_of(self._operator.gateway, unit.name),
+            passed=() if unit.points else await passed(self._operator, unit, asker_of(request)),
+            registers=_registers,
+            how_to_get_points=hint_for(self._operator, unit),
             **self.values_shown(unit, request),
             **_form(_USUAL),
         )
@@ -141,7 +150,7 @@ class UnitPage:
             outcome = await read(unit, points, ask_for(self._operator, unit.key, asker_of(request)))
         except WrongQuestion as wrong:
             why = complaint_of(wrong)
-        values = [_shown(reading, None) for reading in outcome.readings]
+        values = [ShownPoint(each.point, _reference(each.point), each.text) for each in outcome.readings]
         return await self._renderer.page(
             "values.html",
             request,
@@ -158,27 +167,31 @@ class UnitPage:
 
     def values_shown(self, unit: UnitPicture, request: web.Request) -> dict[str, Any]:
         """Collect what the template `points.html` shows."""
-        asker, router = asker_of(request), self._operator.router("web")
-        last = shown(self._operator, unit, asker)
-        outcome, age = last or (Outcome(), 0.0)
-        known = {reading.point.name: _shown(reading, age * 1000) for reading in outcome.readings}
-        troubles = {point.name: outcome.trouble_of(point) for point in unit.points}
-        may_read = {
-            area: may(router, asker.host, unit.key, READERS[area][0]) for area in {point.area for point in unit.points}
-        }
-        now = asyncio.get_running_loop().time()
-        there = kept(self._operator.gateway, unit.key, [point.read_span for point in unit.points], now)
-        points = [
-            _best(point, known.get(point.name), each if may_read[point.area] else None, troubles[point.name])
-            for point, each in zip(unit.points, there, strict=True)
-        ]
+        asker, is_device = asker_of(request), unit.kind in ("device", "upstream")
+        last = last_read(self._operator, unit, asker) if is_device else None
         return {
-            "points": points,
+            "points": self._heard(unit, asker, last) if is_device else self._held(unit, asker),
             "no_value": NO_VALUE,
             "can_be_read": bool(readable(unit)),
-            "was_read_ago": age if last else None,
+            "was_read_ago": None if last is None else last[1],
             **self._rights.of(unit, request[VISITOR]).as_content(),
         }
+
+    def _heard(self, unit: UnitPicture, asker: Asker, last: tuple[Outcome, float] | None) -> list[ShownPoint]:
+        """List the points of a device with their latest known values, as far as the asker may read them."""
+        now = asyncio.get_running_loop().time()
+        known = {each.point.name: each for each in known_points(self._operator, unit, asker)}
+        return [_known(point, known.get(point.name), last, now) for point in unit.points]
+
+    def _held(self, unit: UnitPicture, asker: Asker) -> list[ShownPoint]:
+        """List the points of an image or a mirror with the values that it has, as far as the asker may read them."""
+        router, now = self._operator.router("web"), asyncio.get_running_loop().time()
+        spans = [point.read_span for point in unit.points]
+        may_read = {area: may(router, asker.host, unit.key, READERS[area][0]) for area in {span.area for span in spans}}
+        there = kept(self._operator.gateway, unit.key, spans, now)
+        return [
+            _kept(point, each if may_read[point.area] else None) for point, each in zip(unit.points, there, strict=True)
+        ]
 
     async def _status(self, unit: UnitPicture) -> Any:
         units = (await recent_status(self._operator)).units
@@ -193,19 +206,34 @@ def _kinds(status: Any) -> list[tuple[str, int]]:
     return sorted(((name, count) for name, count in counts.items() if count), key=lambda each: (-each[1], each[0]))
 
 
-def _shown(reading: Reading, age_ms: float | None) -> ShownPoint:
-    point = reading.point
-    return ShownPoint(point, _reference(point), reading.text, age_ms)
+def _known(point: Point, known: Known | None, last: tuple[Outcome, float] | None, now: float) -> ShownPoint:
+    """Show what is known of a point, or why the `last` read of it failed, if nothing was heard since."""
+    read, reading = (None, None) if known is None else (known.read, known.reading)
+    age = None if read is None else now - read.asked_at
+    return ShownPoint(
+        point,
+        _reference(point),
+        "" if reading is None else reading.text,
+        None if age is None else 1000 * age,
+        "" if known is None else state_of(known, reading, now),
+        "" if read is None else read.caller.client,
+        last[0].trouble_of(point) if last is not None and (age is None or last[1] < age) else None,
+    )
 
 
-def _best(point: Point, was_read: ShownPoint | None, kept: Kept | None, trouble: Complaint | None) -> ShownPoint:
-    """Choose the newer one of what was read of a point and what a mirror has."""
+def _kept(point: Point, kept: Kept | None) -> ShownPoint:
+    """Show what an image or a mirror has of a point."""
     if kept is None or kept.age_ms is None:
-        return was_read or ShownPoint(point, _reference(point), "", None, trouble=trouble)
-    if was_read is not None and was_read.age_ms is not None and was_read.age_ms < kept.age_ms:
-        return was_read
+        return ShownPoint(point, _reference(point), "", state="never")
     text = point.show(point.value(kept.items))
-    return ShownPoint(point, _reference(point), text, kept.age_ms, kept.name, kept.is_stale)
+    return ShownPoint(point, _reference(point), text, kept.age_ms, "stale" if kept.is_stale else "fresh")
+
+
+def _registers(passed: Passed) -> str:
+    """Write the coils or registers that passed as numbers."""
+    width = len(passed.items) // passed.span.count
+    items = (passed.items[at : at + width] for at in range(0, len(passed.items), width))
+    return " ".join(str(int.from_bytes(item, "big")) for item in items)
 
 
 def _reference(point: Point) -> str:

@@ -199,9 +199,47 @@ async def test_points_are_read_when_somebody_wants_it_and_are_shown_with_their_a
     assert (page.status, page.headers["Location"]) == (303, f"{PAGE}#points")
     await asyncio.sleep(7)
     page = (await browser.get(PAGE)).text
-    assert cells(page, "level")[1:] == ["12.3", "m", "7 s ago"]
-    assert cells(page, "mode")[1:] == ["auto", "", "7 s ago"]
+    assert cells(page, "level")[1:] == ["12.3", "m", "fresh", "7 s ago (web@127.0.0.1)"]
+    assert cells(page, "mode")[1:4] == ["auto", "", "fresh"]
     assert cells(page, "start")[1] == "write-only"
+
+
+async def test_what_a_client_has_read_is_shown_at_once_above_all_else(bench, device):
+    device.holding[:2] = [123, 1]
+    await read(bench, 1, "03 00 00 00 02")
+    page = (await bench.browser().get(PAGE)).text
+    assert cells(page, "level")[1:4] == ["12.3", "m", "fresh"]
+    assert cells(page, "alarm")[1:4] == ["\u2013", "", "never"]
+    headings = re.findall(r'<h2 id="(\w+)"', page)
+    assert headings.index("points") < headings.index("times") < headings.index("failures")
+    await asyncio.sleep(61)
+    assert cells((await bench.browser().get(PAGE)).text, "level")[3] == "stale"
+
+
+async def test_an_exception_is_shown_until_the_point_is_heard_again(bench, device):
+    await read(bench, 1, "03 00 00 00 02")
+    await asyncio.sleep(1)
+    device.refuses[3] = 4
+    browser = bench.browser()
+    await browser.post(f"{PAGE}/points")
+    assert "server device failure" in cells((await browser.get(PAGE)).text, "level")[1]
+    del device.refuses[3]
+    await asyncio.sleep(1)
+    await read(bench, 1, "03 00 00 00 02")
+    assert cells((await browser.get(PAGE)).text, "level")[1] == "0.0"
+
+
+async def test_a_unit_without_points_shows_what_passed_last_and_how_to_get_some(tmp_path):
+    mute = SimulatedDevice(2)
+    mute.holding[7:9] = [5, 65535]
+    async with web_bench(CONFIG, tmp_path) as bench:
+        bench.inner.attach("hall", SimulatedLine("rtu", mute))
+        page = (await bench.browser().get("/units/mute")).text
+        assert "None." in page
+        await read(bench, 1, "03 00 07 00 02", unit=42)
+        markup = Markup((await bench.browser().get("/units/mute")).text)
+        assert [row[:2] for row in markup.rows() if row and row[0] == "holding 7-8"] == [["holding 7-8", "5 65535"]]
+        assert any("profile list" in text and "import csv" in text for text in markup.texts)
 
 
 async def test_points_that_many_want_at_once_are_read_once(bench, device):
@@ -252,7 +290,8 @@ async def test_values_of_a_mirror_are_there_at_once_with_its_age(mirrored, devic
     await asyncio.sleep(1.5)
     heard = len(device.heard)
     page = (await mirrored.browser().get(PAGE)).text
-    assert cells(page, "level")[1:] == ["5.5", "m", "0 s ago (copy)"] or cells(page, "level")[3] == "1 s ago (copy)"
+    assert cells(page, "level")[1:4] == ["5.5", "m", "fresh"]
+    assert re.fullmatch(r"[01] s ago \(mirror copy\)", cells(page, "level")[4])
     assert cells(page, "alarm")[1] == "\u2013"
     assert 'href="/images/copy"' in page
     assert len(device.heard) == heard
@@ -261,7 +300,7 @@ async def test_values_of_a_mirror_are_there_at_once_with_its_age(mirrored, devic
 async def test_a_value_of_a_mirror_that_is_too_old_is_stale(mirrored, device):
     device.silent = True
     await asyncio.sleep(8)
-    assert "stale" in cells((await mirrored.browser().get(PAGE)).text, "level")[3]
+    assert cells((await mirrored.browser().get(PAGE)).text, "level")[3] == "stale"
 
 
 async def test_who_may_not_read_a_unit_sees_no_values_of_its_mirror_there(tmp_path, device):

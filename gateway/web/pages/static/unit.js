@@ -1,4 +1,5 @@
 // The page of a unit: reads its points when somebody wants that, and shows values without leaving the page.
+import { renewRows } from "./rows.js";
 import { textsOf } from "./texts.js";
 
 const TEXTS = await textsOf("unit");
@@ -15,15 +16,8 @@ async function ask(address, options) {
   return page;
 }
 
-// Values and ages are renewed; what somebody types beside them stays.
 function renewPoints(page) {
-  for (const row of document.querySelectorAll("tr[data-point]")) {
-    const fresh = page.querySelector(`tr[data-point="${CSS.escape(row.dataset.point)}"]`);
-    for (const cell of ["td.value", "td.age"]) {
-      const shown = row.querySelector(cell), next = fresh?.querySelector(cell);
-      if (next && shown.innerHTML !== next.innerHTML) shown.replaceWith(next);
-    }
-  }
+  renewRows(document, page);
   const state = document.querySelector("[data-read-state]"), next = page.querySelector("[data-read-state]");
   if (state && next) state.textContent = next.textContent;
 }

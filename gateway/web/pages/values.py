@@ -1,0 +1,200 @@
+"""The page of all values: the latest known one of each point, by device, as selected by the address."""
+
+import asyncio
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Final, NamedTuple, get_args
+from urllib.parse import quote, urlencode
+
+from aiohttp import web
+
+from gateway.clock.slices import in_slices
+from gateway.clock.threads import ThreadPerCall
+from gateway.operator.answers.known_values import KnownValue, ValueState
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.known_values import Known, devices_with_points, hint_for, known_points, state_of, told
+from gateway.operator.operation import Asker
+from gateway.operator.operator import Operator
+from gateway.operator.values_csv import values_as_csv
+from gateway.profiles.point import Point
+from gateway.web.access.guard import Need
+from gateway.web.api.asking import asker_of
+from gateway.web.front.problems import Handler
+from gateway.web.pages.addresses import path_of
+from gateway.web.pages.renderer import Renderer
+
+#: Up to so many points are all shown; of more, those of the devices that the address opens, and never more than these.
+ALL_SHOWN: Final = 200
+MOST_SHOWN: Final = 1000
+_STATES: Final[tuple[ValueState, ...]] = get_args(ValueState)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What the address asks for: points with all words of `search`, in this `state` if it is not empty.
+
+    `opened` are the devices whose points are shown; None if the address leaves that to the page.
+    """
+
+    search: str
+    state: str
+    opened: Sequence[str] | None
+
+    @classmethod
+    def of(cls, query: Any) -> "Wanted":
+        """Read the query of an address; a state that there is not is none."""
+        state = query.get("state", "")
+        return cls(query.get("search", "").strip(), state if state in _STATES else "", query.getall("open", None))
+
+    def has(self, device: str, point: Point) -> bool:
+        """Return whether the names of a device and a point, and its unit of measure, have each word of the search."""
+        text = f"{device} {point.name} {point.unit}".casefold()
+        return all(word in text for word in self.search.casefold().split())
+
+    @property
+    def query(self) -> str:
+        """The search as the query of an address."""
+        return urlencode(self._chosen)
+
+    def address(self, opened: Iterable[str]) -> str:
+        """Make the address of the page with these devices open."""
+        return f"/values?{urlencode([*self._chosen, *(('open', name) for name in opened)])}"
+
+    @property
+    def _chosen(self) -> list[tuple[str, str]]:
+        return [(name, text) for name, text in (("search", self.search), ("state", self.state)) if text]
+
+
+@dataclass(slots=True)
+class Found:
+    """A device, and what is known of those of its points that were found; `counts` of those that are stale or never.
+
+    Whether a value is invalid is found out where it is shown.
+    """
+
+    unit: UnitPicture
+    known: list[Known] = field(default_factory=list)
+    counts: Counter[ValueState] = field(default_factory=Counter)
+
+    def take(self, known: Known, now: float) -> None:
+        """Add a point."""
+        self.known.append(known)
+        if known.read is None:
+            self.counts["never"] += 1
+        elif known.is_stale(now):
+            self.counts["stale"] += 1
+
+
+@dataclass(frozen=True, slots=True)
+class ShownDevice:
+    """A device as the page shows it. `rows` is None while it is folded, and `opened` the address that opens it.
+
+    So many of its points are `left_out`.
+    """
+
+    unit: UnitPicture
+    count: int
+    counts: Sequence[tuple[ValueState, int]]
+    rows: Iterator["Row"] | None
+    opened: str
+    left_out: int
+
+
+class Row(NamedTuple):
+    """A point, and its latest known value as text; without any, `age_ms` is None."""
+
+    point: Point
+    text: str
+    state: ValueState
+    age_ms: float | None
+    source: str
+    address: str
+
+
+class ValuesPage:
+    """The handlers of `/values` and `/values.csv`."""
+
+    def __init__(self, operator: Operator, renderer: Renderer) -> None:
+        self._operator = operator
+        self._renderer = renderer
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """List the routes: method, path, handler, and what it needs."""
+        return [("GET", "/values", self.show, "page"), ("GET", "/values.csv", self.download, "page")]
+
+    async def show(self, request: web.Request) -> web.Response:
+        """Show the values that the address selects, of those that the visitor may read."""
+        wanted, now = Wanted.of(request.query), asyncio.get_running_loop().time()
+        found = await self._found(wanted, asker_of(request), now)
+        return await self._renderer.page(
+            "all_values.html",
+            request,
+            wanted=wanted,
+            states=_STATES,
+            count=sum(len(each.known) for each in found),
+            devices=list(_shown(found, wanted, now)),
+            hint=hint_for(self._operator),
+        )
+
+    async def download(self, request: web.Request) -> web.Response:
+        """Send the values that the address selects as CSV, with a mark by which spreadsheets know that it is UTF-8."""
+        wanted, now, day = Wanted.of(request.query), asyncio.get_running_loop().time(), time.time()
+        found = await self._found(wanted, asker_of(request), now)
+        values: list[KnownValue] = await in_slices(
+            told(each.unit, known, now, day) for each in found for known in each.known
+        )
+        text = await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web page"), values_as_csv, values)
+        headers = {"Content-Disposition": 'attachment; filename="values.csv"', "Cache-Control": "no-store"}
+        return web.Response(body=text.encode("utf-8-sig"), content_type="text/csv", charset="utf-8", headers=headers)
+
+    async def _found(self, wanted: Wanted, asker: Asker, now: float) -> list[Found]:
+        """Find the points, by device, with pauses for the lines."""
+        by_unit: dict[int, Found] = {}
+
+        def all_points() -> Iterator[None]:
+            for unit in devices_with_points(self._operator):
+                for known in known_points(self._operator, unit, asker):
+                    yield
+                    if not wanted.has(unit.name, known.point):
+                        continue
+                    if wanted.state and state_of(known, known.reading, now) != wanted.state:
+                        continue
+                    by_unit.setdefault(unit.key, Found(unit)).take(known, now)
+
+        await in_slices(all_points())
+        return list(by_unit.values())
+
+
+def _shown(found: Sequence[Found], wanted: Wanted, now: float) -> Iterator[ShownDevice]:
+    """Fold devices if there are many points; rows are made when they are needed."""
+    names = [each.unit.name for each in found]
+    is_all = sum(len(each.known) for each in found) <= ALL_SHOWN
+    opened = (names if is_all else []) if wanted.opened is None else [each for each in names if each in wanted.opened]
+    room = MOST_SHOWN
+    for each in found:
+        name, is_open = each.unit.name, each.unit.name in opened
+        known = each.known[:room] if is_open else ()
+        room -= len(known)
+        yield ShownDevice(
+            each.unit,
+            len(each.known),
+            sorted(each.counts.items()),
+            map(partial(_row, each.unit, now), known) if is_open else None,
+            f"{wanted.address([*opened, name])}#device-{each.unit.key}",
+            len(each.known) - len(known) if is_open else 0,
+        )
+
+
+def _row(unit: UnitPicture, now: float, known: Known) -> Row:
+    reading, read, name = known.reading, known.read, known.point.name
+    return Row(
+        known.point,
+        "" if reading is None else reading.text,
+        state_of(known, reading, now),
+        None if read is None else 1000 * (now - read.asked_at),
+        "" if read is None else read.caller.client,
+        f"{path_of('units', unit)}?trend={quote(name)}#trend",
+    )
