@@ -37,6 +37,7 @@ VERBS: Final[Mapping[str, str]] = {
     "check": "check a config file and show its effect",
     "reload": "make the running gateway read its config again",
     "status": "show the state of the running gateway",
+    "values": "show the latest values of all points, without asking a device",
     "trace": "show what passes on the lines, and why requests failed",
     "events": "show what has happened, and what happens",
     "doctor": "find what is wrong with ports, lines, units and clients",

@@ -6,10 +6,12 @@ from types import SimpleNamespace
 from typing import Any
 
 from gateway.control.server import carry_out
+from gateway.errors import DaemonError, WrongQuestion
 from gateway.operator.operation import Asker, IsThere
 from gateway.operator.operator import Operator
 from gateway.operator.requests import AT_CONTROL
 from gateway.runtime.running import Running
+from kit.control import FakeConversation, Question
 
 #: Of a gateway whose config is in no file.
 NO_FILE = SimpleNamespace(file=Path("/nonexistent/gateway.toml"))
@@ -33,3 +35,21 @@ async def ask(running: Running, verb: str, *, reloader: Any = NO_FILE, **details
     """The answer to a request that has one."""
     (answer,) = await answers(running, {"verb": verb, **details}, reloader=reloader)
     return answer
+
+
+class ControlSocket(FakeConversation):
+    """The control socket of a gateway in virtual time: operations that only let others have their turns."""
+
+    def __init__(self, running: Running) -> None:
+        super().__init__(self._answers_to)
+        self._running = running
+
+    def _answers_to(self, question: Question) -> list[Mapping[str, Any]]:
+        answer = ask(self._running, **question)
+        try:
+            while True:
+                answer.send(None)
+        except StopIteration as done:
+            return [done.value]
+        except WrongQuestion as wrong:
+            raise DaemonError(f"the gateway says: {wrong}") from wrong

@@ -20,6 +20,11 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("status", "lines, units and clients at the moment"),
         ("status -w", "the same, every second"),
     ),
+    "values": (
+        ("values", "what was last heard of each point of all devices"),
+        ("values silo-1 -w", "of one device, again every second"),
+        ("values --csv > values.csv", "for a spreadsheet"),
+    ),
     "read": (
         ("read silo-1", "all points of a device"),
         ("read 46 holding 107-109", "registers 40108 to 40110 of unit 46: addresses count from 0"),

@@ -5,6 +5,7 @@
 - check    `check`: all of it; the parts of a config are in the modules below
 - listeners, rights, lines, line_load, servers, sites, images, published    parts of a config
 - virtual, mapped    virtual units, and what stands at their addresses
+- known_values    `values`
 - map, register_map    `map`
 - limits    time limits and longest waits, for `check` and `profile`
 - trace_rows    `trace`

@@ -2,16 +2,13 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from gateway.cli.main import FINE, main
-from gateway.errors import DaemonError, WrongQuestion
-from kit.asking import ask
-from kit.control import FakeConversation, Question
+from kit.asking import ControlSocket
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.mapped_hall import CONFIG, attach
@@ -25,24 +22,6 @@ stale = "3 s"
 read = [{ holding = "0-149", every = "1 s" }, { coils = "0-3", every = "1 s" }]
 """
 IMAGE = '[[image]]\nunit = 200\nname = "shift"\nholding = "0-9"\n'
-
-
-class Control(FakeConversation):
-    """The control socket of a gateway in virtual time: operations that only let others have their turns."""
-
-    def __init__(self, bench: GatewayBench) -> None:
-        super().__init__(self._answers_to)
-        self._bench = bench
-
-    def _answers_to(self, question: Question) -> list[Mapping[str, Any]]:
-        answer = ask(self._bench.running, **question)
-        try:
-            while True:
-                answer.send(None)
-        except StopIteration as done:
-            return [done.value]
-        except WrongQuestion as wrong:
-            raise DaemonError(f"the gateway says: {wrong}") from wrong
 
 
 @pytest.fixture
@@ -59,8 +38,8 @@ async def meters(bench: GatewayBench) -> dict[str, SimulatedDevice]:
 
 
 @pytest.fixture
-def control(bench, monkeypatch) -> Control:
-    control = Control(bench)
+def control(bench, monkeypatch) -> ControlSocket:
+    control = ControlSocket(bench.running)
     monkeypatch.setattr("gateway.cli.verbs.map.Conversation", control)
     return control
 
@@ -197,7 +176,7 @@ async def test_many_values_are_asked_for_in_parts_that_leave_out_gaps(monkeypatc
     config.write_text(text)
     async with gateway_bench(text) as bench:
         bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(1, items=1000)))
-        control = Control(bench)
+        control = ControlSocket(bench.running)
         monkeypatch.setattr("gateway.cli.verbs.map.Conversation", control)
         await asyncio.sleep(20)
         found = ages(capsys, config, "block")
