@@ -50,7 +50,7 @@ function _shtab_modbus_gateway_using
   test "$_shtab_modbus_gateway_cmdpath" = "$argv"
 end
 
-set -g _shtab_modbus_gateway_commands demo run check reload status trace events doctor read write ask forget scan calibrate bench profile map ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
+set -g _shtab_modbus_gateway_commands demo run check reload status values trace events doctor read write ask forget scan calibrate bench profile map ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
 set -g _shtab_modbus_gateway_opts_with_value --at --baud --client --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --line --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
 
 complete -c modbus-gateway -e
@@ -83,6 +83,13 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using status' -l config -xk
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using status' -s w -l watch -d 'show it again every second, until Ctrl-C'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using status' -l fleet -d 'show all sites of the fleet instead of this gateway'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using status' -l json -d 'print JSON instead of tables'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a values -d 'Show the latest values of all points, without asking a device.'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using values' -s h -l help -d 'show this help message and exit'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using values' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using values' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config of the gateway that is meant, which says where its control socket is'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using values' -s w -l watch -d 'show them again every second, until Ctrl-C'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using values' -l json -d 'print JSON instead of a table'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using values' -l csv -d 'print CSV; its columns are always the same'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a trace -d 'Show what passes on the lines, and why requests failed.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using trace' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using trace' -l unit -x -d 'only this unit: the number that clients use, or a name'
