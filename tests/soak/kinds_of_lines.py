@@ -75,6 +75,14 @@ LINES: Final = (
         wake=0.1,
     ),
 )
-CONFIG: Final = '[[listen]]\nbind = "tcp://127.0.0.1:0"\nunit0 = "broadcast"\n' + "".join(line.config for line in LINES)
+#: With a point its last reads are kept of each device, for whoever wants to see values.
+_HEAD: Final = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+unit0 = "broadcast"
+[profile.generic]
+points = [{ name = "first", holding = 0 }]
+"""
+CONFIG: Final = _HEAD + "".join(line.config for line in LINES)
 #: Of each unit that clients use: its device's number.
 NUMBERS: Final = {10 * at + unit: len(UNITS) * at + unit - 1 for at in range(len(LINES)) for unit in UNITS}

@@ -73,6 +73,14 @@ class Values:
                 self.coils[number, address] = Item(bit(number, Area.COILS, address))
         self._value = 0
 
+    def may_hold(self, number: int, area: Area, address: int, value: int) -> bool:
+        """Whether a register can have this value now; one that is just written, or by broadcasts, any."""
+        item = self.registers.get((number, address)) if area is Area.HOLDING else None
+        if item is None:
+            return value == word(number, area, address)
+        by_broadcasts = (address - OWN) % OWN_ITEMS == OWN_ITEMS - 1
+        return item.pending or by_broadcasts or value in item.possible
+
     def new_value(self) -> int:
         """A register value that has not been written for long."""
         self._value = (self._value + 1) & 0xFFFF

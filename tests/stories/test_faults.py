@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Mapping
 
 import pytest
 
+from gateway.lines.last_reads import LastReads
 from gateway.modbus.codes import Area
 from gateway.ports.port import Port, PortUser
 from gateway.timing.characters import CharacterFormat, LineTiming
@@ -106,6 +107,14 @@ async def test_twenty_thousand_transactions_with_every_fault_and_no_wrong_answer
         assert tally.injected[fault] > 20, fault
     assert sum(count for (_, outcome), count in tally.outcomes.items() if outcome == "right data") > 10_000
     assert min(tally.counts["stalls"], tally.events["connection_renewed"]) > 50
+    assert tally.counts["values shown"] > 10_000
+
+
+@pytest.mark.search
+@pytest.mark.interpreted
+async def test_it_notices_values_that_are_shown_as_they_were_before_a_write(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LastReads, "written", lambda *_: None)
+    assert (await play(transactions=4_000, share=0.2, seed=1)).wrong_count > 0
 
 
 @pytest.mark.search

@@ -16,6 +16,7 @@ from typing import Final
 from gateway.lines.transaction import Transaction
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
+from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.operator.status import status
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
@@ -193,6 +194,20 @@ class World:
             await asyncio.sleep(2.0)  # until it is open again
             self._pulls[name] += 1
 
+    def check_values(self) -> None:
+        """Compare what is shown as the values of all devices with what they hold."""
+        devices = {each.settings.known_as: each for line in self.bench.gateway.lines for each in line.all_devices}
+        for unit, number in NUMBERS.items():
+            for read in devices[unit].last_reads.of(devices[unit].unit):
+                if read.outdated or read.span.area not in (Area.HOLDING, Area.INPUT):
+                    continue
+                self.tally.counts["values shown"] += 1
+                for place, address in enumerate(range(read.span.start, read.span.end)):
+                    value = int.from_bytes(read.response[2 + 2 * place :][:2])
+                    if not self.values.may_hold(number, read.span.area, address, value):
+                        where = f"{read.span.area} {address} of {unit}"
+                        self.tally.complain(f"{value:04X} is shown for {where}\n" + self.story(unit))
+
     def story(self, unit: int) -> str:
         """What passed lately on the line of a unit."""
         kind = LINES[unit // 10]
@@ -354,6 +369,7 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
         while not world.is_over:
             await asyncio.sleep(1.0)
             world.tally.take_events(bench.events)
+            world.check_values()
         await adapters
         await asyncio.sleep(2 * PATIENCE)
         world.tally.take_events(bench.events)
