@@ -96,7 +96,9 @@ class ToList:
     """
 
     since: Annotated[
-        float | None, Within(0, _LONGEST_LOOK_BACK), "a number of seconds, not below 0: events of that time before now"
+        int | float | None,
+        Within(0, _LONGEST_LOOK_BACK),
+        "a number of seconds, not below 0: events of that time before now",
     ] = None
     level: Annotated[str, OneOf(LEVELS), f"one of {', '.join(LEVELS)}; the least severe"] = "info"
     line: Annotated[str | None, "the name of a line"] = None

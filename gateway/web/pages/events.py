@@ -6,6 +6,7 @@ from urllib.parse import urlencode
 
 from aiohttp import web
 
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration
 from gateway.errors import Malformed, WrongQuestion
@@ -16,7 +17,7 @@ from gateway.operator.asked import ToList
 from gateway.operator.happened import last_events, rfc_3339
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import read_parameters
-from gateway.operator.units import units_of
+from gateway.operator.units import names, units_of
 from gateway.timing.history import STEP, Slot
 from gateway.web.access.guard import Need
 from gateway.web.front.problems import Handler
@@ -57,15 +58,16 @@ class EventsPage:
         operator, seen, units = self._operator, await self._situations.now(), units_of(self._operator)
         lines = [part.name for part in operator.gateway.parts]
         with_page = frozenset(unit.name for unit in units)
+        known = _Names(operator.gateway.plan)
 
         def content() -> Mapping[str, Any]:
-            return {"wrong": [(each, began(each, operator, seen)) for each in worst_first(seen.troubles)]}
+            return {"still": [(each, began(each, operator, seen)) for each in worst_first(seen.troubles)]}
 
         return await self._renderer.page(
             "events.html",
             request,
             content,
-            rows=[_row(each, frozenset(lines), with_page) for each in reversed(found[-MOST_ROWS:])],
+            rows=[_row(each, known) for each in reversed(found[-MOST_ROWS:])],
             left_out=max(0, len(found) - MOST_ROWS),
             why=why,
             chosen=dict.fromkeys(CHOICES, "") | chosen,
@@ -86,20 +88,23 @@ def began(trouble: Trouble, operator: Operator, seen: Situation) -> float | None
     if trouble.kind in at_events and (trouble.kind != "fix" or not trouble.page):
         return operator.events.began(at_events[trouble.kind])
     if trouble.kind == "failing":
-        return _since(seen, lambda slot: name in slot.units and is_failing(slot.units[name]))
+        return _since(operator, seen, lambda slot: name in slot.units and is_failing(slot.units[name]))
     if trouble.kind == "full":
-        return _since(seen, lambda slot: name in slot.lines and slot.lines[name].busy_share >= FULL)
+        return _since(operator, seen, lambda slot: name in slot.lines and slot.lines[name].busy_share >= FULL)
     return None
 
 
-def _since(seen: Situation, is_wrong: Callable[[Slot], bool]) -> float | None:
+def _since(operator: Operator, seen: Situation, is_wrong: Callable[[Slot], bool]) -> float | None:
     """Return the beginning of the last slots in which something is wrong; the present one may be too short to tell."""
     slots = seen.past.slots
     end = len(slots) - (not slots or slots[-1] is None or not is_wrong(slots[-1]))
     start = end
     while start and (slot := slots[start - 1]) is not None and is_wrong(slot):
         start -= 1
-    return float((seen.past.first + start) * STEP) if start < end else None
+    begun, ran_since = float((seen.past.first + start) * STEP), operator.clock() - seen.up_s
+    if start == end:
+        return None
+    return ran_since if begun < ran_since < begun + STEP else begun
 
 
 def _asked(chosen: Mapping[str, str]) -> ToList:
@@ -110,22 +115,36 @@ def _asked(chosen: Mapping[str, str]) -> ToList:
     """
     others = {name: text for name, text in chosen.items() if name != "since"}
     try:
-        since = {"since": str(parse_duration(chosen["since"]))} if "since" in chosen else {}
+        since = {"since": f"{parse_duration(chosen['since']):.0f}"} if "since" in chosen else {}
     except WrongValue as wrong:
         raise Malformed(f"since: {wrong}") from None
     return read_parameters(ToList, {**others, **since}, is_text=True)
 
 
-def _row(event: LastEvent, lines: frozenset[str], units: frozenset[str]) -> Mapping[str, Any]:
-    fields, level = event.fields, Level(event.level).name.lower()
-    device = fields.get("device") or fields.get("image") or ""
+class _Names:
+    """The names of lines and units that have pages."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.units = names(plan)
+        self._of_one_line = {listener.name for listener in plan.listeners if listener.only}
+
+    def unit_of(self, fields: Mapping[str, Any]) -> str:
+        """Return the name of the unit that an event is about, or its number; empty if it is about none."""
+        number = fields.get("unit", "")
+        named = fields.get("device") or fields.get("image")
+        if named or "client" not in fields or fields.get("listener") in self._of_one_line:
+            return str(named or number)
+        return self.units.get(number, str(number))
+
+
+def _row(event: LastEvent, known: _Names) -> Mapping[str, Any]:
+    level = Level(event.level).name.lower()
+    client = str(event.fields.get("client", ""))
     return {
         "event": event,
         "level": level,
         "look": _LOOKS.get(level, ""),
-        "line": fields.get("line", ""),
-        "has_line": fields.get("line") in lines,
-        "unit": device or fields.get("unit", ""),
-        "has_unit": device in units,
-        "client": split_host(client) if (client := str(fields.get("client", ""))) else "",
+        "line": event.fields.get("line", ""),
+        "unit": known.unit_of(event.fields),
+        "client": split_host(client) if client else "",
     }
