@@ -94,7 +94,7 @@ def _of_line(gateway: Gateway, line: str, events: Iterable[LastEvent]) -> Test:
     units = {device.settings.client_unit for device in devices} - {None}
 
     def is_of_it(fields: Mapping[str, Any]) -> bool:
-        if "line" in fields or "device" in fields:
+        if fields.get("line") or fields.get("device"):
             return fields.get("line") == line or fields.get("device") in of_line
         return "client" in fields and fields.get("unit") in units
 
@@ -116,7 +116,7 @@ def _of_unit(plan: Plan, unit: int | str, events: Iterable[LastEvent]) -> Test:
             return True
         if number is None or fields.get("unit") != number:
             return False
-        return name is None or ("client" in fields and "line" not in fields and "device" not in fields)
+        return name is None or ("client" in fields and not (fields.get("line") or fields.get("device")))
 
     return is_of_it
 

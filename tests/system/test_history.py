@@ -1,4 +1,4 @@
-"""The history of a gateway that runs: what outlives a power cut, a torn file and a full disk."""
+"""The history and the last events of a gateway that runs: what outlives a power cut, a torn file and a full disk."""
 
 import json
 import os
@@ -10,15 +10,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 from urllib.request import urlopen
 
 import pytest
 
 from gateway.modbus import mbap
+from gateway.observe.event_file import FILE_NAME as EVENTS_FILE_NAME
 from gateway.operator.history import FILE_NAME
 from kit import prepared, process
-from kit.process import PATIENCE, GatewayProcess
+from kit.process import PATIENCE, GatewayProcess, command, started
 
 CONFIG = """
 [[listen]]
@@ -67,6 +69,10 @@ class Gateway(GatewayProcess):
     def not_sent(self) -> int:
         """What the history has of the silo."""
         return sum(slot["not_sent"] for slot in json.loads(self.get("/api/v1/units/silo/history"))["slots"])
+
+    def tells(self, name: str) -> bool:
+        """Whether there is such an event about the file of the history."""
+        return any(Path(event["file"]).name == FILE_NAME for event in self.named(name))
 
     def named(self, name: str) -> list[dict[str, Any]]:
         return [event for event in self.log if event["event"] == name]
@@ -172,12 +178,58 @@ def test_a_full_disk_is_told_once_and_costs_nothing_else(tmp_path: Path, small_d
             while stream.write(bytes(4096)):
                 pass
         gateway.ask(4)
-        until(lambda: (gateway.ask(1), gateway.named("state_not_kept"))[1] != [])
+        until(lambda: (gateway.ask(1), gateway.tells("state_not_kept"))[1])
         time.sleep(2.0)
-        assert len(gateway.named("state_not_kept")) == 1
+        files = [event["file"] for event in gateway.named("state_not_kept")]
+        assert len(files) == len(set(files))
         ballast.unlink()
-        gateway.wait_for("state_kept_again")
+        until(lambda: gateway.tells("state_kept_again"))
         until(lambda: gateway.not_sent >= 6)
         kept = gateway.not_sent
     with Gateway(tmp_path) as gateway:
         until(lambda: gateway.not_sent == kept)
+
+
+def told(gateway: Gateway) -> list[str]:
+    """The names of the last events."""
+    answer = command("events", "--json", "--since", "1h", "--control", str(gateway.config.parent / "control.sock"))
+    assert answer.returncode == 0, answer.stderr
+    return [json.loads(line)["event"] for line in answer.stdout.splitlines()]
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM])
+def test_the_last_events_outlive_the_process(tmp_path: Path, state: Path, end: signal.Signals) -> None:
+    log = state / f"{EVENTS_FILE_NAME}-wal"
+    with Gateway(tmp_path) as gateway:
+        until(lambda: log.exists() and b'"name":"line_lost"' in log.read_bytes())
+        gateway.signal(end)
+        gateway.wait()
+    with Gateway(tmp_path) as gateway:
+        until(lambda: told(gateway).count("config_loaded") == 2)
+        assert told(gateway).count("line_lost") == 2
+        assert ("stopped" in told(gateway)) == (end is signal.SIGTERM)
+        line_lost = json.loads(gateway.get("/api/v1/events/last?level=warning&line=hall&count=1"))["events"]
+        assert line_lost[0]["event"] == "line_lost"
+        assert gateway.named("state_damaged") == gateway.named("part_failed") == []
+
+
+def test_following_goes_on_over_a_reload_and_ends_with_the_gateway(tmp_path: Path) -> None:
+    with Gateway(tmp_path) as gateway, TemporaryFile() as out, TemporaryFile() as err:
+        words = ["events", "-f", "--control", str(tmp_path / "control.sock")]
+        follower = started(words, stdout=out.fileno(), stderr=err.fileno())
+
+        def said(file: Any) -> str:
+            return os.pread(file.fileno(), 100_000, 0).decode()
+
+        try:
+            until(lambda: "ready" in said(out))
+            gateway.signal(signal.SIGHUP)
+            until(lambda: "config_applied" in said(out))
+            gateway.config.write_text(gateway.config.read_text() + "nonsense")
+            gateway.signal(signal.SIGHUP)
+            until(lambda: "config_rejected" in said(out))
+            gateway.stop()
+            assert follower.wait(PATIENCE) == 0
+        finally:
+            follower.kill()
+        assert said(err) == "the gateway has stopped\n"
