@@ -25,6 +25,7 @@ PAGES = {
     "/login": "/login",
     "/lines/NAME": "/lines/silo",
     "/units/NAME": "/units/drive-71",
+    "/events": "/events?since=24h",
     "/traffic": "/traffic?line=panel",
     "/health": "/health",
     "/clients": "/clients",

@@ -118,7 +118,7 @@ def test_the_table_is_bounded(page: Any, address: str) -> None:
     until(page, lambda: rows(page).count() == 500)
 
 
-@pytest.mark.parametrize("path", ["/health", "/clients", "/config"])
+@pytest.mark.parametrize("path", ["/events", "/health", "/clients", "/config"])
 def test_a_page_outlives_its_renewal_without_a_complaint(page: Any, address: str, path: str) -> None:
     page.goto(f"{address}{path}?lang=zh")
     heading = page.locator("h1").inner_text()
@@ -130,7 +130,7 @@ def test_a_page_outlives_its_renewal_without_a_complaint(page: Any, address: str
     assert page.locator(f'nav a[href="{path}"][aria-current=page]').count() == 1
 
 
-@pytest.mark.parametrize("path", ["/traffic", "/health", "/clients", "/config"])
+@pytest.mark.parametrize("path", ["/events", "/traffic", "/health", "/clients", "/config"])
 def test_a_page_fits_on_a_phone(address: str, browser: Any, path: str) -> None:
     page = browser.new_page(viewport={"width": 390, "height": 844})
     page.goto(f"{address}{path}")
@@ -176,7 +176,12 @@ CUT_OFF = """cells => cells.filter((each) => {
 
 @pytest.mark.parametrize(
     ("path", "cells"),
-    [("/traffic", "table.traffic td"), ("/lines/hall", "table[data-trace] td"), ("/health", ".findings td")],
+    [
+        ("/events", ".events td:not(.minor)"),
+        ("/traffic", "table.traffic td"),
+        ("/lines/hall", "table[data-trace] td"),
+        ("/health", ".findings td"),
+    ],
 )
 def test_on_a_phone_no_time_unit_or_cure_is_cut_off(address: str, browser: Any, path: str, cells: str) -> None:
     page = browser.new_page(viewport={"width": 390, "height": 844})
