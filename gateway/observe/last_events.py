@@ -20,9 +20,9 @@ MOST_BYTES: Final = 512 * 1024
 #: So many about the same thing stand by themselves in so many seconds; then they are counted.
 MOST_ALIKE: Final = 5
 ALIKE_FOR: Final = 3600.0
-#: So many different ones of one kind stand by themselves in a minute: clients can cause others in any number.
+#: So many different ones of one kind stand by themselves in so many seconds: clients can cause others in any number.
 MOST_OF_A_KIND: Final = 100
-_MINUTE: Final = 60.0
+OF_A_KIND_FOR: Final = 600.0
 #: The most things that are told apart at a time.
 _MOST_SUBJECTS: Final = 2000
 #: How often a mere count is written to the file, in seconds.
@@ -211,13 +211,13 @@ class LastEvents:
             self._new |= self._counted
 
     def _subject(self, event: Event, now: float) -> _Subject:
-        """Find what an event is about; all further ones of a kind are one thing if there are too many in a minute."""
+        """Find what an event is about; all further ones of a kind are one thing if there are too many."""
         key = (event.name, *(_key(name, getattr(event, name)) for name in event.field_names if name in _KEY))
         subject = self._subjects.get(key)
         if subject is not None and 0 <= now - subject.since < ALIKE_FOR:
             return subject
         recent = self._recent.get(event.name)
-        if recent is None or not 0 <= now - recent.since < _MINUTE:
+        if recent is None or not 0 <= now - recent.since < OF_A_KIND_FOR:
             recent = self._recent[event.name] = _Subject(now)
         recent.count += 1
         if is_many := recent.count > MOST_OF_A_KIND:

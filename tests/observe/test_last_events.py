@@ -13,6 +13,7 @@ from gateway.observe.last_events import (
     MOST_BYTES,
     MOST_EVENTS,
     MOST_OF_A_KIND,
+    OF_A_KIND_FOR,
     LastEvents,
     read_row,
 )
@@ -126,19 +127,19 @@ def test_clients_of_any_number_of_addresses_are_told_together(last):
 
 def test_what_happens_seldom_is_not_displaced(last):
     add(last, LOST, REOPENED)
-    for minute in range(60):
-        add(last, *(timeout(f"press-{minute}-{number}") for number in range(90)), by=0.66)
+    for lap in range(60):
+        add(last, *(timeout(f"press-{lap}-{number}") for number in range(90)), by=OF_A_KIND_FOR / 89.5)
     assert names(last)[:2] == ["line_lost", "line_reopened"]
     assert 0.9 * MOST_EVENTS <= len(last.all()) <= MOST_EVENTS
     assert last.all()[-1].fields["device"] == "press-59-89"
 
 
 def test_the_room_is_bounded(last):
-    for minute in range(30):
+    for lap in range(30):
         add(
             last,
-            *(events.ConfigWarning(f"{minute} {number} " + "x" * 2000, "y" * 2000) for number in range(90)),
-            by=0.66,
+            *(events.ConfigWarning(f"{lap} {number} " + "x" * 2000, "y" * 2000) for number in range(90)),
+            by=OF_A_KIND_FOR / 89.5,
         )
     kept = last.all()
     assert sum(len(each.row()[1]) for each in kept) <= MOST_BYTES + 1000 * len(str(MOST_EVENTS))
@@ -245,8 +246,8 @@ def test_what_is_dropped_goes_from_the_file_too(last):
     add(last, LOST)
     last.changes()
     gone = set()
-    for minute in range(20):
-        add(last, *(timeout(f"press-{minute}-{number}") for number in range(90)), by=0.66)
+    for lap in range(20):
+        add(last, *(timeout(f"press-{lap}-{number}") for number in range(90)), by=OF_A_KIND_FOR / 89.5)
         changes = last.changes()
         gone |= changes.gone
         last.put_back(changes)
