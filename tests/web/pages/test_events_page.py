@@ -203,3 +203,8 @@ async def test_a_rejected_config_is_wrong_until_another_one_is_applied(bench):
     bench.running.reload_succeeded = True
     await asyncio.sleep(60)
     assert not [row for row in await wrong(bench) if row[2] == "config"]
+
+
+async def test_the_pages_of_a_line_and_a_unit_lead_to_their_events(bench):
+    assert '<a href="/events?line=hall%20%3Cb%3E">' in (await bench.browser().get("/lines/hall%20%3Cb%3E")).text
+    assert '<a href="/events?unit=press">' in (await bench.browser().get("/units/press")).text
