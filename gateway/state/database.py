@@ -38,7 +38,8 @@ class Table:
     """The one table of a database: name and SQL type of its `columns`, the first `keys` of which are the primary key.
 
     `check_sum` computes the checksum that is kept beside a row. `application` and `version` are in the header of the
-    file. `needed_by` says in messages what the file is for, in the plural.
+    file. `needed_by` says in messages what the file is for, in the plural. The rows of one that `is_large` are not read
+    when it is opened, and a damaged one is begun anew.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Table:
     application: int
     version: int
     needed_by: str
+    is_large: bool = False
 
     @property
     def set_up(self) -> str:
@@ -71,11 +73,22 @@ class Table:
         """The statement that writes a row and its checksum."""
         return f"INSERT OR REPLACE INTO {self.name} VALUES ({', '.join('?' * (len(self.columns) + 1))})"  # noqa: S608
 
+    def select_by(self, parts: int) -> str:
+        """Make the statement that reads the rows with these first parts of a key."""
+        return f"{self.select} WHERE {self._key(parts)}"
+
+    def delete_by(self, parts: int) -> str:
+        """Make the statement that deletes the rows with these first parts of a key."""
+        return f"DELETE FROM {self.name} WHERE {self._key(parts)}"  # noqa: S608 - as above
+
     @property
-    def delete(self) -> str:
-        """The statement that deletes a row by its key."""
-        keys = " AND ".join(f"{name} = ?" for name, _ in self.columns[: self.keys])
-        return f"DELETE FROM {self.name} WHERE {keys}"  # noqa: S608 - as above
+    def ends(self) -> str:
+        """The statement that finds the least and the greatest first part of all keys."""
+        name, _ = self.columns[0]
+        return f"SELECT (SELECT min({name}) FROM {self.name}), (SELECT max({name}) FROM {self.name})"  # noqa: S608
+
+    def _key(self, parts: int) -> str:
+        return " AND ".join(f"{name} = ?" for name, _ in self.columns[:parts])
 
     def _names(self, count: int | None = None) -> str:
         return ", ".join(name for name, _ in self.columns[:count])
@@ -90,7 +103,9 @@ class Database:
         self._turn = Lock()
 
     def write(self, rows: Iterable[Row], gone: Iterable[Row] = ()) -> None:
-        """Write all of the rows and delete those with the keys `gone`, or do nothing; it is on the disk on return.
+        """Delete the rows with the keys `gone`, or with these first parts of a key, and write `rows`; or do nothing.
+
+        It is on the disk on return.
 
         Raises:
             sqlite3.Error: the disk is full or fails.
@@ -98,8 +113,45 @@ class Database:
         written = [(*row, self._table.check_sum(row)) for row in rows]
         with self._turn, self._connection:
             self._connection.execute("BEGIN IMMEDIATE")
-            self._connection.executemany(self._table.delete, gone)
+            for key in gone:
+                self._connection.execute(self._table.delete_by(len(key)), key)
             self._connection.executemany(self._table.insert, written)
+
+    def find(self, keys: Iterable[Row]) -> Iterator[Row]:
+        """Yield the rows with these keys, or with these first parts of a key. Damaged ones are left out.
+
+        Raises:
+            sqlite3.Error: the disk or the file fails.
+        """
+        for key in keys:
+            with self._turn:
+                found = self._connection.execute(self._table.select_by(len(key)), key).fetchall()
+            for *columns, check_sum in found:
+                row = tuple(columns)
+                if self._table.check_sum(row) == check_sum:
+                    yield row
+
+    def ends(self) -> tuple[Any, Any]:
+        """Find the least and the greatest first part of all keys; None if there is no row.
+
+        Raises:
+            sqlite3.Error: the disk or the file fails.
+        """
+        with self._turn:
+            least, greatest = self._connection.execute(self._table.ends).fetchone()
+        return least, greatest
+
+    @property
+    def size(self) -> int:
+        """The bytes that its rows take in the file.
+
+        Raises:
+            sqlite3.Error: the disk or the file fails.
+        """
+        questions = ("PRAGMA page_count", "PRAGMA freelist_count", "PRAGMA page_size")
+        with self._turn:
+            pages, free, size = (self._connection.execute(each).fetchone()[0] for each in questions)
+        return int((pages - free) * size)
 
     def close(self) -> None:
         """Close the file."""
@@ -188,7 +240,8 @@ def _recreate(file: Path, table: Table, rows: list[Row], damage: str) -> Opened:
         database = _load(file, table, [], unless_used)
         unless_used.pop_all()
     database.write(rows)
-    return Opened(database, tuple(rows), f"{damage}; {len(rows)} values of it could be read")
+    kept = "it is begun anew" if table.is_large else f"{len(rows)} values of it could be read"
+    return Opened(database, tuple(rows), f"{damage}; {kept}")
 
 
 def _move_aside(file: Path) -> Path:
@@ -244,7 +297,7 @@ def _is_new(connection: sqlite3.Connection, file: Path, table: Table) -> bool:
 
 def _read(connection: sqlite3.Connection, table: Table, rows: list[Row]) -> None:
     wrong = 0
-    with closing(connection.execute(table.select)) as stored:
+    with closing(connection.execute(f"{table.select}{' LIMIT 0' if table.is_large else ''}")) as stored:
         for *columns, check_sum in stored:
             row = tuple(columns)
             if table.check_sum(row) == check_sum:

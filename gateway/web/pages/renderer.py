@@ -4,7 +4,6 @@ import asyncio
 import gzip
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from time import sleep, thread_time
 from types import CodeType
 from typing import Any, Final, Protocol
 
@@ -13,6 +12,7 @@ from jinja2 import BytecodeCache, Environment, FileSystemLoader, StrictUndefined
 from jinja2.bccache import Bucket
 
 from gateway import DOCUMENTATION, __version__
+from gateway.clock.slices import with_rests
 from gateway.clock.threads import ThreadPerCall
 from gateway.web.access.guard import VISITOR, Need
 from gateway.web.front.problems import Handler
@@ -28,10 +28,6 @@ _HEADERS: Final = {"Cache-Control": "no-store", "Vary": "Accept-Language, Cookie
 
 #: The gzip level of pages: higher ones are slower, and save next to nothing.
 _PACKING: Final = 4
-#: A page is made in slices of this time, in seconds, with pauses that are as many times longer: the lines need the
-#: interpreter, and making pages never takes more than a quarter of a processor.
-_SLICE: Final = 0.00025
-_PAUSES: Final = 3
 
 
 class _Compiled(BytecodeCache):
@@ -116,20 +112,10 @@ class Renderer:
         templates, loop = self._templates[language.code], asyncio.get_running_loop()
 
         def make() -> bytes:
-            text = "".join(_in_slices(templates.get_template(template).generate({**content, **in_thread()}))).encode()
+            text = "".join(with_rests(templates.get_template(template).generate({**content, **in_thread()}))).encode()
             return gzip.compress(text, _PACKING) if is_packed else text
 
         return await loop.run_in_executor(ThreadPerCall("web page"), make)
-
-
-def _in_slices(parts: Iterable[str]) -> Iterator[str]:
-    """Yield the parts of a page; the thread rests between slices of making them."""
-    begun = thread_time()
-    for part in parts:
-        yield part
-        if (spent := thread_time() - begun) >= _SLICE:
-            sleep(_PAUSES * spent)
-            begun = thread_time()
 
 
 def _templates(language: Language, assets: Assets) -> Environment:

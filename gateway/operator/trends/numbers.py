@@ -1,0 +1,84 @@
+"""Numbers out of the responses to a read, by functions that are prepared for it once."""
+
+from collections.abc import Callable, Iterable
+from decimal import Decimal
+from math import isfinite
+from typing import Final, NamedTuple
+
+from gateway.modbus.pdu import Span
+from gateway.profiles.coding import decoder
+from gateway.profiles.point import Point
+from gateway.registers.datatypes import is_float
+from gateway.registers.items import has_bits, items_read
+
+#: Finds the value in the items of a point's `read_span`; None if it is no number.
+ToNumber = Callable[[bytes], float | None]
+#: No double has more digits behind the point.
+_MOST_PLACES: Final = 15
+
+
+class Read(NamedTuple):
+    """A read: its span, the bytes of its registers, and by the number of its trend where each point is and its value."""
+
+    span: Span
+    width: int
+    points: tuple[tuple[int, slice, ToNumber], ...]
+
+    @classmethod
+    def of(cls, span: Span, points: Iterable[tuple[int, Point]]) -> "Read":
+        """Prepare the values of these points, by the numbers of their trends, as far as the read has all of them."""
+        covered = [
+            (key, point)
+            for key, point in points
+            if point.type != "string" and span.start <= point.read_span.start and point.read_span.end <= span.end
+        ]
+        width = covered[0][1].width if covered else 0
+        size = 1 if has_bits(span.area) else width
+        places = []
+        for key, point in covered:
+            start = (point.read_span.start - span.start) * size
+            places.append((key, slice(start, start + point.read_span.count * size), to_number(point)))
+        return cls(span, width, tuple(places))
+
+    def numbers(self, response: bytes) -> Iterable[tuple[int, float]]:
+        """Yield the numbers in a response, by the numbers of their trends."""
+        if not self.points:
+            return
+        items = items_read(self.span, response, self.width)
+        for key, place, number_in in self.points:
+            number = number_in(items[place])
+            if number is not None:
+                yield key, number
+
+
+def to_number(point: Point) -> ToNumber:
+    """Make what finds the value of a point that is not text, as `Point.value` does; labels are no numbers."""
+    if point.scale_at is not None:
+
+        def slowly(items: bytes) -> float | None:
+            value = point.value(items)
+            return None if value is None or isinstance(value, str) else float(value)
+
+        return slowly
+    decode, labels = decoder(point), frozenset() if is_float(point.type) else frozenset(point.labels)
+    scale, offset = (1.0, 0.0) if has_bits(point.area) else (point.scale, point.offset)
+    places = _places(point)
+
+    def quickly(items: bytes) -> float | None:
+        carried = decode(items)
+        if carried is None or isinstance(carried, str) or carried in labels:
+            return None
+        number = round(carried * scale + offset, places)
+        return number if isfinite(number) else None
+
+    return quickly
+
+
+def _places(point: Point) -> int:
+    """Find how many digits behind the point a value can have."""
+    if point.decimals is not None:
+        return point.decimals
+    if is_float(point.type):
+        return _MOST_PLACES
+    exponents = (Decimal(repr(number)).normalize().as_tuple().exponent for number in (point.scale, point.offset))
+    return max(0, *(-each for each in exponents if isinstance(each, int)))
