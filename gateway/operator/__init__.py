@@ -15,5 +15,7 @@
 - answer_times, calibration, failures, reached    what pages show of a unit
 - happened    the last events
 - history, uses, past    what lines and units did in the last days
+- trends       how values of points went
+- kept_file    the files of both
 - metrics, rights, config_view    counters, access rights, the config
 """

@@ -41,6 +41,24 @@ class KnownOf:
     unit: UnitNamed | None = None
 
 
+#: A time in a trend.
+_TimeNamed = Annotated[str | None, "a time such as 2026-05-01T08:00:00Z, or how long ago it is, such as 6 h"]
+
+
+@dataclass(frozen=True, slots=True)
+class TrendOfPoint:
+    """The trend of a `point` of a `device`, from `since` up to `until`, in steps that are at least a slot.
+
+    Without `since` it begins where it is kept from, and without `until` it goes up to now.
+    """
+
+    device: UnitNamed
+    point: PointNamed
+    since: _TimeNamed = None
+    until: _TimeNamed = None
+    step: Annotated[str | None, "a duration such as 10 min"] = None
+
+
 @dataclass(frozen=True, slots=True)
 class OneDevice:
     """One `device`."""

@@ -29,6 +29,7 @@ from gateway.operator.asked import (
     ToMeasure,
     ToScan,
     Traced,
+    TrendOfPoint,
     ValuesToWrite,
 )
 from gateway.operator.operation import Nothing, Operation
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from gateway.operator.answers.scan import ScanStep
     from gateway.operator.answers.status import AnyLine, Lines, Sites, Status
     from gateway.operator.answers.trace import Stories, TracePage
+    from gateway.operator.answers.trend import PointTrend
     from gateway.operator.answers.unit import RequestAnswer, UnitPicture, Units
     from gateway.operator.answers.unit_status import UnitWithStatus
     from gateway.operator.answers.values import Cells, Points, Values
@@ -168,6 +170,16 @@ VALUES: Final[Operation[KnownOf, "KnownValues"]] = Operation(
     "The latest known values of all points, without asking a device",
     by="gateway.operator.known_values:tell_values",
     path="/values",
+    refuses=(WrongQuestion,),
+)
+VALUE_HISTORY: Final[Operation[TrendOfPoint, "PointTrend"]] = Operation(
+    "value-history",
+    TrendOfPoint,
+    "gateway.operator.answers.trend:PointTrend",
+    "reading",
+    "The trend of a point: least, mean and greatest values",
+    by="gateway.operator.trends.told:tell_trend",
+    path="/values/{device}/{point}/history",
     refuses=(WrongQuestion,),
 )
 POINTS: Final[Operation[PointsToRead, "Points"]] = Operation(
@@ -335,6 +347,7 @@ OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     UNIT_STATUS,
     UNIT_HISTORY,
     VALUES,
+    VALUE_HISTORY,
     POINTS,
     POINT,
     READ,

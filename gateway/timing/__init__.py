@@ -6,5 +6,6 @@
 - measured, histogram, proposal    what was measured, and the table that follows from it
 - verdict      whether a limit is too short or too long
 - usage, history    who used a line, and what units did in the last days
+- trend        values of points in slots of time, and how a file has them
 - lease_time   the shares of a lease (ADR 26)
 """

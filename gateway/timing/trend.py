@@ -10,7 +10,12 @@ from dataclasses import dataclass
 from itertools import chain
 from math import floor, log10, nan
 from struct import Struct, error
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    Piece = array[float]
+else:  # it has no parameters before Python 3.12
+    Piece = array
 
 #: A day is kept in slots of a minute, and more in slots of ten.
 SHORT: Final = 24 * 3600
@@ -20,15 +25,16 @@ MOST_BYTES: Final = 32 * 2**20
 LOG_BYTES: Final = 5 * 2**20
 #: What a piece takes in the file beside its content, and how full its pages are.
 _ROW_BYTES: Final = 31
-_FILLED: Final = 0.85
+_FILLED: Final = 0.9
 
+#: Numbers of no machine, up or down, have no trend: the difference of two others is always a float32.
+GREATEST: Final = 1e37
 #: The numbers of a slot.
 _NUMBERS: Final = 3
 #: Which slots there are, and the first least value.
 _HEAD: Final = Struct("<Hd")
-#: The digits of a difference that a float32 keeps, and the greatest one.
+#: The digits of a difference that a float32 keeps.
 _DIGITS: Final = 7
-_GREATEST: Final = 3.4e38
 
 
 class Slot(NamedTuple):
@@ -72,7 +78,7 @@ class Layout:
         """Find the slot of a time."""
         return int(time // self.step) * self.step
 
-    def piece(self) -> array[float]:
+    def piece(self) -> Piece:
         """Make a piece of which nothing is known."""
         return array("d", [nan]) * (_NUMBERS * self.slots)
 
@@ -80,13 +86,13 @@ class Layout:
         """Find the place of a slot in its piece."""
         return slot % self.block // self.step * _NUMBERS
 
-    def within(self, block: int, piece: array[float]) -> Iterator[Slot]:
+    def within(self, block: int, piece: Piece) -> Iterator[Slot]:
         """Yield the slots of a piece in which something was heard."""
         for at in _known(piece):
             yield Slot(block + at // _NUMBERS * self.step, *piece[at : at + _NUMBERS])
 
 
-def put(piece: array[float], place: int, numbers: Sequence[float]) -> None:
+def put(piece: Piece, place: int, numbers: Sequence[float]) -> None:
     """Add least, mean and greatest value of what was heard later in a slot; if it had any, the new mean stays."""
     least, mean, greatest = numbers
     if _is_number(piece[place]):
@@ -94,13 +100,13 @@ def put(piece: array[float], place: int, numbers: Sequence[float]) -> None:
     piece[place : place + _NUMBERS] = array("d", (least, mean, greatest))
 
 
-def merge(piece: array[float], later: array[float]) -> None:
+def merge(piece: Piece, later: Piece) -> None:
     """Add what was heard later, as `put` does, slot by slot."""
     for at in _known(later):
         put(piece, at, later[at : at + _NUMBERS])
 
 
-def pack(piece: array[float]) -> bytes:
+def pack(piece: Piece) -> bytes:
     """Write a piece, of which something is known: the first number, and the differences from it as float32.
 
     A float32 alone has too few digits for a counter. Zeros at the end are left out: values that do not change are
@@ -109,12 +115,12 @@ def pack(piece: array[float]) -> bytes:
     known = list(_known(piece))
     first = piece[known[0]]
     numbers = chain.from_iterable(piece[at : at + _NUMBERS] for at in known)
-    differences = [max(-_GREATEST, min(number - first, _GREATEST)) for number in numbers]
+    differences = [number - first for number in numbers]
     content = _HEAD.pack(sum(1 << at // _NUMBERS for at in known), first)
     return content + Struct(f"<{len(differences)}f").pack(*differences).rstrip(b"\0")
 
 
-def unpack(content: bytes, layout: Layout) -> array[float]:
+def unpack(content: bytes, layout: Layout) -> Piece:
     """Read what `pack` has written.
 
     Raises:
@@ -139,7 +145,7 @@ def _sum(first: float, difference: float) -> float:
     return round(first + difference, _DIGITS - 1 - floor(log10(abs(difference)))) if difference else first
 
 
-def _known(piece: array[float]) -> Iterator[int]:
+def _known(piece: Piece) -> Iterator[int]:
     """Yield the places of the slots in which something was heard."""
     return (at for at in range(0, len(piece), _NUMBERS) if _is_number(piece[at]))
 

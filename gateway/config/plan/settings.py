@@ -166,7 +166,7 @@ class WebPlan:
     """Where the gateway answers over HTTP, by which names, and the files that say who is let in.
 
     Requests of a `proxy` name their user themselves. Operators may `write` if that is set. The `history` is kept over a
-    restart.
+    restart. Trends of points are kept for `values` seconds.
     """
 
     #: Whether a change of it applies after a restart only.
@@ -179,6 +179,7 @@ class WebPlan:
     proxy: tuple[Network, ...] = ()
     write: bool = False
     history: bool = True
+    values: float = 0.0
     source: str = field(default="", compare=False)
 
     @property

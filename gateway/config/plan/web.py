@@ -24,4 +24,5 @@ def _web(web: Web) -> WebPlan:
         proxy=web.proxy or (),
         write=web.write,
         history=web.history,
+        values=web.values,
     )

@@ -5,7 +5,16 @@ from typing import Annotated
 from pydantic import Field
 
 from gateway.config.schema.table import Table
-from gateway.config.values.key_types import CredentialFile, ListOf, Name, Networks, SocketPath, TokenFile, WebAddress
+from gateway.config.values.key_types import (
+    CredentialFile,
+    ListOf,
+    Name,
+    Networks,
+    SocketPath,
+    TokenFile,
+    TrendDuration,
+    WebAddress,
+)
 
 
 class Web(Table):
@@ -42,8 +51,14 @@ class Web(Table):
     write: bool = Field(
         False, description="Whether users with the role `operator` may write coils and registers through it."
     )
+    values: TrendDuration = Field(
+        24 * 3600.0,
+        description="How long values of points are kept for trends, in `trends.sqlite` in the state directory: up to "
+        '`"24 h"` in slots of 1 min, up to `"7 days"` in slots of 10 min; `"0"` = not. At most 32 MiB: then the oldest '
+        "are dropped.",
+    )
     history: bool = Field(
         True,
         description="Whether the history of units (one day) and lines (one week) is kept in `history.sqlite` in the "
-        "state directory. If not, it is lost at a restart.",
+        "state directory. If not, it is lost at a restart, and so are trends.",
     )

@@ -5,7 +5,7 @@ from typing import Final
 
 from gateway.config.problem import WrongValue
 
-_UNITS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0}
+_UNITS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0, "day": 86400.0, "days": 86400.0}
 
 #: The longest duration: a week.
 _LONGEST: Final = 7 * 24 * 3600.0
@@ -112,7 +112,7 @@ def _seconds(number: str, unit: str) -> float:
     if not unit:
         raise WrongValue("a duration needs a unit", f'write "{number} ms" or "{number} s"')
     if unit not in _UNITS:
-        raise WrongValue(f'"{unit}" is not a valid unit of time', "the units are ms, s, min and h")
+        raise WrongValue(f'"{unit}" is not a valid unit of time', "the units are ms, s, min, h and days")
     seconds = float(number) * _UNITS[unit]
     if seconds > _LONGEST:
         raise WrongValue("is longer than a week")

@@ -73,7 +73,7 @@ def _is_off(value: object) -> str:
     return "false" if value is None else str(value)
 
 
-_TIME = text(r"0|[0-9]+(\.[0-9]+)?\s*(ms|s|min|h)")
+_TIME = text(r"0|[0-9]+(\.[0-9]+)?\s*(ms|s|min|h|days?)")
 _RANGE = any_of(NUMBER, text(r"[0-9]+(\s*-\s*[0-9]+)?"))
 _RANGES = any_of(_RANGE, list_of(_RANGE))
 _ADDRESS = text(".+://.+")
@@ -105,6 +105,10 @@ IdleDuration = Annotated[
 ]
 DurationOrZero = Annotated[
     float, PlainValidator(partial(parse_duration_or_zero, least=0.001)), Kind("duration", _TIME, _in_quotes)
+]
+#: A trend has some slots at least.
+TrendDuration = Annotated[
+    float, PlainValidator(partial(parse_duration_or_zero, least=600.0)), Kind("duration from 10 min", _TIME, _in_quotes)
 ]
 DurationOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_auto), _DURATION_OR_AUTO]
 DurationOrOffOrAuto = Annotated[

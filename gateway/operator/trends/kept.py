@@ -1,34 +1,94 @@
 """Keeps the trends of all points while the gateway runs.
 
-The file is written every ten minutes, soon after a block of time has ended, and at a stop: a power cut loses what was
-heard since the last write.
+The file is written every ten minutes, soon after a slot has ended, and at a stop: a power cut loses what was heard
+since the last write.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
-from gateway.operator.kept_file import KeptFile, in_thread
+from gateway.operator.kept_file import KeptFile, growing
 from gateway.operator.operator import Operator
 from gateway.operator.trends.sampler import Sampler
-from gateway.operator.trends.table import TABLE
-from gateway.operator.trends.trends import Newest, Trends
-from gateway.state.database import Database
+from gateway.operator.trends.table import TABLE, Pieces
+from gateway.operator.trends.trends import Trends
 from gateway.timing.trend import Layout, Slot
 
-T = TypeVar("T")
-
 FILE_NAME: Final = "trends.sqlite"
-#: The file is written so often, and so many seconds after a block of time has ended.
+#: The file is written so often, so many seconds after the clock has come to a multiple of it.
 WRITE_EVERY: Final = 600
 _AFTER: Final = 5
+#: How many slots the means of all points have that pages show beside values.
+RECENT_SLOTS: Final = 60
 
 
 class KeptTrends:
-    """The trends of all points: in memory, and in the `file` if there is one."""
+    """The trends of all points: what is in memory, and the file that has the rest, if there is one."""
 
-    def __init__(self, trends: Trends, file: "KeptFile[...] | None" = None) -> None:
-        pass
+    def __init__(self, trends: Trends, file: KeptFile[Pieces] | None = None) -> None:
+        self.layout = trends.layout
+        self._trends = trends
+        self._file = file
+        self._recent: tuple[int, Mapping[int, list[Slot]]] = (0, {})
+        self._one_reader_at_a_time = asyncio.Lock()
+
+    async def slots(self, trend: int, since: float, until: float) -> list[Slot]:
+        """Read the slots of a trend that begin from `since` on and before `until`, in seconds since 1970."""
+        newest = self._trends.newest()
+        look = partial(newest.slots, key=trend, since=since, until=until)
+        return look(None) if self._file is None else await self._file.read(look)
+
+    async def recent(self, now: float) -> Mapping[int, list[Slot]]:
+        """Read the last RECENT_SLOTS of all trends; this is done once in a slot for all who ask."""
+        slot = self.layout.slot_at(now)
+        async with self._one_reader_at_a_time:
+            if self._recent[0] != slot:
+                newest = self._trends.newest()
+                since = slot - RECENT_SLOTS * self.layout.step
+                look = partial(newest.all_slots, since=since, until=slot + self.layout.step)
+                self._recent = slot, look(None) if self._file is None else await self._file.read(look)
+        return self._recent[1]
+
+
+class _Place:
+    """Where an operator has the trends."""
+
+    trends: KeptTrends | None = None
+
+
+def kept_trends(operator: Operator) -> KeptTrends | None:
+    """Find the trends; None if none are kept."""
+    return operator.kept(_Place).trends
+
+
+@asynccontextmanager
+async def trends_kept(operator: Operator, kept: float, folder: Path | None) -> AsyncIterator[None]:
+    """Keep trends for so many seconds inside the context; none for 0.
+
+    Without a `folder` only the last ones are there, and they are lost with the process.
+    """
+    if not kept:
+        yield
+        return
+    trends, emit = Trends(Layout.of(kept)), operator.running.emit
+    sampler = Sampler(operator, trends)
+
+    def pause() -> float:
+        return _AFTER + WRITE_EVERY - operator.clock() % WRITE_EVERY
+
+    async def finish() -> None:
+        await sampler.look()
+        trends.end()
+
+    file = None if folder is None else KeptFile(folder / FILE_NAME, TABLE, trends, pause, emit)
+    place = operator.kept(_Place)
+    async with growing("trends", sampler.keep_looking, finish, file, emit):
+        place.trends = KeptTrends(trends, file)
+        try:
+            yield
+        finally:
+            place.trends = None

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from decimal import Decimal
-from math import isfinite
 from typing import Final, NamedTuple
 
 from gateway.modbus.pdu import Span
@@ -10,6 +9,7 @@ from gateway.profiles.coding import decoder
 from gateway.profiles.point import Point
 from gateway.registers.datatypes import is_float
 from gateway.registers.items import has_bits, items_read
+from gateway.timing.trend import GREATEST
 
 #: Finds the value in the items of a point's `read_span`; None if it is no number.
 ToNumber = Callable[[bytes], float | None]
@@ -18,7 +18,7 @@ _MOST_PLACES: Final = 15
 
 
 class Read(NamedTuple):
-    """A read: its span, the bytes of its registers, and by the number of its trend where each point is and its value."""
+    """A read: its span, the bytes of its registers, and of each point the number of its trend, its place and value."""
 
     span: Span
     width: int
@@ -57,7 +57,7 @@ def to_number(point: Point) -> ToNumber:
 
         def slowly(items: bytes) -> float | None:
             value = point.value(items)
-            return None if value is None or isinstance(value, str) else float(value)
+            return None if value is None or isinstance(value, str) or abs(value) > GREATEST else float(value)
 
         return slowly
     decode, labels = decoder(point), frozenset() if is_float(point.type) else frozenset(point.labels)
@@ -69,7 +69,7 @@ def to_number(point: Point) -> ToNumber:
         if carried is None or isinstance(carried, str) or carried in labels:
             return None
         number = round(carried * scale + offset, places)
-        return number if isfinite(number) else None
+        return number if abs(number) <= GREATEST else None
 
     return quickly
 

@@ -8,11 +8,12 @@ from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.lines.last_reads import LastRead
 from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.known_values import devices_with_points
 from gateway.operator.operator import Operator
 from gateway.operator.reached import device_of
 from gateway.operator.trends.numbers import Read
 from gateway.operator.trends.trends import Trends, key_of
-from gateway.operator.units import devices_with_points, points_within
+from gateway.operator.units import points_within
 
 #: How often it looks, in seconds: of responses that come faster the last one counts.
 LOOK_EVERY: Final = 1.0
@@ -46,7 +47,9 @@ class Sampler:
         before, self._asked_at = self._asked_at, {}
         for unit in devices_with_points(self._operator):
             device = device_of(self._operator.gateway, unit.key)
-            for last in () if device is None or device.last_reads is None else device.last_reads.all:
+            if device is None or device.last_reads is None:
+                continue
+            for last in device.last_reads.of(device.unit):
                 self._asked_at[last] = last.asked_at
                 if before.get(last) != last.asked_at:
                     yield from self._add(unit, device, last)

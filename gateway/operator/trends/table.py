@@ -3,7 +3,6 @@
 All calls block, and rest between slices of work: they are made in a thread, and the lines need the interpreter.
 """
 
-from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import Final
@@ -11,11 +10,11 @@ from zlib import crc32
 
 from gateway.clock.slices import with_rests
 from gateway.state.database import Database, Row, Table
-from gateway.timing.trend import LOG_BYTES, MOST_BYTES, Layout, merge, pack, unpack
+from gateway.timing.trend import LOG_BYTES, MOST_BYTES, Layout, Piece, merge, pack, unpack
 
 #: The block and the number of a trend.
 Key = tuple[int, int]
-Pieces = Mapping[Key, array[float]]
+Pieces = Mapping[Key, Piece]
 
 #: How many old blocks are dropped at most when new ones are written: a clock that is wrong for a while spoils no more.
 _MOST_DROPPED: Final = 6
@@ -38,7 +37,7 @@ TABLE: Final = Table(
 )
 
 
-def read(database: Database, layout: Layout, keys: Iterable[Row]) -> Iterator[tuple[Key, array[float]]]:
+def read(database: Database, layout: Layout, keys: Iterable[Row]) -> Iterator[tuple[Key, Piece]]:
     """Yield the pieces with these keys, or of whole blocks.
 
     Raises:

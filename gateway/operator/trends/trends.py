@@ -1,6 +1,5 @@
 """The trends of all points: what is heard in the present slot, and the pieces that the file does not have yet."""
 
-from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import blake2b
 from typing import Final, NamedTuple
@@ -8,7 +7,7 @@ from typing import Final, NamedTuple
 from gateway.operator.trends.table import Key, Pieces, read, write
 from gateway.profiles.point import Point
 from gateway.state.database import Database, Row
-from gateway.timing.trend import Layout, Slot, merge, put
+from gateway.timing.trend import Layout, Piece, Slot, merge, put
 
 #: The most pieces in memory, while the disk fails or there is no file: the oldest blocks are dropped.
 MOST_PIECES: Final = 20_000
@@ -23,7 +22,7 @@ class Trends:
         self._slot = 0
         #: By slot and trend: least, greatest, sum and number of values, of the present slot and of ended ones.
         self._heard: dict[int, dict[int, list[float]]] = {}
-        self._fresh: dict[Key, array[float]] = {}
+        self._fresh: dict[Key, Piece] = {}
         #: What was taken last: the file may not have it yet.
         self._taken: Pieces = {}
 
@@ -130,15 +129,15 @@ class Newest(NamedTuple):
         self, database: Database | None, wanted: Sequence[tuple[int, ...]], since: float, until: float
     ) -> dict[int, list[Slot]]:
         pieces = {} if database is None else dict(read(database, self.layout, wanted))
-        for key, piece in self._not_written(wanted):
-            merge(pieces.setdefault(key, self.layout.piece()), piece)
+        for place, piece in self._not_written(wanted):
+            merge(pieces.setdefault(place, self.layout.piece()), piece)
         found: dict[int, list[Slot]] = {}
         for block, key in sorted(pieces):
             inside = self.layout.within(block, pieces[block, key])
             found.setdefault(key, []).extend(slot for slot in inside if since <= slot.time < until)
         return found
 
-    def _not_written(self, wanted: Sequence[tuple[int, ...]]) -> Iterator[tuple[Key, array[float]]]:
+    def _not_written(self, wanted: Sequence[tuple[int, ...]]) -> Iterator[tuple[Key, Piece]]:
         """Yield the pieces with these keys or first parts of a key, earlier ones first."""
         is_other = frozenset(wanted).isdisjoint
         for pieces in (self.taken, self.fresh):
@@ -157,7 +156,16 @@ def key_of(line: str, unit: int, device: str, point: Point) -> int:
 
     `unit` is the one on the wire in the config.
     """
-    meaning = (point.name, str(point.area), point.address, point.type, point.swap, point.count, point.scale, point.offset)
+    meaning = (
+        point.name,
+        str(point.area),
+        point.address,
+        point.type,
+        point.swap,
+        point.count,
+        point.scale,
+        point.offset,
+    )
     more = (point.unit, point.invalid, point.bits, point.scale_at, point.width, sorted(point.labels.items()))
     digest = blake2b(repr((line, unit, device, *meaning, *more)).encode(), digest_size=8).digest()
     return int.from_bytes(digest, "big", signed=True)

@@ -13,6 +13,7 @@ from gateway.listeners.kept_sessions import KeptSessions
 from gateway.observe.fan_out import FanOut
 from gateway.operator.history import history_kept
 from gateway.operator.operator import Operator
+from gateway.operator.trends.kept import trends_kept
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_token
 from gateway.runtime.running import Running
@@ -26,7 +27,7 @@ async def web_pages(
 ) -> AsyncIterator[None]:
     """Serve HTTP inside the context, if the config says so. If that fails, it is reported, and nothing else stops.
 
-    The history is kept in the `folder`.
+    The history and trends are kept in the `folder`.
     """
     async with AsyncExitStack() as stack:
         if plan is not None:
@@ -60,8 +61,10 @@ async def _open(plan: WebPlan, operator: Operator, fan_out: FanOut, folder: Path
         write=plan.write,
     )
     taken = [sock for listener in running.gateway.listeners for sock in listener.sockets]
+    kept_in = folder if plan.history else None
     async with (
-        history_kept(running, folder if plan.history else None) as operator.history,
+        history_kept(running, kept_in) as operator.history,
+        trends_kept(operator, plan.values, kept_in),
         server.web_open(settings, operator, fan_out, taken) as address,
     ):
         running.page = address

@@ -1,0 +1,67 @@
+"""Sparklines: the last means of a point as a small line, made on the server."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.operator import Operator
+from gateway.operator.trends.kept import RECENT_SLOTS, kept_trends
+from gateway.operator.trends.told import trend_of
+from gateway.profiles.point import Point
+from gateway.timing.trend import Slot
+
+#: The size of the picture: a slot is a step to the right; lines need some room above and below.
+WIDTH: Final = RECENT_SLOTS
+HEIGHT: Final = 16
+_INSIDE: Final = HEIGHT - 2
+
+
+@dataclass(frozen=True, slots=True)
+class Sparkline:
+    """The path of a line through the means, with its `least` and `greatest` value; gaps are gaps."""
+
+    path: str
+    least: float
+    greatest: float
+
+
+class Sparklines:
+    """The sparklines of all points, from one look at their trends; to be drawn in the thread that makes a page."""
+
+    def __init__(self, operator: Operator, trends: Mapping[int, Sequence[Slot]], first: int, step: int) -> None:
+        self._operator = operator
+        self._trends = trends
+        self._first = first
+        self._step = step
+
+    def of(self, unit: UnitPicture, point: Point) -> Sparkline | None:
+        """Draw the line of a point of a device; None if it has no trend, or nothing was heard of it."""
+        trend = trend_of(self._operator, unit, point)
+        slots = self._trends.get(trend, ()) if trend is not None else ()
+        return drawn(slots, self._first, self._step) if slots else None
+
+
+async def sparklines(operator: Operator) -> Sparklines:
+    """Read what is needed for the sparklines of all points; this is shared by all who ask within a slot."""
+    trends = kept_trends(operator)
+    if trends is None:
+        return Sparklines(operator, {}, 0, 1)
+    now, step = operator.clock(), trends.layout.step
+    return Sparklines(operator, await trends.recent(now), trends.layout.slot_at(now) - (RECENT_SLOTS - 1) * step, step)
+
+
+def drawn(slots: Sequence[Slot], first: int, step: int) -> Sparkline:
+    """Draw a line through the means of slots, of which there is one at least; that of `first` is at the left end."""
+    means = [slot.mean for slot in slots]
+    least, greatest = min(means), max(means)
+    height = (greatest - least) or 1.0
+    parts, before = [], None
+    for slot in slots:
+        x, y = (slot.time - first) // step, 1 + _INSIDE * (greatest - slot.mean) / height
+        y = y if greatest > least else HEIGHT / 2
+        parts.append(f"{'L' if before == slot.time - step else 'M'}{x} {y:.4g}")
+        if parts[-1].startswith("M"):
+            parts.append("h.5")  # a slot alone can be seen, too
+        before = slot.time
+    return Sparkline("".join(parts), least, greatest)
