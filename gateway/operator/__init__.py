@@ -16,6 +16,5 @@
 - happened    the last events
 - history, uses, past    what lines and units did in the last days
 - trends       how values of points went
-- kept_file    the files of both
 - metrics, rights, config_view    counters, access rights, the config
 """

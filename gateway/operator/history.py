@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from gateway.events import Emit, PartFailed
+from gateway.events import Emit
 from gateway.operator.uses import Look
 from gateway.runtime.running import Running
-from gateway.state.row_file import RowFile, numbered_texts
+from gateway.state.row_file import RowFile, growing, numbered_texts
 from gateway.timing.history import History, Slot
 
 FILE_NAME: Final = "history.sqlite"
@@ -36,32 +36,14 @@ async def history_kept(
         history.add(clock(), uses.lines, uses.units)
 
     file = None if folder is None else _file(folder / FILE_NAME, history, running.emit)
-    works: list[Callable[[], Awaitable[None]]] = [partial(_keep_adding, add)]
-    if file is not None:
-        works.append(file.keep_writing)
-    tasks = [asyncio.create_task(_guarded(work, running.emit), name="history") for work in works]
-    try:
+    async with growing("history", partial(_keep_adding, add), add, file, running.emit):
         yield history
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.wait(tasks)
-        await _guarded(add, running.emit)
-        if file is not None:
-            await file.close()
 
 
 async def _keep_adding(add: Callable[[], Awaitable[None]]) -> None:
     while True:
         await asyncio.sleep(LOOK_EVERY)
         await add()
-
-
-async def _guarded(work: Callable[[], Awaitable[None]], emit: Emit) -> None:
-    try:
-        await work()
-    except Exception as error:  # noqa: BLE001 - a defect here ends the history and nothing else
-        emit(PartFailed.of("history", error))
 
 
 def _file(file: Path, history: History, emit: Emit) -> RowFile[Slot]:

@@ -1,13 +1,13 @@
 """A database with what a part of the gateway has in memory: read at the start, and written where that has changed.
 
-The file is written once a minute and at a stop, in a thread, so that a disk which hangs does not delay the lines. What
-could not be written is written later. A power cut loses what happened since the last write.
+The file is written from time to time and at a stop, in a thread, so that a disk which hangs does not delay the lines.
+What could not be written is written later. A power cut loses what happened since the last write.
 """
 
 import asyncio
 import sqlite3
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
+from contextlib import asynccontextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Generic, ParamSpec, Protocol, TypeVar
@@ -15,13 +15,14 @@ from zlib import crc32
 
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import StateError
-from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.state.database import Database, Row, Table, is_damage, open_table
 
 P = ParamSpec("P")
 T = TypeVar("T")
 E = TypeVar("E")
 E_co = TypeVar("E_co", covariant=True)
+Work = Callable[[], Awaitable[None]]
 
 #: How often the file is written, in seconds.
 WRITE_EVERY: Final = 60.0
@@ -76,7 +77,7 @@ def _check_sum(row: Row) -> int:
 
 
 class RowFile(Generic[E]):
-    """The file of `kept`. Trouble is reported when it begins and when it ends.
+    """The file of `kept`, written each `pause()` seconds. Trouble is reported when it begins and when it ends.
 
     `read` makes an entry of a row, and raises ValueError for one of another version; `row` makes its row. Both are
     called in a thread.
@@ -91,6 +92,7 @@ class RowFile(Generic[E]):
         *,
         read: Callable[..., E],
         row: Callable[[E], Row],
+        pause: Callable[[], float] = lambda: WRITE_EVERY,
     ) -> None:
         self._file = file
         self._table = table
@@ -98,15 +100,16 @@ class RowFile(Generic[E]):
         self._emit = emit
         self._read = read
         self._row = row
+        self._pause = pause
         self._database: Database | None = None
         self._was_read = False
         self._fails = False
 
     async def keep_writing(self) -> None:
-        """Read the file, and write changes every minute, until cancelled."""
+        """Read the file, and write changes from time to time, until cancelled."""
         while True:
             await self.write()
-            await asyncio.sleep(WRITE_EVERY)
+            await asyncio.sleep(self._pause())
 
     async def write(self) -> None:
         """Write changes; open and read the file first if it is not open."""
@@ -118,6 +121,18 @@ class RowFile(Generic[E]):
             self._tell(str(error))
         else:
             self._tell("")
+
+    async def look(self, call: Callable[[Database | None], T]) -> T:
+        """Call it in a thread with the database, or with None while that cannot be read."""
+        database = self._database
+        try:
+            return await self._in_thread(call, database)
+        except sqlite3.Error as error:
+            if database is not None and is_damage(error):  # the next write sets it aside
+                await self._in_thread(database.close)
+                self._database = None if self._database is database else self._database
+            self._tell(str(error))
+            return await self._in_thread(call, None)
 
     async def close(self) -> None:
         """Write the rest and close the file, if it is open; give up after CLOSING_DEADLINE."""
@@ -169,11 +184,19 @@ class RowFile(Generic[E]):
             sqlite3.Error: the disk is full or fails.
         """
         try:
-            database.write([self._row(each) for each in changes.written], [(number,) for number in changes.gone])
+            self.put(database, changes)
         except sqlite3.DatabaseError as error:
             if is_damage(error):
                 database.close()
             raise
+
+    def put(self, database: Database, changes: Changes[E]) -> None:
+        """Make rows of changes, and write them. Blocks.
+
+        Raises:
+            sqlite3.Error: the disk is full or fails.
+        """
+        database.write([self._row(each) for each in changes.written], [(number,) for number in changes.gone])
 
     def _tell(self, trouble: str) -> None:
         if trouble and not self._fails:
@@ -185,3 +208,29 @@ class RowFile(Generic[E]):
     async def _in_thread(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(ThreadPerCall(self._table.name), partial(call, *args, **kwargs))
+
+
+@asynccontextmanager
+async def growing(part: str, grow: Work, finish: Work, file: RowFile[Any] | None, emit: Emit) -> AsyncIterator[None]:
+    """Let a `part` of the gateway `grow` and write its file inside the context; then `finish` it, and write the rest.
+
+    A defect in it ends this part and nothing else.
+    """
+
+    async def guarded(work: Work) -> None:
+        try:
+            await work()
+        except Exception as error:  # noqa: BLE001 - as above
+            emit(PartFailed.of(part, error))
+
+    works = [grow] if file is None else [grow, file.keep_writing]
+    tasks = [asyncio.create_task(guarded(work), name=part) for work in works]
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+        await guarded(finish)
+        if file is not None:
+            await file.close()

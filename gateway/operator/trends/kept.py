@@ -5,17 +5,19 @@ since the last write.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 from typing import Final
 
-from gateway.operator.kept_file import KeptFile, growing
+from gateway.events import Emit
 from gateway.operator.operator import Operator
 from gateway.operator.trends.sampler import Sampler
-from gateway.operator.trends.table import TABLE, Pieces
+from gateway.operator.trends.table import TABLE, Entry, entry, row_of, write
 from gateway.operator.trends.trends import Trends
+from gateway.state.database import Database
+from gateway.state.row_file import Changes, RowFile, growing
 from gateway.timing.trend import Layout, Slot
 
 FILE_NAME: Final = "trends.sqlite"
@@ -26,10 +28,27 @@ _AFTER: Final = 5
 RECENT_SLOTS: Final = 60
 
 
+class _File(RowFile[Entry]):
+    """The file of trends: what is written is joined with what it has of the same blocks, and old blocks are dropped."""
+
+    def __init__(self, file: Path, trends: Trends, pause: Callable[[], float], emit: Emit) -> None:
+        read, row = partial(entry, trends.layout), row_of
+        super().__init__(file, TABLE, trends, emit, read=read, row=row, pause=pause)
+        self._trends = trends
+
+    def put(self, database: Database, changes: Changes[Entry]) -> None:
+        """Write pieces, and drop old ones. Blocks.
+
+        Raises:
+            sqlite3.Error: the disk is full or fails.
+        """
+        write(database, self._trends.layout, changes.written, self._trends.time)
+
+
 class KeptTrends:
     """The trends of all points: what is in memory, and the file that has the rest, if there is one."""
 
-    def __init__(self, trends: Trends, file: KeptFile[Pieces] | None = None) -> None:
+    def __init__(self, trends: Trends, file: _File | None = None) -> None:
         self.layout = trends.layout
         self._trends = trends
         self._file = file
@@ -40,7 +59,7 @@ class KeptTrends:
         """Read the slots of a trend that begin from `since` on and before `until`, in seconds since 1970."""
         newest = self._trends.newest()
         look = partial(newest.slots, key=trend, since=since, until=until)
-        return look(None) if self._file is None else await self._file.read(look)
+        return look(None) if self._file is None else await self._file.look(look)
 
     async def recent(self, now: float) -> Mapping[int, list[Slot]]:
         """Read the last RECENT_SLOTS of all trends; this is done once in a slot for all who ask."""
@@ -50,7 +69,7 @@ class KeptTrends:
                 newest = self._trends.newest()
                 since = slot - RECENT_SLOTS * self.layout.step
                 look = partial(newest.all_slots, since=since, until=slot + self.layout.step)
-                self._recent = slot, look(None) if self._file is None else await self._file.read(look)
+                self._recent = slot, look(None) if self._file is None else await self._file.look(look)
         return self._recent[1]
 
 
@@ -84,7 +103,7 @@ async def trends_kept(operator: Operator, kept: float, folder: Path | None) -> A
         await sampler.look()
         trends.end()
 
-    file = None if folder is None else KeptFile(folder / FILE_NAME, TABLE, trends, pause, emit)
+    file = None if folder is None else _File(folder / FILE_NAME, trends, pause, emit)
     place = operator.kept(_Place)
     async with growing("trends", sampler.keep_looking, finish, file, emit):
         place.trends = KeptTrends(trends, file)

@@ -3,7 +3,7 @@
 All calls block, and rest between slices of work: they are made in a thread, and the lines need the interpreter.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Final
 from zlib import crc32
@@ -14,6 +14,7 @@ from gateway.timing.trend import LOG_BYTES, MOST_BYTES, Layout, Piece, merge, pa
 
 #: The block and the number of a trend.
 Key = tuple[int, int]
+Entry = tuple[Key, Piece]
 Pieces = Mapping[Key, Piece]
 
 #: How many old blocks are dropped at most when new ones are written: a clock that is wrong for a while spoils no more.
@@ -37,30 +38,44 @@ TABLE: Final = Table(
 )
 
 
-def read(database: Database, layout: Layout, keys: Iterable[Row]) -> Iterator[tuple[Key, Piece]]:
+def row_of(piece: Entry) -> Row:
+    """Make the row of a piece."""
+    return (*piece[0], pack(piece[1]))
+
+
+def entry(layout: Layout, block: int, key: int, content: bytes) -> Entry:
+    """Read what `row_of` has made.
+
+    Raises:
+        ValueError: it has not, or for another layout.
+    """
+    return (block, key), unpack(content, layout)
+
+
+def read(database: Database, layout: Layout, keys: Iterable[Row]) -> Iterator[Entry]:
     """Yield the pieces with these keys, or of whole blocks.
 
     Raises:
         sqlite3.Error: the disk or the file fails.
     """
-    for block, key, content in with_rests(database.find(keys)):
+    for row in with_rests(database.find(keys)):
         with suppress(ValueError):  # written by a version with another layout
-            yield (block, key), unpack(content, layout)
+            yield entry(layout, *row)
 
 
-def write(database: Database, layout: Layout, pieces: Pieces, now: float) -> None:
+def write(database: Database, layout: Layout, pieces: Sequence[Entry], now: float) -> None:
     """Write pieces, together with what the file has of the same blocks; then drop what is too old, or too much.
 
     Raises:
         sqlite3.Error: the disk is full, or fails.
     """
-    merged = dict(read(database, layout, pieces))
-    for key, piece in with_rests(pieces.items()):
+    merged = dict(read(database, layout, [key for key, _ in pieces]))
+    for key, piece in with_rests(pieces):
         if key in merged:
             merge(merged[key], piece)
         else:
             merged[key] = piece
-    database.write([(*key, pack(piece)) for key, piece in with_rests(sorted(merged.items(), key=lambda item: item[0]))])
+    database.write([row_of(each) for each in with_rests(sorted(merged.items()))])
     for _ in range(_MOST_DROPPED):
         block = _surplus(database, layout, now)
         if block is None:

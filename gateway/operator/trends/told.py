@@ -63,9 +63,9 @@ async def slots_of(operator: Operator, unit: UnitPicture, point: Point, since: f
     trends, trend = trends_of(operator), trend_of(operator, unit, point)
     if trend is None:
         raise WrongQuestion(f"{unit.name} is not a device: values have trends where they come from")
-    oldest = operator.clock() - trends.layout.kept
-    first = trends.layout.slot_at(max(since, oldest))
-    return await trends.slots(trend, first, max(first, until))
+    now = operator.clock()
+    first = trends.layout.slot_at(max(since, now - trends.layout.kept))
+    return await trends.slots(trend, first, max(first, min(until, now + 1)))
 
 
 def trend_of(operator: Operator, unit: UnitPicture, point: Point) -> int | None:

@@ -1,12 +1,12 @@
 """The trends of all points: what is heard in the present slot, and the pieces that the file does not have yet."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from hashlib import blake2b
 from typing import Final, NamedTuple
 
-from gateway.operator.trends.table import Key, Pieces, read, write
+from gateway.operator.trends.table import Entry, Key, Pieces, read
 from gateway.profiles.point import Point
-from gateway.state.database import Database, Row
+from gateway.state.database import Database
 from gateway.timing.trend import Layout, Piece, Slot, merge, put
 
 #: The most pieces in memory, while the disk fails or there is no file: the oldest blocks are dropped.
@@ -18,7 +18,8 @@ class Trends:
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
-        self._now = 0.0
+        #: The time of the last look, in seconds since 1970.
+        self.time = 0.0
         self._slot = 0
         #: By slot and trend: least, greatest, sum and number of values, of the present slot and of ended ones.
         self._heard: dict[int, dict[int, list[float]]] = {}
@@ -31,7 +32,7 @@ class Trends:
 
         Yields while ended slots are put into their pieces.
         """
-        self._now, self._slot = time, self.layout.slot_at(time)
+        self.time, self._slot = time, self.layout.slot_at(time)
         for slot in self._heard.keys() - {self._slot}:
             yield from self._end(slot)
         self._drop_oldest()
@@ -55,30 +56,22 @@ class Trends:
             for _ in self._end(slot):
                 pass
 
-    async def load(self, _rows: Sequence[Row]) -> None:
+    def load(self, _entries: Iterable[Entry]) -> None:
         """Add nothing: what the file has stays there."""
 
     def change_all(self) -> None:
         """Change nothing: what a damaged file had is lost."""
 
-    def take(self) -> Pieces | None:
-        """Take the pieces that the file does not have yet; None if there are none."""
+    def changes(self) -> "Taken":
+        """Take the pieces that the file does not have yet."""
         self._taken, self._fresh = self._fresh, {}
-        return self._taken or None
+        return Taken(tuple(self._taken.items()))
 
-    def put_back(self, pieces: Pieces) -> None:
+    def put_back(self, taken: "Taken") -> None:
         """Take back pieces that could not be written."""
-        fresh, self._fresh, self._taken = self._fresh, {**pieces}, {}
+        fresh, self._fresh, self._taken = self._fresh, dict(taken.written), {}
         for key, piece in fresh.items():
             merge(self._fresh.setdefault(key, self.layout.piece()), piece)
-
-    def save(self, database: Database, pieces: Pieces) -> None:
-        """Write pieces, and drop old ones.
-
-        Raises:
-            sqlite3.Error: the disk is full or fails.
-        """
-        write(database, self.layout, pieces, self._now)
 
     def newest(self) -> "Newest":
         """Return what the file may not have yet, up to the present; it may grow a little while it is read."""
@@ -97,6 +90,13 @@ class Trends:
         while len(self._fresh) > MOST_PIECES and len(blocks := {block for block, _ in self._fresh}) > 1:
             oldest = min(blocks)
             self._fresh = {key: piece for key, piece in self._fresh.items() if key[0] != oldest}
+
+
+class Taken(NamedTuple):
+    """Pieces that a file does not have yet."""
+
+    written: Sequence[Entry]
+    gone: tuple[int, ...] = ()
 
 
 class Newest(NamedTuple):
