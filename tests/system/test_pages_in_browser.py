@@ -26,6 +26,7 @@ PAGES = {
     "/lines/NAME": "/lines/silo",
     "/units/NAME": "/units/drive-71",
     "/events": "/events?since=24h",
+    "/values": "/values",
     "/traffic": "/traffic?line=panel",
     "/health": "/health",
     "/clients": "/clients",

@@ -26,8 +26,8 @@ from gateway.web.front.problems import Handler
 from gateway.web.pages.addresses import path_of
 from gateway.web.pages.renderer import Renderer
 
-#: Up to so many points are all shown; of more, those of the devices that the address opens, and never more than these.
-ALL_SHOWN: Final = 200
+#: So many points are shown at first, device by device as they fit; and of the devices that the address opens.
+FIRST_SHOWN: Final = 200
 MOST_SHOWN: Final = 1000
 _STATES: Final[tuple[ValueState, ...]] = get_args(ValueState)
 
@@ -51,6 +51,8 @@ class Wanted:
 
     def has(self, device: str, point: Point) -> bool:
         """Return whether the names of a device and a point, and its unit of measure, have each word of the search."""
+        if not self.search:
+            return True
         text = f"{device} {point.name} {point.unit}".casefold()
         return all(word in text for word in self.search.casefold().split())
 
@@ -162,30 +164,41 @@ class ValuesPage:
                         continue
                     if wanted.state and state_of(known, known.reading, now) != wanted.state:
                         continue
-                    by_unit.setdefault(unit.key, Found(unit)).take(known, now)
+                    if unit.key not in by_unit:
+                        by_unit[unit.key] = Found(unit)
+                    by_unit[unit.key].take(known, now)
 
         await in_slices(all_points())
         return list(by_unit.values())
 
 
 def _shown(found: Sequence[Found], wanted: Wanted, now: float) -> Iterator[ShownDevice]:
-    """Fold devices if there are many points; rows are made when they are needed."""
-    names = [each.unit.name for each in found]
-    is_all = sum(len(each.known) for each in found) <= ALL_SHOWN
-    opened = (names if is_all else []) if wanted.opened is None else [each for each in names if each in wanted.opened]
-    room = MOST_SHOWN
+    """Fold devices for which there is no room; rows are made when they are needed."""
+    opened, room = _opened(found, wanted), MOST_SHOWN
     for each in found:
-        name, is_open = each.unit.name, each.unit.name in opened
-        known = each.known[:room] if is_open else ()
+        name = each.unit.name
+        known = each.known[:room] if name in opened else []
         room -= len(known)
         yield ShownDevice(
             each.unit,
             len(each.known),
             sorted(each.counts.items()),
-            map(partial(_row, each.unit, now), known) if is_open else None,
+            map(partial(_row, each.unit, now), known) if name in opened else None,
             f"{wanted.address([*opened, name])}#device-{each.unit.key}",
-            len(each.known) - len(known) if is_open else 0,
+            len(each.known) - len(known) if name in opened else 0,
         )
+
+
+def _opened(found: Sequence[Found], wanted: Wanted) -> list[str]:
+    """List the devices whose points are shown."""
+    if wanted.opened is not None:
+        return [each.unit.name for each in found if each.unit.name in wanted.opened]
+    opened, room = [], FIRST_SHOWN
+    for each in found:
+        if len(each.known) <= room:
+            opened.append(each.unit.name)
+            room -= len(each.known)
+    return opened
 
 
 def _row(unit: UnitPicture, now: float, known: Known) -> Row:

@@ -24,7 +24,8 @@ let asked = 0, isAsking = false;
 function renew(page) {
   const fresh = page.querySelector(PLACE);
   if (!fresh) return location.reload(); // to the login: the session has ended
-  document.querySelector("p.found").replaceWith(page.querySelector("p.found"));
+  const found = document.querySelector("p.found"), now = page.querySelector("p.found");
+  if (found.innerHTML !== now.innerHTML) found.replaceChildren(...now.childNodes);
   const devices = [...fresh.children], there = [...section.children];
   if (idsOf(devices) === idsOf(there)) there.forEach((each, at) => renewDevice(each, devices[at]));
   else section.replaceChildren(...devices);
