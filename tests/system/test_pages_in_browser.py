@@ -24,7 +24,7 @@ PAGES = {
     "/": "/",
     "/login": "/login",
     "/lines/NAME": "/lines/silo",
-    "/units/NAME": "/units/drive-71",
+    "/units/NAME": "/units/silo-1",
     "/events": "/events?since=24h",
     "/values": "/values",
     "/traffic": "/traffic?line=panel",
