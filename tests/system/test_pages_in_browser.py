@@ -27,7 +27,6 @@ PAGES = {
     "/units/NAME": "/units/silo-1",
     "/events": "/events?since=24h",
     "/values": "/values",
-    "/events": "/events",
     "/traffic": "/traffic?line=panel",
     "/health": "/health",
     "/clients": "/clients",
