@@ -3,11 +3,12 @@
 import asyncio
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, NamedTuple, get_args
 from urllib.parse import quote, urlencode
+from zlib import crc32
 
 from aiohttp import web
 
@@ -29,6 +30,8 @@ from gateway.web.pages.renderer import Renderer
 #: So many points are shown at first, device by device as they fit; and of the devices that the address opens.
 FIRST_SHOWN: Final = 200
 MOST_SHOWN: Final = 1000
+#: No address names more devices: they would not fit into its length.
+MOST_OPENED: Final = 100
 _STATES: Final[tuple[ValueState, ...]] = get_args(ValueState)
 
 
@@ -36,18 +39,19 @@ _STATES: Final[tuple[ValueState, ...]] = get_args(ValueState)
 class Wanted:
     """What the address asks for: points with all words of `search`, in this `state` if it is not empty.
 
-    `opened` are the devices whose points are shown; None if the address leaves that to the page.
+    `opened` are the devices whose points are shown, by their signs; None if the address leaves that to the page.
     """
 
     search: str
     state: str
-    opened: Sequence[str] | None
+    opened: Collection[str] | None
 
     @classmethod
     def of(cls, query: Any) -> "Wanted":
         """Read the query of an address; a state that there is not is none."""
-        state = query.get("state", "")
-        return cls(query.get("search", "").strip(), state if state in _STATES else "", query.getall("open", None))
+        state, signs = query.get("state", ""), query.get("open")
+        opened = None if signs is None else frozenset(signs.split(","))
+        return cls(query.get("search", "").strip(), state if state in _STATES else "", opened)
 
     def has(self, device: str, point: Point) -> bool:
         """Return whether the names of a device and a point, and its unit of measure, have each word of the search."""
@@ -61,9 +65,9 @@ class Wanted:
         """The search as the query of an address."""
         return urlencode(self._chosen)
 
-    def address(self, opened: Iterable[str]) -> str:
-        """Make the address of the page with these devices open."""
-        return f"/values?{urlencode([*self._chosen, *(('open', name) for name in opened)])}"
+    def address(self, opened: Sequence[str]) -> str:
+        """Make the address of the page with these devices open; of very many, the last ones."""
+        return f"/values?{urlencode([*self._chosen, ('open', ','.join(opened[-MOST_OPENED:]))], safe=',')}"
 
     @property
     def _chosen(self) -> list[tuple[str, str]]:
@@ -80,6 +84,11 @@ class Found:
     unit: UnitPicture
     known: list[Known] = field(default_factory=list)
     counts: Counter[ValueState] = field(default_factory=Counter)
+
+    @property
+    def sign(self) -> str:
+        """What the device is called in an address: short, and the same after a reload."""
+        return f"{crc32(self.unit.name.encode()):x}"
 
     def take(self, known: Known, now: float) -> None:
         """Add a point."""
@@ -98,6 +107,7 @@ class ShownDevice:
     """
 
     unit: UnitPicture
+    sign: str
     count: int
     counts: Sequence[tuple[ValueState, int]]
     rows: Iterator["Row"] | None
@@ -176,27 +186,27 @@ def _shown(found: Sequence[Found], wanted: Wanted, now: float) -> Iterator[Shown
     """Fold devices for which there is no room; rows are made when they are needed."""
     opened, room = _opened(found, wanted), MOST_SHOWN
     for each in found:
-        name = each.unit.name
-        known = each.known[:room] if name in opened else []
+        known = each.known[:room] if each.sign in opened else []
         room -= len(known)
         yield ShownDevice(
             each.unit,
+            each.sign,
             len(each.known),
             sorted(each.counts.items()),
-            map(partial(_row, each.unit, now), known) if name in opened else None,
-            f"{wanted.address([*opened, name])}#device-{each.unit.key}",
-            len(each.known) - len(known) if name in opened else 0,
+            map(partial(_row, each.unit, now), known) if each.sign in opened else None,
+            f"{wanted.address([*opened, each.sign])}#device-{each.sign}",
+            len(each.known) - len(known) if each.sign in opened else 0,
         )
 
 
 def _opened(found: Sequence[Found], wanted: Wanted) -> list[str]:
-    """List the devices whose points are shown."""
+    """List the signs of the devices whose points are shown."""
     if wanted.opened is not None:
-        return [each.unit.name for each in found if each.unit.name in wanted.opened]
+        return [each.sign for each in found if each.sign in wanted.opened]
     opened, room = [], FIRST_SHOWN
     for each in found:
         if len(each.known) <= room:
-            opened.append(each.unit.name)
+            opened.append(each.sign)
             room -= len(each.known)
     return opened
 

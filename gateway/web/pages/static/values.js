@@ -4,10 +4,10 @@ import { renewRows } from "./rows.js";
 const PAUSE = 250; // milliseconds without a key, before the gateway is asked
 const PATIENCE = 10000;
 const PLACE = "section[data-keep=values]";
-const MOST_OPEN = 24; // an address has no more parameters
+const MOST_OPENED = 100; // by an address
 const form = document.querySelector("form[role=search]"), section = document.querySelector(PLACE);
 
-const openOnes = () => [...section.querySelectorAll("details[open]")].map((device) => device.dataset.device);
+const openOnes = () => [...section.querySelectorAll("details[open]")].map((device) => device.id.replace("device-", ""));
 const pointsOf = (device) => [...device.querySelectorAll("tr[data-point]")].map((row) => row.dataset.point).join();
 const idsOf = (devices) => devices.map((device) => device.id).join();
 
@@ -72,10 +72,7 @@ section.addEventListener("toggle", () => {
   const now = openOnes();
   if (now.join() === opened.join()) return;
   opened = now;
-  show((chosen) => {
-    chosen.delete("open");
-    for (const name of now.length ? now.slice(-MOST_OPEN) : [""]) chosen.append("open", name);
-  });
+  show((chosen) => chosen.set("open", now.slice(-MOST_OPENED)));
 }, true);
 document.addEventListener("renewed", (event) => {
   if (!isAsking && getSelection().isCollapsed) renew(event.detail);
