@@ -18,7 +18,7 @@ from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint, complaint_of, exception_name
 from gateway.operator.failures import failures
 from gateway.operator.kept import Kept, kept, maps_of, mirrors_of
-from gateway.operator.known_values import Known, hint_for, known_points, state_of
+from gateway.operator.known_values import Known, known_points, state_of
 from gateway.operator.last_values import last_read, read_all, readable
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
@@ -118,7 +118,6 @@ class UnitPage:
             maps=maps_of(self._operator.gateway, unit.name),
             passed=() if unit.points else await passed(self._operator, unit, asker_of(request)),
             registers=_registers,
-            how_to_get_points=hint_for(self._operator, unit),
             **self.values_shown(unit, request),
             **_form(_USUAL),
         )

@@ -16,7 +16,7 @@ from gateway.clock.slices import in_slices
 from gateway.clock.threads import ThreadPerCall
 from gateway.operator.answers.known_values import KnownValue, ValueState
 from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.known_values import Known, devices_with_points, hint_for, known_points, state_of, told
+from gateway.operator.known_values import Known, devices_with_points, known_points, state_of, told
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.values_csv import values_as_csv
@@ -148,7 +148,7 @@ class ValuesPage:
             states=_STATES,
             count=sum(len(each.known) for each in found),
             devices=list(_shown(found, wanted, now)),
-            hint=hint_for(self._operator),
+            has_points=bool(devices_with_points(self._operator)),
         )
 
     async def download(self, request: web.Request) -> web.Response:
