@@ -19,6 +19,8 @@ def parse_name(value: object) -> str:
         raise NotText
     if not value or len(value) > LONGEST_NAME or not value.isprintable() or value != value.strip():
         raise WrongValue(f"must have 1 to {LONGEST_NAME} visible characters, and no space around them")
+    if value in (".", ".."):
+        raise WrongValue("cannot be a part of the address of a page", "choose another name")
     return value
 
 

@@ -50,6 +50,7 @@ def test_what_a_value_means(parse, value, meaning):
         (parse_name, "", "must have 1 to 64 visible characters, and no space around them"),
         (parse_name, " a", "must have 1 to 64 visible characters, and no space around them"),
         (parse_name, "a\nb", "must have 1 to 64 visible characters, and no space around them"),
+        (parse_name, "..", "cannot be a part of the address of a page"),
         (parse_name, "a" * 65, "must have 1 to 64 visible characters, and no space around them"),
         (parse_format, "9E1", '"9E1" is not a valid character format'),
         (parse_port, "ttyUSB0", '"ttyUSB0" is not an absolute path'),
