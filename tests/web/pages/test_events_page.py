@@ -5,6 +5,7 @@ import asyncio
 import pytest
 
 from gateway import events
+from gateway.observe.last_events import OF_A_KIND_FOR
 from gateway.operator.happened import rfc_3339
 from gateway.timing.history import STEP, LineUse, UnitUse
 from gateway.web.pages.events import MOST_ROWS
@@ -138,7 +139,7 @@ async def test_lines_and_units_of_earlier_configs_are_found_by_their_events(benc
 async def test_a_long_list_is_cut(bench):
     for number in range(MOST_ROWS + 50):
         bench.fan_out.emit(events.ConfigWarning(f"problem {number}", ""))
-        await asyncio.sleep(1)
+        await asyncio.sleep(OF_A_KIND_FOR / 90)
     found = await rows(bench)
     assert len(found) == MOST_ROWS
     assert found[0][2].startswith(f"problem {MOST_ROWS + 49}")
