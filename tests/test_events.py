@@ -1,4 +1,5 @@
 import logging
+import re
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,30 @@ def test_fields_are_what_the_event_tells():
     lost = events.LineLost(line="hall-a", port="/dev/ttyUSB0", reason="unplugged")
     assert lost.fields() == {"line": "hall-a", "port": "/dev/ttyUSB0", "reason": "unplugged"}
     assert events.Stopped().fields() == {}
+
+
+@pytest.mark.parametrize("event", ALL, ids=lambda event: event.name)
+def test_each_event_says_in_words_what_it_tells_but_no_bytes_of_a_line(event):
+    told = event(*(f"<{name}>" for name in event.field_names))
+    for template in (event.says, event.begins, *event.ends):
+        assert set(re.findall(r"{(\w+)}", template)) <= {*event.field_names} - {"heard", "frame", "traceback"}
+        assert not set("{}[]") & set(told.in_words(template))
+    assert told.in_words()
+
+
+def test_words_leave_out_what_is_empty_and_keep_zero():
+    audit = events.WriteAudit("scada", "all", 41, 16, 0, 2, "ok", "", 4.0)
+    assert audit.in_words() == "scada wrote to unit 41, address 0, count 2 with function 16: ok"
+    diagnosis = events.WriteAudit("scada", "all", 41, 8, None, None, "exception", "01", 4.0, device="press")
+    assert diagnosis.in_words() == "scada wrote to press, unit 41 with function 8: exception 01"
+    assert events.LineUp("hall", "/dev/hall").in_words() == "line hall is up: /dev/hall is open"
+
+
+def test_words_have_values_as_they_are():
+    lost = events.LineLost("{port} [x]", "/dev/hall", "{line} [y]")
+    assert lost.in_words() == "line {port} [x] is down: {line} [y]"
+    applied = events.ConfigApplied("gateway.toml", ("line hall", "line yard"), (), (), ())
+    assert applied.in_words() == "gateway.toml was applied; added: line hall, line yard"
 
 
 def test_an_event_equals_another_one_that_tells_the_same():

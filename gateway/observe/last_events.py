@@ -235,7 +235,7 @@ class LastEvents:
         fields = {name: _short(value) for name, value in event.fields().items() if name != _LEFT_OUT}
         self._number += 1
         self.changed += 1
-        text, begins = _short(f"{before}{event.in_words()}"), event.in_words(event.begins)
+        text, begins = _short(" ".join(f"{before}{event.in_words()}".split())), event.in_words(event.begins)
         ends = tuple(map(event.in_words, event.ends))
         new = LastEvent(self._number, self.changed, now, now, 1, event.name, event.level, text, fields, begins, ends)
         self._keep(new._replace(size=len(new.row()[1])))

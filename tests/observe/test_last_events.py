@@ -87,6 +87,11 @@ def test_a_traceback_is_not_kept_and_long_texts_are_cut(last):
     assert kept.size < 1500
 
 
+def test_words_are_one_line(last):
+    add(last, events.ConfigWarning("a key\n  is unknown", "did you mean\nthis?"))
+    assert last.all()[0].text == "a key is unknown; did you mean this?"
+
+
 def test_many_names_are_cut(last):
     add(last, events.ConfigApplied("f", tuple(f"line {number}" for number in range(100)), (), (), ()))
     assert last.all()[0].fields["added"][-1] == "and 80 more"
