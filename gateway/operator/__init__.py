@@ -12,6 +12,7 @@
 - unit_values, last_values, reading_and_writing    the same through the gateway, as operations
 - images, grid, kept    values of images and mirrors
 - trace, stories, unit_names, capture, trace_reader, sampling    recorded traffic, and why requests failed
+- meanings     what a recorded transaction means, where it covers points
 - answer_times, calibration, failures, reached    what pages show of a unit
 - happened    the last events
 - history, uses, past    what lines and units did in the last days

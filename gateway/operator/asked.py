@@ -24,6 +24,10 @@ MOST_EVENTS: Final = 1000
 #: A unit: the number that clients use, or its name.
 UnitNamed = Annotated[int | str, Within(0, 255), "a number from 0 to 255, or a name"]
 LineNamed = Annotated[str, "the name of a line"]
+#: Whether records say what they mean.
+WithPoints = Annotated[
+    bool, "true or false: whether each record has the first `points` that it covers, and the number of `more_points`"
+]
 PointNamed = Annotated[str, "the name of a point"]
 
 
@@ -104,6 +108,16 @@ class Traced:
     client: Annotated[str | None, "a client, or its address"] = None
     result: Annotated[str | None, "ok, exception, failed (all others), or one of these, such as timeout"] = None
     lines: Annotated[bool, "true or false: whether the answer has the lines too"] = False
+    points: WithPoints = False
+
+
+@dataclass(frozen=True, slots=True)
+class ToUnderstand:
+    """A `request` to `unit` and the `response` to it, both as PDUs."""
+
+    unit: UnitNamed
+    request: Annotated[str, 'bytes in hexadecimal, such as "03 00 00 00 02"']
+    response: Annotated[str, "bytes in hexadecimal; without them only what was written is told"] = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,7 @@ from gateway.operator.asked import (
     ToList,
     ToMeasure,
     ToScan,
+    ToUnderstand,
     Traced,
     TrendOfPoint,
     ValuesToWrite,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from gateway.operator.answers.running import Reloaded, Which
     from gateway.operator.answers.scan import ScanStep
     from gateway.operator.answers.status import AnyLine, Lines, Sites, Status
-    from gateway.operator.answers.trace import Stories, TracePage
+    from gateway.operator.answers.trace import Meanings, Stories, TracePage
     from gateway.operator.answers.trend import PointTrend
     from gateway.operator.answers.unit import RequestAnswer, UnitPicture, Units
     from gateway.operator.answers.unit_status import UnitWithStatus
@@ -288,6 +289,16 @@ TRACE: Final[Operation[Traced, "TracePage"]] = Operation(
     "What has passed on the lines",
     by="gateway.operator.trace:tell_page",
 )
+MEANING: Final[Operation[ToUnderstand, "Meanings"]] = Operation(
+    "meaning",
+    ToUnderstand,
+    "gateway.operator.answers.trace:Meanings",
+    "reading",
+    "What a request and its response mean: the values of all points in them",
+    by="gateway.operator.meanings:tell_meaning",
+    path=f"{_A_UNIT}/meaning",
+    refuses=(WrongQuestion,),
+)
 WHY: Final[Operation[ToExplain, "Stories"]] = Operation(
     "why",
     ToExplain,
@@ -359,6 +370,7 @@ OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     FORGET,
     DOCTOR,
     TRACE,
+    MEANING,
     WHY,
     EVENTS,
     BENCH,

@@ -16,6 +16,7 @@ from typing import Any, Final
 from gateway.errors import RequestError, StaleValue, WrongQuestion
 from gateway.operator.answers.trace import Fact, Stories, TracedLine, TracePage
 from gateway.operator.asked import ToExplain, Traced
+from gateway.operator.meanings import Points, points_of
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.unit_names import UnitNames
@@ -64,8 +65,12 @@ def clocks() -> Clock:
 async def tell_page(operator: Operator, asked: Traced, _asker: Asker) -> TracePage:
     """Return facts from the ring, as `page` does, and the lines if asked for."""
     running = operator.running
-    found = page(running, asked, clocks())
+    found = page(running, asked, clocks(), _with_points(points_of(operator)) if asked.points else None)
     return replace(found, lines=lines(running.gateway)) if asked.lines else found
+
+
+def _with_points(points: Points) -> Tell:
+    return lambda record, clock, names: points.beside(fact(record, clock, names))
 
 
 async def tell_stories(operator: Operator, asked: ToExplain, _asker: Asker) -> Stories:

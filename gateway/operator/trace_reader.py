@@ -15,6 +15,8 @@ from gateway.modbus.functions import READING_FUNCTIONS
 from gateway.operator.answers.trace import Fact, TracePage
 from gateway.operator.asked import Traced
 from gateway.operator.capture import description, packets
+from gateway.operator.meanings import Points, points_of
+from gateway.operator.operator import Operator
 from gateway.operator.sampling import Sample
 from gateway.operator.trace import Clock, clocks, fact, lines, page, wanted
 from gateway.operator.unit_names import UnitNames
@@ -44,15 +46,17 @@ class Texts:
 
     def __init__(self) -> None:
         #: By the `id` of the record, which is kept with its text so that no other record can have it.
-        self._texts: OrderedDict[int, tuple[Record, str]] = OrderedDict()
+        self._texts: OrderedDict[tuple[int, bool], tuple[Record, str]] = OrderedDict()
 
-    def of(self, record: Record, clock: Clock, names: UnitNames) -> str:
-        """Return the text of a record with its values."""
-        found = self._texts.get(id(record))
+    def of(self, record: Record, clock: Clock, names: UnitNames, points: Points | None = None) -> str:
+        """Return the text of a record with its values, and with what they mean if there are `points`."""
+        key = id(record), points is not None
+        found = self._texts.get(key)
         if found is not None:
             return found[1]
-        text = json.dumps(fact(record, clock, names), ensure_ascii=False)
-        self._texts[id(record)] = (record, text)
+        told = fact(record, clock, names)
+        text = json.dumps(told if points is None else points.beside(told), ensure_ascii=False)
+        self._texts[key] = (record, text)
         if len(self._texts) > _MOST_TEXTS:
             self._texts.popitem(last=False)
         return text
@@ -68,9 +72,12 @@ class TraceReader:
         WrongQuestion: nothing is kept, or there is no such line, unit or result.
     """
 
-    def __init__(self, running: Running, asked: Traced, host: str, texts: Texts, per_second: int | None = None) -> None:
+    def __init__(
+        self, operator: Operator, asked: Traced, host: str, texts: Texts, per_second: int | None = None
+    ) -> None:
         self.is_lost = False
-        self._running = running
+        self._operator = operator
+        self._running = operator.running
         self._asked = asked
         self._sample = None if per_second is None else Sample(per_second, asyncio.get_running_loop().time())
         self._host = host
@@ -97,10 +104,11 @@ class TraceReader:
     def _fetch(self, asked: Traced) -> list[str]:
         clock = clocks()
         may_see = what_is_seen(self._running, self._host)
+        points = points_of(self._operator) if asked.points else None
 
         def tell(record: Record, clock: Clock, names: UnitNames) -> str:
             if may_see(record):
-                return self._texts.of(record, clock, names)
+                return self._texts.of(record, clock, names, points)
             return json.dumps(without_values(fact(record, clock, names)), ensure_ascii=False)
 
         found = page(self._running, asked, clock, tell, self._choose)

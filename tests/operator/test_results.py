@@ -135,6 +135,7 @@ QUESTIONS = {
     "request": {"unit": 41, "pdu": "03 00 00 00 01"},
     "doctor": {},
     "trace": {"since": 600, "lines": True},
+    "meaning": {"unit": 41, "request": "03 00 00 00 02", "response": "03 04 45 9C 3D 51"},
     "why": {"who": "silo-1"},
     "events": {"since": 60, "unit": 41},
     "bench": {"line": "hall", "seconds": 1.0, "progress": True},

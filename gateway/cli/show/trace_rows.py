@@ -57,7 +57,7 @@ def _exchange(fact: Fact) -> Iterator[TraceRow]:
     yield TraceRow(fact["sent"], line, ">", address, asked)
     took = f"{fact['elapsed_ms']:.1f} of {fact['limit_ms']:.0f} ms"
     if fact["response"] is not None:
-        text = response_in_words(request, bytes.fromhex(fact["response"]))
+        text = _with_points(response_in_words(request, bytes.fromhex(fact["response"])), fact)
         unit = fact.get("answered_by")
         yield TraceRow(fact["time"], line, "<", address if unit is None else str(unit), f"{text}  [{took}]")
         return
@@ -77,10 +77,17 @@ def _answered(fact: Fact) -> Iterator[TraceRow]:
     who = "" if fact["line"] else f"  [{fact['client']}]"
     yield TraceRow(fact["received"], where, came, unit, f"{request_in_words(request)}{who}")
     if fact["response"] is not None:
-        told = response_in_words(request, bytes.fromhex(fact["response"]))
+        told = _with_points(response_in_words(request, bytes.fromhex(fact["response"])), fact)
         yield TraceRow(fact["time"], where, went, unit, f"{told}{_sources(fact)}")
     else:
         yield TraceRow(fact["time"], where, "-", unit, f"not answered: {fact['reason']}")
+
+
+def _with_points(text: str, fact: Fact) -> str:
+    """Say what the first points of a transaction are, beside its numbers: `17820 18538  (weight 4999.66 kg)`."""
+    points = [f"{each['point']} {each['text']}" for each in fact.get("points", ())]
+    more = [f"{fact['more_points']} more"] if fact.get("more_points") else []
+    return f"{text}  ({', '.join(points + more)})" if points else text
 
 
 def _device(fact: Fact) -> str:

@@ -173,7 +173,9 @@ class _Follower:
 
     def __init__(self, daemon: Conversation, args: argparse.Namespace) -> None:
         self._daemon = daemon
-        self._chosen = Traced(line=args.line, unit=None if args.unit is None else _unit(args.unit))
+        self._chosen = Traced(
+            line=args.line, unit=None if args.unit is None else _unit(args.unit), points=args.pcapng is None
+        )
         self._count: int | None = args.count
         lines = daemon.ask(TRACE, replace(self._chosen, after=0, lines=True)).lines
         self.modes = {line.name: line.mode for line in lines}

@@ -1,8 +1,10 @@
-"""Results of `trace` and `why`."""
+"""Results of `trace`, `why` and `meaning`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from gateway.registers.datatypes import Value
 
 #: A record as a JSON object, with `kind` and `time`; see gateway.operator.trace.
 Fact = dict[str, Any]
@@ -33,6 +35,29 @@ class TracePage:
     is_all: bool
     reaches_back_s: float
     lines: tuple[TracedLine, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Meant:
+    """The `value` of a point in a request or response, and as `text` with its unit of measure.
+
+    The value is null if the device says that there is none.
+    """
+
+    point: str
+    value: Value | None
+    text: str
+
+    def told(self) -> Fact:
+        """Convert it to a part of a fact."""
+        return {"point": self.point, "value": self.value, "text": self.text}
+
+
+@dataclass(frozen=True, slots=True)
+class Meanings:
+    """What a request and its response mean: the points that they cover, those written first."""
+
+    points: tuple[Meant, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,7 +81,7 @@ class Api:
     async def trace(self, request: web.Request) -> web.StreamResponse:
         """Send what happens on the lines, as it happens."""
         visitor, asked = request[VISITOR], await parameters_in(request, RecordsToFollow)
-        source = TraceReader(self._operator.running, asked.traced, visitor.host, self._texts, asked.per_second)
+        source = TraceReader(self._operator, asked.traced, visitor.host, self._texts, asked.per_second)
         return await self._streams.serve(request, source, visitor, partial(self._guard.is_valid, visitor))
 
     async def capture(self, request: web.Request) -> web.StreamResponse:

@@ -1,9 +1,9 @@
 """Which records of the trace an HTTP request asks for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Final
 
-from gateway.operator.asked import LineNamed, Traced, UnitNamed
+from gateway.operator.asked import LineNamed, Traced, UnitNamed, WithPoints
 from gateway.operator.parameters import Within
 
 #: A reader of the trace may begin this many seconds before.
@@ -34,14 +34,7 @@ class RecordsToCapture:
     @property
     def traced(self) -> Traced:
         """The same selection for the ring."""
-        return Traced(
-            since=self.seconds,
-            line=self.line,
-            unit=self.unit,
-            function=self.function,
-            client=self.client,
-            result=self.result,
-        )
+        return _traced(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,3 +47,20 @@ class RecordsToFollow(RecordsToCapture):
         Within(1, MOST_PER_SECOND),
         f"a whole number from 1 to {MOST_PER_SECOND}; `clock` tells in `left_out` how many others there were",
     ] = None
+    points: WithPoints = False
+
+    @property
+    def traced(self) -> Traced:
+        """See RecordsToCapture."""
+        return replace(_traced(self), points=self.points)
+
+
+def _traced(asked: RecordsToCapture) -> Traced:
+    return Traced(
+        since=asked.seconds,
+        line=asked.line,
+        unit=asked.unit,
+        function=asked.function,
+        client=asked.client,
+        result=asked.result,
+    )

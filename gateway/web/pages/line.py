@@ -8,6 +8,7 @@ from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.operator.asked import Traced
+from gateway.operator.meanings import points_of
 from gateway.operator.operator import Operator
 from gateway.operator.past import past_of
 from gateway.operator.status import recent_status
@@ -83,4 +84,5 @@ class LinePage:
         """List the last transactions on a line that a reader at this address may see, newest first."""
         facts = await latest(self._operator.running, Traced(line=line), host, _LOOKED_AT)
         shown = [fact for fact in facts if fact["kind"] in ("exchange", "answered", "refused")]
-        return [row(fact) for fact in shown[:MOST_FACTS]]
+        points = points_of(self._operator)
+        return [row(fact, points) for fact in shown[:MOST_FACTS]]

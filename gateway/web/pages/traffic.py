@@ -1,14 +1,17 @@
 """The page of the traffic: the last transactions on all lines, as selected by the address."""
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any, Final
 from urllib.parse import urlencode
 
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.listeners.sockets import split_host
+from gateway.operator.answers.trace import Fact
 from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.meanings import Points, points_of
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import read_parameters
 from gateway.operator.status import recent_status
@@ -54,7 +57,8 @@ class TrafficPage:
         return await self._renderer.page(
             "traffic.html",
             request,
-            rows=[row(fact) for fact in facts],
+            rows=partial(_rows, facts, points_of(self._operator)),
+            is_any=bool(facts),
             why=why,
             chosen=dict.fromkeys(CHOICES, "") | chosen,
             lines=lines,
@@ -68,6 +72,11 @@ class TrafficPage:
             asked=asked,
             outcome=outcome,
         )
+
+
+def _rows(facts: Sequence[Fact], points: Points) -> Iterator[dict[str, Any]]:
+    """Make the rows, in the thread that makes the page."""
+    return (row(fact, points) for fact in facts)
 
 
 def choice(unit: UnitPicture) -> tuple[int | str, str]:

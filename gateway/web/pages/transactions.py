@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any, Final
 
+from gateway.operator.answers.trace import Fact
+from gateway.operator.meanings import FEW, Points
 from gateway.trace.pdus import frame_in_words, request_in_words, response_in_words
 
 #: What has no name of its own in the records.
@@ -18,7 +20,7 @@ _ABSENT: Final = dict.fromkeys(
 )
 
 
-def row(fact: Mapping[str, Any]) -> dict[str, Any]:
+def row(fact: Fact, points: Points) -> dict[str, Any]:
     """Make the row of a fact; the template adds words in the language of the page."""
     clock = datetime.fromtimestamp(fact["time"]).astimezone().time().isoformat("milliseconds")
     took = {"elapsed_ms": 1000 * (fact["time"] - fact["received"])} if fact["kind"] == "answered" else {}
@@ -28,7 +30,9 @@ def row(fact: Mapping[str, Any]) -> dict[str, Any]:
         **fact,
         "clock": clock,
         "state": state(fact),
-        "json": json.dumps(fact, ensure_ascii=False),
+        "json": json.dumps(points.beside(fact), ensure_ascii=False),
+        "meant": points.meant(fact)[0],
+        "few": FEW,
     }
 
 

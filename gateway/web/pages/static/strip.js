@@ -1,6 +1,6 @@
 // The line strip: what a line did in the last seconds, to scale. Requests stand above the middle, responses below it.
 import { textsOf } from "./texts.js";
-import { FAILED, clock, detailOf, element, itemOf, named, outcomeOf, stateOf, titleOf } from "./transactions.js";
+import { FAILED, clock, detailOf, element, itemOf, named, resultOf, stateOf, titleOf } from "./transactions.js";
 import { ms, percent, seconds } from "./quantities.js";
 
 const TEXTS = await textsOf("strip");
@@ -569,7 +569,7 @@ function showTable(strip) {
     const state = element("td", "", "");
     state.append(stateOf(item));
     const took = item.took === undefined ? "" : ms(item.took), limit = fact.limit_ms === undefined ? "" : ms(fact.limit_ms);
-    const cells = [element("td", "", clock(item.end, 3)), element("td", "", titleOf(item)), state, element("td", "", outcomeOf(item))];
+    const cells = [element("td", "", clock(item.end, 3)), element("td", "", titleOf(item)), state, resultOf(item)];
     row.append(...cells, ...[fact.wait_ms === undefined ? "" : ms(fact.wait_ms), took, limit].map((text) => element("td", "number", text)));
     return row;
   });
@@ -668,7 +668,7 @@ function follow(strips) {
     heardAt = Date.now();
     if (document.hidden) return;
     const byName = new Map(strips.map((strip) => [strip.line.name, strip]));
-    const only = strips.length === 1 ? "&line=" + encodeURIComponent(strips[0].line.name) : "";
+    const only = strips.length === 1 && strips[0].isFull ? "&points=true&line=" + encodeURIComponent(strips[0].line.name) : "";
     const missing = toldUntil === undefined ? 0 : Math.ceil(now() - toldUntil) + 2;
     source = new EventSource(`/api/v1/trace?seconds=${Math.min(KEPT, Math.max(20, missing))}${only}`);
     source.onopen = () => {

@@ -1,7 +1,7 @@
 // The table of the traffic as it goes on: new transactions come in above, and a row opens to its frames.
 import { textsOf } from "./texts.js";
 import { bytesOf, requestInWords } from "./frames.js";
-import { clock, detailOf, element, itemOf, outcomeOf, stateOf, titleOf } from "./transactions.js";
+import { clock, detailOf, element, itemOf, resultOf, stateOf, titleOf } from "./transactions.js";
 import { ms } from "./quantities.js";
 
 const TEXTS = await textsOf("traffic");
@@ -27,7 +27,7 @@ function rowOf(fact) {
   cell.append(details);
   const unit = fact.unit === undefined ? "" : `${fact.unit} ${fact.name ?? ""}`;
   row.append(
-    element("td", "", clock(fact.time, 3)), element("td", "minor", fact.line), element("td", "", unit), cell, state, element("td", "", outcomeOf(item)),
+    element("td", "", clock(fact.time, 3)), element("td", "minor", fact.line), element("td", "", unit), cell, state, resultOf(item),
     element("td", "minor", fact.client ?? ""), ...[fact.wait_ms, item.took].map((time) => element("td", "number minor", time === undefined ? "–" : ms(time))),
   );
   return row;
@@ -90,7 +90,7 @@ function connect() {
   source?.close();
   if (document.hidden) return;
   const chosen = new URLSearchParams(controls.dataset.live);
-  source = new EventSource(`/api/v1/trace?${new URLSearchParams([...chosen, ["seconds", "10"], ["per_second", PER_SECOND]])}`);
+  source = new EventSource(`/api/v1/trace?${new URLSearchParams([...chosen, ["seconds", "10"], ["per_second", PER_SECOND], ["points", "true"]])}`);
   let before = newest;
   source.onopen = () => ([isConnected, before] = [true, newest]);
   source.onerror = () => (isConnected = false);

@@ -57,6 +57,34 @@ export function outcomeOf({ kind, fact }) {
   return fact.reason || "–"; // the state says the rest
 }
 
+/** What the first points of it are, as the gateway says. */
+export function meaningOf({ fact }) {
+  const told = (fact.points ?? []).map(({ point, text }) => `${point} ${text}`).join(", ");
+  return fact.more_points ? `${told}, ${TEXTS.more(fact.more_points)}` : told;
+}
+
+/** A cell with the meaning of it and what came of it. */
+export function resultOf(item) {
+  const cell = element("td"), meaning = meaningOf(item), outcome = outcomeOf(item);
+  if (meaning) cell.append(element("b", "", meaning), outcome && " · ");
+  cell.append(outcome);
+  return cell;
+}
+
+/** All points of it: the record has the first ones, and the gateway tells the others when somebody looks. */
+function points(fact) {
+  const pieces = (points) => points.map(({ point, text }) => ({ bytes: text, means: point }));
+  const made = frame(TEXTS.pointsFrame, pieces(fact.points));
+  if (fact.more_points) {
+    const asked = new URLSearchParams({ request: fact.request, response: fact.response ?? "" });
+    fetch(`/api/v1/units/${encodeURIComponent(fact.device ?? fact.name)}/meaning?${asked}`, { redirect: "error" })
+      .then((response) => (response.ok ? response.json() : Promise.reject(response.status)))
+      .then(({ points }) => made.replaceWith(frame(TEXTS.pointsFrame, pieces(points))))
+      .catch(() => {}); // the first ones stay
+  }
+  return made;
+}
+
 /** The parts of a page that tell all of it; `gap` is the silence before, in seconds, if it is known. */
 export function detailOf(item, line, gap) {
   const { fact } = item;
@@ -83,6 +111,7 @@ export function detailOf(item, line, gap) {
   } else if (item.kind === "refused") {
     made.push(element("p", "quiet", `${outcomeOf(item)} · ${fact.client}${sourcesOf(fact)}`));
   }
+  if (fact.points) made.push(points(fact));
   return made;
 }
 

@@ -22,6 +22,8 @@ export const TEXTS = {
   times: (wait, request, think, response, limit) => `waited ${ms(wait)} · request ${ms(request)} · device ${ms(think)} · response ${ms(response)} · limit ${ms(limit)}`,
   timesLost: (wait, request, lost, limit) => `waited ${ms(wait)} · request ${ms(request)} · no valid response for ${ms(lost)} · limit ${ms(limit)}`,
   gap: (gap) => `${ms(gap)} of silence before`,
+  more: (count) => `${count} more`,
+  pointsFrame: "means",
   requestFrame: "request",
   responseFrame: "response",
   heardFrame: "received",

@@ -22,6 +22,8 @@ export const TEXTS = {
   times: (wait, request, think, response, limit) => `排队 ${ms(wait)} · 请求 ${ms(request)} · 设备 ${ms(think)} · 响应 ${ms(response)} · 时限 ${ms(limit)}`,
   timesLost: (wait, request, lost, limit) => `排队 ${ms(wait)} · 请求 ${ms(request)} · ${ms(lost)} 内无有效响应 · 时限 ${ms(limit)}`,
   gap: (gap) => `此前静默 ${ms(gap)}`,
+  more: (count) => `另有 ${count} 个`,
+  pointsFrame: "含义",
   requestFrame: "请求",
   responseFrame: "响应",
   heardFrame: "收到",
