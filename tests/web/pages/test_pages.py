@@ -198,7 +198,7 @@ async def test_without_users_the_login_says_so(tmp_path):
 async def test_files_are_kept_for_ever_under_the_name_of_their_version(bench):
     browser = bench.browser("10.0.0.9")
     addresses = re.findall(r'"(/static/[^"]+)"', (await browser.get("/login")).text)
-    assert len(addresses) == 5
+    assert len(addresses) == 6
     for address in addresses:
         page = await browser.get(address)
         assert page.status == 200

@@ -39,8 +39,17 @@ function renew(fresh) {
   const places = [...fresh.children], there = [...main.children];
   if (places.length !== there.length) return location.reload();
   const isKept = (part) => part.dataset.keep !== undefined || part.querySelector("[data-keep]") || part.contains(document.activeElement);
-  there.forEach((part, at) => isKept(part) || part.replaceWith(places[at]));
+  there.forEach((part, at) => {
+    if (!isKept(part)) part.replaceWith(places[at]);
+    else if (document.activeElement.dataset.find !== undefined && part.contains(document.activeElement)) renewTables(part, places[at]);
+  });
   letScroll();
+}
+
+/** Where somebody types what rows to find, only the tables are made anew. */
+function renewTables(part, fresh) {
+  const places = fresh.querySelectorAll("table"), there = part.querySelectorAll("table");
+  if (places.length === there.length) there.forEach((table, at) => table.replaceWith(places[at]));
 }
 
 /** What is wider than the page can be reached, and so scrolled, by keyboard. */

@@ -1,0 +1,4 @@
+export const TEXTS = {
+  find: "Find rows",
+  found: (count, all) => ` ${count} of ${all}`,
+};

@@ -1,0 +1,4 @@
+export const TEXTS = {
+  find: "查找行",
+  found: (count, all) => ` ${count} / ${all}`,
+};
