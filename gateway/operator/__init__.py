@@ -15,7 +15,7 @@
 - meanings     what a recorded transaction means, where it covers points
 - answer_times, calibration, failures, reached    what pages show of a unit
 - happened    the last events
-- history, uses, past    what lines and units did in the last days
+- history, uses, past, minutes    what lines and units did in the last days
 - trends       how values of points went
 - metrics, rights, config_view    counters, access rights, the config
 """

@@ -124,10 +124,14 @@ class Slot:
 
 
 class Past(NamedTuple):
-    """Slots one after another, the first with this number; None where the gateway did not run."""
+    """Slots one after another, the first with this number; None where the gateway did not run.
+
+    A number is a time since 1970 divided by `step`, in seconds.
+    """
 
     first: int
     slots: Sequence[Slot | None]
+    step: int = STEP
 
 
 class Changes(NamedTuple):

@@ -5,6 +5,6 @@
 - problem      errors as pages
 - renderer, addresses, assets    templates, paths of pages, and static files
 - head, situation, troubles, tiles    how the gateway is doing: above every page, and on the first one
-- heat_map, busy, histogram    pictures
+- heat_map, busy, histogram, line_past    pictures
 - shown_lines, unit_states, transactions, times, function_names    lines, units, records, times and names as shown
 """

@@ -93,7 +93,7 @@ class HeatMap:
         if names != self._names or now - self._made_at >= _KEPT:
             rows = {}
             for unit in units:
-                rows[unit.name] = _row(past, unit.line, unit.name)
+                rows[unit.name] = row_of(past, unit.line, unit.name)
                 sleep(0)  # the lines need the interpreter
             self._names, self._made_at, self._rows = names, now, rows
         return self._rows
@@ -103,15 +103,15 @@ def axis(past: Past) -> Axis:
     """Make the axis for all that is known of the last day."""
     count = len(past.slots)
     known = next((count - place for place, slot in enumerate(past.slots) if slot is not None), 0)
-    slots = next((each for each in _SPANS if known <= each), count)
+    slots = next((each for each in _SPANS if known <= each <= count), count)
     first = count - slots
-    ticks = tuple(clock(past.first + place) for place in range(first, count, slots // _TICKS))
-    return Axis(slots * STEP // 3600, first, slots, ticks)
+    ticks = tuple(clock(past.first + place, past.step) for place in range(first, count, slots // _TICKS))
+    return Axis(slots * past.step // 3600, first, slots, ticks)
 
 
-def clock(number: int) -> str:
+def clock(number: int, step: int = STEP) -> str:
     """Format the begin of a slot as the local time of day."""
-    return f"{datetime.fromtimestamp(number * STEP).astimezone():%H:%M}"
+    return f"{datetime.fromtimestamp(number * step).astimezone():%H:%M}"
 
 
 def day_and_clock(number: int) -> str:
@@ -137,7 +137,8 @@ def kind_of(use: UnitUse | None) -> str:
     return "slow" if share >= _SLOW else "fine"
 
 
-def _row(past: Past, line: str, unit: str) -> HeatRow:
+def row_of(past: Past, line: str, unit: str) -> HeatRow:
+    """Draw the row of a unit on this line."""
     letters = "".join(_letter(slot, line, unit) for slot in past.slots)
     outlines: dict[str, list[str]] = {}
     for run in _RUN.finditer(letters):
@@ -158,4 +159,4 @@ def _letter(slot: Slot | None, line: str, unit: str) -> str:
 def _worst(past: Past, unit: str) -> Worst:
     uses = ((slot.units[unit], slot.number) for slot in past.slots if slot is not None and unit in slot.units)
     use, number = max(uses, key=lambda each: each[0].unanswered)
-    return Worst(clock(number), clock(number + 1), use.unanswered, use.requests)
+    return Worst(clock(number, past.step), clock(number + 1, past.step), use.unanswered, use.requests)

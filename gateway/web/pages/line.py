@@ -20,6 +20,7 @@ from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.busy import busy_outline, hours
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.heat_map import HeatMap, ShownUnits, axis
+from gateway.web.pages.line_past import SPANS, drawn, past_for
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.pages.transactions import asked, outcome, row
@@ -60,6 +61,8 @@ class LinePage:
         past, now = past_of(self._operator, UNIT_SLOTS), asyncio.get_running_loop().time()
         with_page = frozenset(unit.name for unit in units_of(self._operator))
         units = tuple(unit for unit in status.units if unit.line == name)
+        span, has_past = request.query.get("span", ""), not line.is_asked
+        wanted = await past_for(self._operator, name, span) if has_past and span in SPANS else None
         return await self._renderer.page(
             "line.html",
             request,
@@ -72,8 +75,11 @@ class LinePage:
             why=why,
             with_page=with_page,
             numbers={unit.name: unit.unit for unit in units if unit.unit is not None},
+            spans=SPANS if has_past else (),
+            span=span if wanted else "",
             # The template calls these in the thread that makes the page.
             busy_outline=lambda: busy_outline(past, name),
+            line_past=lambda: wanted and drawn(span, *wanted, name, [unit.name for unit in units]),
             hours=lambda: hours(past, name),
             shown_units=lambda: ShownUnits(
                 units, self._heat_map.rows(status.units, past, now), states_of(units, past), axis(past), with_page

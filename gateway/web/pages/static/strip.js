@@ -2,6 +2,7 @@
 import { textsOf } from "./texts.js";
 import { FAILED, clock, detailOf, element, itemOf, named, resultOf, stateOf, titleOf } from "./transactions.js";
 import { ms, percent, seconds } from "./quantities.js";
+import { LONG_SPANS, Past } from "./past.js";
 
 const TEXTS = await textsOf("strip");
 
@@ -10,6 +11,7 @@ const MOST_KEPT = 20000; // transactions of a line
 const SILENT = 6000; // milliseconds: the gateway tells its time each second
 const BEHIND = 0.4; // seconds: what is shown at the right edge has been told by then
 const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60]; // seconds
+const QUICK = [10, 60, ...LONG_SPANS.keys()]; // seconds, with a button of their own
 const ROWS = 20; // of the table
 const NARROW = 640; // pixels: less is a telephone
 const PATTERNS = 4; // of the 6 colours in page.css and dark.css, after Okabe and Ito: 12 units differ, neighbours in both
@@ -84,12 +86,18 @@ class Strip {
     this.detail = element("div", "detail");
     this.detail.setAttribute("aria-live", "polite");
     const bar = element("div", "controls");
-    bar.append(this.pauseButton, button("−", () => this.zoom(1), TEXTS.zoomOut), this.spanText, button("+", () => this.zoom(-1), TEXTS.zoomIn), this.summary);
+    this.spans = this.figure.dataset.hasPast === undefined ? SPANS : [...SPANS, ...LONG_SPANS.keys()];
+    this.quick = QUICK.filter((span) => this.spans.includes(span)).map((span) => [span, button(spanInWords(span), () => this.setSpan(span, this.width))]);
+    bar.append(this.pauseButton, button("−", () => this.zoom(1), TEXTS.zoomOut), this.spanText, button("+", () => this.zoom(-1), TEXTS.zoomIn), ...this.quick.map(([, each]) => each), this.summary);
     this.figure.querySelector(".plot").prepend(bar);
     this.figure.querySelector(".plot").append(this.shares, this.legend, this.detail);
+    this.past = new Past(this.figure, this.detail);
     this.listen();
     this.showSpan();
     this.showDetail();
+    document.querySelectorAll("[data-spans], section > [data-past]").forEach((each) => each.remove());
+    const [asked] = [...LONG_SPANS].find(([, name]) => name === new URLSearchParams(location.search).get("span")) ?? [];
+    if (this.spans.includes(asked)) this.setSpan(asked, this.width);
   }
 
   listen() {
@@ -130,15 +138,25 @@ class Strip {
     }, { passive: false });
     document.addEventListener("keydown", (event) => {
       // From the page itself too, but not what scrolls it up and down.
-      if (event.target !== canvas && (event.target !== document.body || /Page|End/.test(event.key))) return;
-      const act = {
+      const isOnPast = this.past.span && this.figure.contains(event.target);
+      if (event.target !== canvas && !isOnPast && (event.target !== document.body || /Page|End/.test(event.key))) return;
+      const acts = this.past.span ? this.keysOfPast() : {
         " ": () => this.togglePause(), "+": () => this.zoom(-1), "=": () => this.zoom(-1), "-": () => this.zoom(1),
         ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), PageUp: () => this.move(-this.span / 2), PageDown: () => this.move(this.span / 2), End: () => this.resume(), Escape: () => this.resume(),
-      }[event.key];
+      };
+      const act = acts[event.key];
       if (!act || event.ctrlKey || event.altKey || event.metaKey) return;
       event.preventDefault();
       act();
     });
+  }
+
+  keysOfPast() {
+    const { past } = this;
+    return {
+      "+": () => this.zoom(-1), "=": () => this.zoom(-1), "-": () => this.zoom(1),
+      ArrowLeft: () => past.step(-1), ArrowRight: () => past.step(1), PageUp: () => past.step(-6), PageDown: () => past.step(6), End: () => past.step(Infinity), Escape: () => past.tell(undefined),
+    };
   }
 
   // What is kept
@@ -188,21 +206,32 @@ class Strip {
     this.pauseAt((this.right ?? now()) + seconds);
   }
   zoom(steps) {
-    const at = SPANS.findIndex((span) => span >= this.span * 0.999);
-    this.setSpan(SPANS[Math.max(0, Math.min(SPANS.length - 1, at + steps))], this.pinned ? this.x(this.pinned.begin) : this.isPaused ? (this.width + this.lanes.left) / 2 : this.width);
+    const at = this.spans.findIndex((span) => span >= this.span * 0.999);
+    this.setSpan(this.spans[Math.max(0, Math.min(this.spans.length - 1, at + steps))], this.pinned ? this.x(this.pinned.begin) : this.isPaused ? (this.width + this.lanes.left) / 2 : this.width);
   }
   scale(factor, x) {
     this.setSpan(Math.max(SPANS[0] / 5, Math.min(SPANS.at(-1), this.span * factor)), this.isPaused ? x : this.width);
   }
   /** Show another span; what is at `x` stays there. */
   setSpan(span, x) {
-    const rest = (this.width - x) / (this.width - this.lanes.left);
+    const rest = (this.width - x) / (this.width - this.lanes.left), long = LONG_SPANS.get(span);
+    if (long || this.past.span) this.showPast(long);
     if (this.isPaused) this.right += (span - this.span) * rest;
     this.span = span;
     this.showSpan();
   }
   showSpan() {
-    this.spanText.textContent = seconds(this.span);
+    this.spanText.textContent = spanInWords(this.span);
+    for (const [span, button] of this.quick) button.setAttribute("aria-pressed", String(span === this.span));
+  }
+  /** Show the last hour or day in the place of the last seconds, or these again. */
+  showPast(long) {
+    for (const part of [this.canvas, this.shares, this.legend]) part.hidden = Boolean(long);
+    this.resume();
+    this.pauseButton.disabled = Boolean(long);
+    this.past.show(long);
+    setText(this.summary, "");
+    if (!long) this.detail.replaceChildren(), this.showDetail();
   }
   pin(item) {
     this.pinned = item;
@@ -235,7 +264,7 @@ class Strip {
   draw(time) {
     this.edge = this.right ?? time;
     const { pen, lanes, width } = this;
-    if (width < 40) return;
+    if (width < 40 || this.past?.span) return;
     pen.clearRect(0, 0, width, lanes.height);
     pen.save();
     this.drawGround();
@@ -542,7 +571,7 @@ class Strip {
   }
 
   showDetail() {
-    if (!this.isFull) return;
+    if (!this.isFull || this.past.span) return;
     const item = this.pinned ?? this.pointed;
     if (item === this.detailed && this.detail.hasChildNodes()) return;
     this.detailed = item;
@@ -551,6 +580,8 @@ class Strip {
     this.detail.replaceChildren(...detailOf(item, this.line, before ? item.begin - before.end : undefined));
   }
 }
+
+const spanInWords = (span) => (span < 60 ? seconds(span) : span < 3600 ? `${span / 60} min` : `${span / 3600} h`);
 
 function countsInWords({ requests, ...others }, span) {
   const perSecond = requests / span;

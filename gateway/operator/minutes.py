@@ -1,0 +1,88 @@
+"""What a line did in each minute of the last hour, out of the ring, which knows more than the history does."""
+
+import asyncio
+from collections import Counter
+from typing import Final, NamedTuple
+
+from gateway.operator.operator import Operator
+from gateway.timing.history import LineUse, Past, Slot, UnitUse
+from gateway.trace.records import Incident, Record, Refused, Sent
+
+#: The length of a slot in seconds, and how many make the hour.
+MINUTE: Final = 60
+MINUTES: Final = 60
+#: The most records that are gone through: with more, the history has to do.
+MOST_RECORDS: Final = 100_000
+#: Why requests were not sent although their unit was meant.
+_UNSENT: Final = frozenset({"line_down", "resting", "overdue", "echo_suspected", "queue_full", "expired"})
+
+
+class LastHour(NamedTuple):
+    """The minutes of the last hour, and the requests of each client in them by the number of the minute."""
+
+    past: Past
+    clients: dict[int, Counter[str]]
+
+
+async def last_hour(operator: Operator, line: str) -> LastHour | None:
+    """Add up what a line did in the minutes of the last hour; None if the ring does not reach back so far."""
+    running, now = operator.running, asyncio.get_running_loop().time()
+    ring, offset = running.ring, operator.clock() - now
+    last = int((now + offset) // MINUTE)
+    first = last - MINUTES + 1
+    begin = max(first * MINUTE - offset, running.started)
+    number = ring.number_at(begin)
+    has_lost_some = ring.first > 0 and (ring.begins_at is None or ring.begins_at > begin)
+    if not ring.is_on or has_lost_some or ring.added - number > MOST_RECORDS:
+        return None
+    slots = _empty(first, line, begin + offset, now + offset)
+    clients: dict[int, Counter[str]] = {}
+    while number < ring.added:
+        records = ring.after(number)
+        number = max(number, ring.first) + len(records)
+        for record in records:
+            minute = int((record.at + offset) // MINUTE)
+            slot = slots.get(minute)
+            if slot is not None and record.line == line:
+                _add(slot, record)
+                if isinstance(record, Sent):
+                    clients.setdefault(minute, Counter())[record.client] += 1
+        await asyncio.sleep(0)
+    return LastHour(Past(first, [slots.get(each) for each in range(first, last + 1)], MINUTE), clients)
+
+
+def _empty(first: int, line: str, begin: float, end: float) -> dict[int, Slot]:
+    """Make the slots of the minutes in which the gateway ran, each with the seconds that it did."""
+    slots = {}
+    for number in range(first, first + MINUTES):
+        seconds = min(end, (number + 1) * MINUTE) - max(begin, number * MINUTE)
+        if seconds > 0:
+            slots[number] = slot = Slot(number)
+            slot.lines[line] = LineUse(seconds=seconds)
+    return slots
+
+
+def _add(slot: Slot, record: Record) -> None:
+    if isinstance(record, Sent):
+        error = record.error if isinstance(record, Incident) else None
+        is_lost = error is not None or (isinstance(record, Incident) and record.sent_again)
+        sent = LineUse(busy=record.at - record.sent_at, sent=1, failed=int(is_lost))
+        slot.add({record.line: sent}, {record.name: _use(record)} if record.name else {})
+    elif isinstance(record, Refused) and record.name and record.result in _UNSENT:
+        slot.add({}, {record.name: UnitUse(requests=1, unsent=1)})
+
+
+def _use(record: Sent) -> UnitUse:
+    """Count a request that was sent. One that is sent again counts when it has ended."""
+    if record.result in ("ok", "exception"):
+        answer = max(0.0, record.at - record.ends_at)
+        share = answer / record.limit if record.limit else 0.0
+        return UnitUse(
+            requests=1, exceptions=int(record.result == "exception"), responses=1, answer=answer, share=share
+        )
+    if record.result == "not_answered":  # a broadcast
+        return UnitUse(requests=1)
+    if isinstance(record, Incident) and record.sent_again:
+        return UnitUse()
+    is_timeout = record.result == "timeout"
+    return UnitUse(requests=1, timeouts=int(is_timeout), failed=int(not is_timeout))
