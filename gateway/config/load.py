@@ -2,8 +2,8 @@
 
 import os
 import tomllib
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
 from typing import Any, Final
 
@@ -14,6 +14,7 @@ from gateway.config.machine.port_trouble import port_trouble
 from gateway.config.plan.shared_units import without_shared_units
 from gateway.config.problem import Path, Problem, error, errors_in, warning
 from gateway.config.profile_files import Origin, ProfileFiles, read_profile_file, with_profiles
+from gateway.config.reading.masking import MASK, find_masks
 from gateway.config.reading.positions import Positions
 from gateway.config.reading.profile_file import ProfileFile
 from gateway.config.reading.syntax import syntax_problem
@@ -28,13 +29,15 @@ _MOST_PROBLEMS: Final = 1000
 class Loaded:
     """A loaded file: its config if it has no error, its problems in the order of the file, and its text.
 
-    `profiles` are those of the config that are not shipped. The text has the line ends of Unix, and no byte order mark.
+    `profiles` are those of the config that are not shipped; `profile_texts` are the texts of those with a file of their
+    own, by name. The text has the line ends of Unix, and no byte order mark.
     """
 
     config: Config | None
     problems: tuple[Problem, ...]
     text: str = ""
     profiles: tuple[Origin, ...] = ()
+    profile_texts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def errors(self) -> tuple[str, ...]:
@@ -98,14 +101,21 @@ def parse(
     files = profile_files or ProfileFiles.of_config(file)
     profiled = with_profiles(reader.config(), files, is_whole=PROFILE not in reader.failed)
     config = without_shared_units(profiled.config)
-    found = [*reader.problems, *profiled.problems, *check_paths(document, folder, exists)]
+    found = [*reader.problems, *profiled.problems, *check_paths(document, folder, exists), *_check_masks(document, text)]
     failed = frozenset(reader.failed if profiled.is_whole else {*reader.failed, PROFILE})
     found += check(config, failed, port_trouble, real_path, address_trouble)
     places = _Places(positions, file, document, files)
     problems = [places.locate(one) for one in dict.fromkeys(found)]
     has_error = any(one.severity == "error" for one in problems)
     kept = tuple(_most_important(problems, file))
-    return Loaded(None if has_error else config, kept, profiles=profiled.origins)
+    own = {each.name: each.text for each in files.found.values() if not each.is_shipped}
+    return Loaded(None if has_error else config, kept, profiles=profiled.origins, profile_texts=own)
+
+
+def _check_masks(document: dict[str, Any], text: str) -> Iterator[Problem]:
+    """Find masks, which a text has that was copied from the page."""
+    for path in find_masks(document) if MASK in text else ():
+        yield error(path, "this is the mask, which the page shows in place of the value", "write the value itself")
 
 
 def _most_important(problems: list[Problem], file: str) -> list[Problem]:

@@ -17,5 +17,6 @@
 - happened    the last events
 - history, uses, past, minutes    what lines and units did in the last days
 - trends       how values of points went
-- metrics, rights, config_view    counters, access rights, the config
+- metrics, rights    counters, access rights
+- config_view, config_check, config_commands    the config, a text that might replace it, and how that is done
 """

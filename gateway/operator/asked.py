@@ -269,3 +269,10 @@ class PointsToWrite:
     values: Annotated[
         list[NamedValue], InBody(), Filled(), 'a list in which each value is {"point": NAME, "value": VALUE}'
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class TextToCheck:
+    """A `text` that might become the config."""
+
+    text: Annotated[str, InBody(), "a config as text, of at most 1 MiB"]

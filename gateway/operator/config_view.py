@@ -4,7 +4,6 @@ import asyncio
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from difflib import unified_diff
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -12,15 +11,14 @@ from typing import Final
 from gateway.clock.threads import ThreadPerCall
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
-from gateway.config.reading.masking import masked
+from gateway.config.reading.comparing import difference, shown
 from gateway.errors import ConfigError
 from gateway.readconfig.process import READING_TIME, ConfigRead
 from gateway.runtime.outcome import Outcome
-from gateway.runtime.reload import Reloader, differences, need_restart
+from gateway.runtime.reload import Reloader, changed
 from gateway.runtime.running import Running
 
-#: This many lines of a comparison are shown, and this many characters of a file.
-MOST_LINES: Final = 400
+#: This many characters of a file are shown.
 MOST_TEXT: Final = 128 * 1024
 #: The file is read again after this many seconds, even if it has not changed: files that it names may have.
 KEPT: Final = 30.0
@@ -92,13 +90,13 @@ class ConfigViewer:
 
     def _view(self, seen: _Seen, now: float) -> ConfigView:
         reloader = self._reloader
-        shown, current = _shown(reloader.text), _shown(seen.loaded.text)
+        in_use, current = shown(reloader.text), shown(seen.loaded.text)
         return ConfigView(
             file=str(reloader.file),
-            text=shown[:MOST_TEXT],
+            text=in_use[:MOST_TEXT],
             problems=seen.loaded.problems,
             has_errors=seen.loaded.plan is None,
-            difference=_difference(shown, current) if shown and current else (),
+            difference=difference(in_use, current, "in use", "in the file"),
             changes=Outcome() if seen.loaded.plan is None else self._changes(seen.loaded.plan),
             reloaded=None if reloader.last is None else reloader.last.outcome,
             at=0.0 if reloader.last is None else self._clock() - now + reloader.last.at,
@@ -106,13 +104,7 @@ class ConfigViewer:
         )
 
     def _changes(self, plan: Plan) -> Outcome:
-        found = differences(self._running.gateway.plan, plan)
-        return Outcome(
-            added=found.added,
-            removed=found.removed,
-            changed=found.changed,
-            restart=need_restart(self._reloader.at_start, plan),
-        )
+        return changed(self._running.gateway.plan, plan, self._reloader.at_start)
 
 
 def _sign(file: Path) -> tuple[int, ...]:
@@ -121,16 +113,3 @@ def _sign(file: Path) -> tuple[int, ...]:
     except OSError:
         return ()
     return status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode, status.st_uid
-
-
-def _shown(text: str) -> str:
-    """Mask the secrets of a text; return nothing of one that is not TOML."""
-    try:
-        return masked(text)
-    except (ValueError, RecursionError):
-        return ""
-
-
-def _difference(old: str, new: str) -> tuple[str, ...]:
-    lines = list(unified_diff(old.splitlines(), new.splitlines(), "in use", "in the file", n=2, lineterm=""))
-    return (*lines[:MOST_LINES], *(["..."] if len(lines) > MOST_LINES else []))

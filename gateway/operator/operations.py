@@ -23,6 +23,7 @@ from gateway.operator.asked import (
     PointsToWrite,
     PointToRead,
     PointToWrite,
+    TextToCheck,
     ToExamine,
     ToExplain,
     ToList,
@@ -37,6 +38,7 @@ from gateway.operator.operation import Nothing, Operation
 
 if TYPE_CHECKING:
     from gateway.operator.answers.bench import BenchStep
+    from gateway.operator.answers.config import CheckedConfig, ConfigInUse
     from gateway.operator.answers.doctor import Examination
     from gateway.operator.answers.forgotten import Forgotten
     from gateway.operator.answers.happened import Happened
@@ -93,6 +95,27 @@ RELOAD: Final[Operation[Nothing, "Reloaded"]] = Operation(
     path="/reload",
     method="POST",
     refuses=(DoesNotFit, Unready),
+)
+CONFIG: Final[Operation[Nothing, "ConfigInUse"]] = Operation(
+    "config",
+    Nothing,
+    "gateway.operator.answers.config:ConfigInUse",
+    "reading",
+    "The config in use, without comments and secrets",
+    by="gateway.operator.config_check:tell_config",
+    path="/config",
+)
+CHECK_CONFIG: Final[Operation[TextToCheck, "CheckedConfig"]] = Operation(
+    "check-config",
+    TextToCheck,
+    "gateway.operator.answers.config:CheckedConfig",
+    "operator",
+    "Check a text, and compare it with the config in use",
+    by="gateway.operator.config_check:check_config",
+    key="checked",
+    path="/config/check",
+    method="POST",
+    refuses=(Unready,),
 )
 LINES: Final[Operation[Nothing, "Lines"]] = Operation(
     "lines",
@@ -350,6 +373,8 @@ OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     WHICH,
     FLEET,
     RELOAD,
+    CONFIG,
+    CHECK_CONFIG,
     LINES,
     LINE,
     LINE_HISTORY,

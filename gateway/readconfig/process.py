@@ -7,11 +7,12 @@ module is imported before almost everything else: the gateway loads the rest whi
 import pickle
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from signal import SIG_BLOCK, SIG_SETMASK, Signals, pthread_sigmask
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from gateway import __version__
 from gateway.config.problem import Problem, errors_in
@@ -47,11 +48,15 @@ main()
 
 @dataclass(frozen=True, slots=True)
 class ConfigRead:
-    """A file that was read: its plan if it has no error, its problems in the order of the file, and its text."""
+    """A file that was read: its plan if it has no error, its problems in the order of the file, and its text.
+
+    `profile_texts` are those of own profiles that it uses, by their names.
+    """
 
     plan: "Plan | None"
     problems: tuple[Problem, ...]
     text: str = ""
+    profile_texts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def errors(self) -> tuple[str, ...]:
@@ -84,23 +89,7 @@ class ConfigProcess:
     """
 
     def __init__(self, file: Path, *, look_around: bool = False) -> None:
-        self._file = file
-        python = [sys.executable, "-I", "-S", "-X", f"pycache_prefix={sys.pycache_prefix or ''}", "-c", _PROGRAM]
-        words = [str(file), "look-around" if look_around else "plan", ":".join(sys.path)]
-        # `systemctl kill --signal=HUP` sends it to all processes of the service, and means the gateway.
-        before = pthread_sigmask(SIG_BLOCK, {Signals.SIGHUP})
-        try:
-            self._process = subprocess.Popen(  # noqa: S603 - this interpreter, and a program of ours
-                [*python, *words],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                process_group=0,  # Ctrl-C is for the gateway, which ends it
-            )
-        except OSError as error:
-            raise ConfigError(f"{file} cannot be read: no process can be started for it: {error.strerror}") from None
-        finally:
-            pthread_sigmask(SIG_SETMASK, before)
+        self._process = Reading(str(file), [str(file), "look-around" if look_around else "plan"])
 
     def result(self) -> ConfigRead:
         """Return what was read; wait for READING_TIME at most, and a second for the process to end.
@@ -108,22 +97,57 @@ class ConfigProcess:
         Raises:
             ConfigError: the process fails, or takes too long; the message says why.
         """
+        read: ConfigRead = self._process.result(READING_TIME, "; is its disk there?")
+        return read
+
+
+class Reading:
+    """A process that answers with an object, started at once. `what` it reads is named in messages.
+
+    Raises:
+        ConfigError: it cannot be started.
+    """
+
+    def __init__(self, what: str, words: Sequence[str], given: bytes | None = None) -> None:
+        self._what = what
+        self._given = given
+        python = [sys.executable, "-I", "-S", "-X", f"pycache_prefix={sys.pycache_prefix or ''}", "-c", _PROGRAM]
+        # `systemctl kill --signal=HUP` sends it to all processes of the service, and means the gateway.
+        before = pthread_sigmask(SIG_BLOCK, {Signals.SIGHUP})
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 - this interpreter, and a program of ours
+                [*python, *words, ":".join(sys.path)],
+                stdin=subprocess.DEVNULL if given is None else subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                process_group=0,  # Ctrl-C is for the gateway, which ends it
+            )
+        except OSError as error:
+            raise ConfigError(f"{what} cannot be read: no process can be started for it: {error.strerror}") from None
+        finally:
+            pthread_sigmask(SIG_SETMASK, before)
+
+    def result(self, limit: float, hint: str = "") -> Any:
+        """Return its answer; wait for `limit` seconds at most, and one more for the process to end.
+
+        Raises:
+            ConfigError: the process fails, or takes too long, of which `hint` says more; the message says why.
+        """
         process = self._process
         try:
-            answer, said = process.communicate(timeout=READING_TIME)
+            answer, said = process.communicate(self._given, timeout=limit)
         except subprocess.TimeoutExpired:
-            raise ConfigError(f"{self._file}: cannot be read within {READING_TIME:g} s; is its disk there?") from None
+            raise ConfigError(f"{self._what}: cannot be read within {limit:g} s{hint}") from None
         finally:
             process.kill()  # if it still runs
             with suppress(subprocess.TimeoutExpired):  # a file system hangs
                 process.communicate(timeout=_ENDING_TIME)
         if process.returncode:
-            raise ConfigError(f"{self._file} was not read: {_explain(process.returncode, said)}")
+            raise ConfigError(f"{self._what} was not read: {_explain(process.returncode, said)}")
         try:
-            read: ConfigRead = pickle.loads(answer)  # noqa: S301 - from our own process, through its pipe
+            return pickle.loads(answer)  # noqa: S301 - from our own process, through its pipe
         except _OF_OTHER_MODULES as error:
-            raise ConfigError(f"{self._file} was not read: {_CHANGED} ({error!r})") from error
-        return read
+            raise ConfigError(f"{self._what} was not read: {_CHANGED} ({error!r})") from error
 
 
 def _explain(status: int, said: bytes) -> str:

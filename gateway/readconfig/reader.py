@@ -1,4 +1,4 @@
-"""The program of the process that reads a config: it writes the plan to stdout, and ends. See readconfig.process."""
+"""The program of the process that reads a config: it writes an answer to stdout, and ends. See readconfig.process."""
 
 import os
 import pickle
@@ -23,21 +23,31 @@ def read_here(file: Path, *, look_around: bool = False) -> ConfigRead:
         from gateway.readconfig.file_troubles import with_file_troubles  # noqa: PLC0415 - it needs TLS, others do not
 
         loaded = with_file_troubles(loaded, str(file))
-    return ConfigRead(None if loaded.config is None else resolve(loaded.config), loaded.problems, loaded.text)
+    plan = None if loaded.config is None else resolve(loaded.config)
+    return ConfigRead(plan, loaded.problems, loaded.text, loaded.profile_texts)
 
 
-def packed(read: ConfigRead) -> bytes:
-    """Pickle `read` for a process with the same modules."""
+def packed(read: object) -> bytes:
+    """Pickle what was `read` for a process with the same modules."""
     target = BytesIO()
     _Pickler(target, pickle.HIGHEST_PROTOCOL).dump(read)
     return target.getvalue()
 
 
 def main() -> None:
-    """Read the file that the arguments name, write the pickled ConfigRead to stdout, and exit."""
+    """Read the file that the arguments name, or a text for it from stdin, write the pickled answer to stdout, and exit.
+
+    The answer is a ConfigRead, or a TextCheck.
+    """
     file, kind = sys.argv[1:]
     signal.alarm(int(READING_TIME) + 1)  # ends this process if the disk hangs and the gateway is gone
-    sys.stdout.buffer.write(packed(read_here(Path(file), look_around=kind == "look-around")))
+    if kind == "text":
+        from gateway.readconfig.text_reader import check_given_text  # noqa: PLC0415 - only needed for this
+
+        answer = packed(check_given_text(Path(file), sys.stdin.buffer.read()))
+    else:
+        answer = packed(read_here(Path(file), look_around=kind == "look-around"))
+    sys.stdout.buffer.write(answer)
     sys.stdout.flush()
     os._exit(0)  # to unload the modules would take a tenth of the time
 

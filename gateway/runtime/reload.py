@@ -2,12 +2,15 @@
 
 import asyncio
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final, Protocol
 
 from gateway import events
 from gateway.clock.threads import ThreadPerCall
+from gateway.config.plan.differences import differences, need_restart
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
 from gateway.errors import ConfigError, ListenError, StateError, TlsError
@@ -17,6 +20,7 @@ from gateway.runtime.gateway import Gateway
 from gateway.runtime.outcome import Outcome
 from gateway.runtime.running import Running
 from gateway.runtime.summary import summary
+from gateway.state.applied_configs import AppliedConfigs
 from gateway.tls.contexts import Loaded as LoadedTls
 from gateway.tls.settings import Secured
 from gateway.tls.store import find_warnings, load_all
@@ -50,7 +54,8 @@ class ServiceManager(Protocol):
 class Reloader:
     """Applies `file` to a `running` gateway, one reload at a time.
 
-    `text` is the content of the file when it was last used. `read` reads it, in a thread. What images keep is read in a
+    `text` is the content of the file when it was last used, and `profile_texts` are the texts of the own profiles that it
+    uses; both are kept in `applied`. `read` reads it, in a thread. What images keep is read in a
     thread too, and so are certificates, even those of unchanged tables.
     """
 
@@ -61,11 +66,15 @@ class Reloader:
         manager: ServiceManager,
         *,
         text: str = "",
+        profile_texts: Mapping[str, str] | None = None,
         read: ReadConfig = read_config,
+        applied: AppliedConfigs | None = None,
     ) -> None:
         self.file = file
         self.read = read
         self.text = text
+        self.profile_texts = profile_texts or {}
+        self.applied = applied
         self.last: Reloaded | None = None
         self._running = running
         self._manager = manager
@@ -86,6 +95,14 @@ class Reloader:
             self._tasks.add(self._next)
             self._next.add_done_callback(self._tasks.discard)
         return self._next
+
+    async def keep_in_use(self) -> None:
+        """Keep the config in use among the last ones; wait for the disk for LOADING_TIME at most."""
+        if self.applied is not None:
+            keep = partial(self.applied.keep, self.text, self.profile_texts)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(LOADING_TIME):
+                    await asyncio.get_running_loop().run_in_executor(ThreadPerCall("keep config"), keep)
 
     async def close(self) -> None:
         """Cancel the reloads that are in progress or ordered."""
@@ -135,12 +152,10 @@ class Reloader:
         except (ListenError, StateError, TlsError) as error:
             return self._rejected((str(error),))
         garbage.settle()
-        self.text = loaded.text
+        self.text, self.profile_texts = loaded.text, loaded.profile_texts
         self._running.reload_succeeded = not defect
         warnings = (*map(str, loaded.problems), *unusable)
-        outcome = replace(
-            differences(old, new), restart=need_restart(self.at_start, new), warnings=warnings, defect=defect
-        )
+        outcome = replace(changed(old, new, self.at_start), warnings=warnings, defect=defect)
         warn(loaded.problems, self._running.emit)
         warn_of_certificates(certificates, self._running.emit)
         for said in unusable:
@@ -148,6 +163,7 @@ class Reloader:
         self._running.emit(
             events.ConfigApplied(str(self.file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
         )
+        await self.keep_in_use()
         return outcome
 
     async def _switch(self, new: Gateway, certificates: Mapping[Secured, LoadedTls]) -> str:
@@ -205,37 +221,9 @@ def warn_of_certificates(loaded: Mapping[Secured, LoadedTls], emit: events.Emit)
         emit(events.ConfigWarning(said, ""))
 
 
-def differences(old: Plan, new: Plan) -> Outcome:
-    """Find the differences of `new`, by section and name: `line hall-a`."""
-    before, after = _tables(old), _tables(new)
+def changed(old: Plan, new: Plan, at_start: Plan) -> Outcome:
+    """Tell what a reload of `new` changes where `old` is in use, and what applies only after a restart."""
+    found = differences(old, new)
     return Outcome(
-        added=tuple(name for name in after if name not in before),
-        removed=tuple(name for name in before if name not in after),
-        changed=tuple(name for name, table in after.items() if name in before and before[name] != table),
+        added=found.added, removed=found.removed, changed=found.changed, restart=need_restart(at_start, new)
     )
-
-
-def _tables(plan: Plan) -> Mapping[str, object]:
-    return {
-        **{f"listen {one.name}": one for one in plan.listeners},
-        **{f"line {one.line.name}": one.meaning for one in plan.lines},
-        **{f"line {server.line.name}": server for server in plan.servers},
-        **{f"upstream {one.upstream.name}": one for one in plan.upstreams},
-        **{f"image {one.name}": one for one in plan.images},
-        **{f"image {mirror.name}": mirror for mirror in plan.mirrors},
-        **{f"image {one.name}": one for one in plan.virtual},
-        "access": plan.access,
-        "trace": plan.ring,
-        **{key: part for key, part in plan.add_ons.items() if not part.needs_restart},
-    }
-
-
-def need_restart(at_start: Plan, new: Plan) -> tuple[str, ...]:
-    """Find the changes in `new` that apply only after a restart."""
-    before, after = _fixed_tables(at_start), _fixed_tables(new)
-    return tuple(name for name in before | after if before.get(name) != after.get(name))
-
-
-def _fixed_tables(plan: Plan) -> dict[str, object]:
-    add_ons = {key: part for key, part in plan.add_ons.items() if part.needs_restart}
-    return {"log": plan.log, "control": plan.control, **add_ons}

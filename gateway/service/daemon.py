@@ -33,6 +33,7 @@ from gateway.runtime.running import Running
 from gateway.service.hang_up import HangUp
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, take_inherited_sockets
+from gateway.state.applied_configs import AppliedConfigs
 from gateway.state.entry_file import EntryFile, IsEntry
 from gateway.state.memory import StateFile, state_folder
 from gateway.state.troubles import StateTroubles
@@ -40,10 +41,10 @@ from gateway.tls.store import TlsStore, load_all
 
 
 class _Source(NamedTuple):
-    """The config file, and its text when it was loaded."""
+    """The config file, and what was read of it."""
 
     file: Path
-    text: str
+    read: ConfigRead
 
 
 def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None) -> None:
@@ -61,7 +62,7 @@ def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None) ->
             emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
             warn(read.problems, emit)
             path = Path(control or plan.control or control_path(file)).absolute()
-            _serve(plan, _Source(file, read.text), path, fan_out)
+            _serve(plan, _Source(file, read), path, fan_out)
     except (ListenError, StateError, TlsError) as error:
         tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
         raise
@@ -112,7 +113,10 @@ async def _run(
     systemd, stop, hang_up = Notifier(), Stop(), HangUp()
     sockets = OpenSockets(take_inherited_sockets())
     running = Running(plan, open_port, emit, kept, contexts=contexts, sockets=sockets)
-    reloader = Reloader(source.file, running, systemd, text=source.text)
+    applied, read = AppliedConfigs(folder, source.file.name, emit), source.read
+    reloader = Reloader(
+        source.file, running, systemd, text=read.text, profile_texts=read.profile_texts, applied=applied
+    )
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop, hang_up)

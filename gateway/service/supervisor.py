@@ -61,7 +61,7 @@ async def serve(
             async with running.lines_open():
                 if is_bound and await _complete_before(stop, running.tried()):
                     running.start_listening()
-                    await _serve_until(stop, running, systemd, control)
+                    await _serve_until(stop, running, systemd, reloader, control)
                 if reloader is not None:
                     await reloader.close()
                 running.emit(events.Stopping(stop.reason))
@@ -76,7 +76,9 @@ async def serve(
         running.emit(events.Stopped())
 
 
-async def _serve_until(stop: Stop, running: Running, systemd: Notifier, control: str) -> None:
+async def _serve_until(
+    stop: Stop, running: Running, systemd: Notifier, reloader: Reloader | None, control: str
+) -> None:
     parts = running.gateway.parts
     up = sum(part.reconnector.is_open for part in parts)
     listeners = tuple(each.address for each in running.gateway.listeners)
@@ -89,6 +91,8 @@ async def _serve_until(stop: Stop, running: Running, systemd: Notifier, control:
     looking = asyncio.create_task(TightLimits().keep_looking(lambda: running.gateway, running.emit), name="limits")
     expiring = asyncio.create_task(expiry.keep_looking(lambda: running.contexts, running.emit), name="certificates")
     tasks = [watching, sampling, looking, expiring]
+    if reloader is not None:
+        tasks.append(asyncio.create_task(reloader.keep_in_use(), name="keep config"))
     if running.troubles is not None:
         tasks.append(asyncio.create_task(running.troubles.keep_looking(), name="state folder"))
     await stop.wait()

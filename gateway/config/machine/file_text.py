@@ -5,8 +5,8 @@ import stat
 from pathlib import Path
 from typing import Final
 
-#: The largest file, in bytes: a unit of a line is written in 100.
-_MOST_BYTES: Final = 1024 * 1024
+#: The largest config, in bytes: a unit of a line is written in 100.
+MOST_BYTES: Final = 1024 * 1024
 #: What a path may lead to instead of a file, by the letter that `ls -l` shows for it.
 _NO_FILES: Final = {"p": "a FIFO", "d": "a directory", "c": "a device", "b": "a device", "s": "a socket"}
 
@@ -32,10 +32,15 @@ def read_file_text(path: Path) -> str:
         UnreadableFile: it cannot be read.
     """
     try:
-        return read_file_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
+        return plain_text(read_file_bytes(path).decode())
     except UnicodeDecodeError as wrong:
         line = wrong.object.count(b"\n", 0, wrong.start) + 1
         raise UnreadableFile("this line is not UTF-8 text", "save the file as UTF-8", line) from None
+
+
+def plain_text(text: str) -> str:
+    """Give a text the line ends of Unix, and no byte order mark."""
+    return text.removeprefix("\ufeff").replace("\r\n", "\n")
 
 
 def read_file_bytes(path: Path) -> bytes:
@@ -49,12 +54,12 @@ def read_file_bytes(path: Path) -> bytes:
         if not stat.S_ISREG(mode):
             raise UnreadableFile(f"is {_NO_FILES[stat.filemode(mode)[0]]}, not a file", "name a file")
         with path.open("rb") as stream:
-            content = stream.read(_MOST_BYTES + 1)
+            content = stream.read(MOST_BYTES + 1)
     except FileNotFoundError:
         raise UnreadableFile("there is no such file", "create it, or name another file") from None
     except OSError as wrong:
         remedy = f"sudo chmod 644 {path}" if isinstance(wrong, PermissionError) else ""
         raise UnreadableFile(f"cannot be read: {os.strerror(wrong.errno or 0)}", remedy) from None
-    if len(content) > _MOST_BYTES:
-        raise UnreadableFile(f"has more than {_MOST_BYTES} bytes", "is it the right file?")
+    if len(content) > MOST_BYTES:
+        raise UnreadableFile(f"has more than {MOST_BYTES} bytes", "is it the right file?")
     return content

@@ -10,4 +10,5 @@
 - wanted_polls    who wants to have polled what of the devices
 - forecast, line_load    the time limits that follow, and the share of a line that polls take
 - rights_in_words    access rights for people
+- differences    how two plans differ: what a reload changes
 """

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Iterator
 from difflib import get_close_matches
 from functools import lru_cache
 from typing import Final
@@ -36,6 +37,18 @@ def masked(text: str) -> str:
         parts += [_without_comments(text[at:start]), _masked(path, text[start:end])]
         at = end
     return "".join([*parts, _without_comments(text[at:])])
+
+
+def find_masks(value: object, path: Path = ()) -> Iterator[Path]:
+    """Find where a mask stands in a document, or in a value at `path`: that is no secret, but what hides one."""
+    if isinstance(value, dict):
+        for key, each in value.items():
+            yield from find_masks(each, (*path, key))
+    elif isinstance(value, list):
+        for index, each in enumerate(value):
+            yield from find_masks(each, (*path, index))
+    elif isinstance(value, str) and (value == MASK or f"://{MASK}@" in value):
+        yield path
 
 
 @lru_cache(maxsize=1024)

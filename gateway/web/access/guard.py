@@ -11,15 +11,17 @@ import hashlib
 import hmac
 import re
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Final, Literal
-from urllib.parse import quote, urlsplit
+from urllib.parse import parse_qsl, quote, urlsplit
 
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.readconfig.page_users import Role, is_user_name
 from gateway.request import Caller
 from gateway.web.access.sessions import Sessions
@@ -33,8 +35,15 @@ Need = Literal["nothing", "metrics", "reading", "page", "login", "operator"]
 
 #: A Host: an IPv6 address in brackets, or an IPv4 address or a name; and its port.
 _HOST: Final = re.compile(r"(?:\[([0-9A-Fa-f:.]{2,45})\]|([0-9A-Za-z._-]{1,253}))(?::[0-9]{1,5})?")
-#: How long the body of a request may take to arrive, in seconds.
+#: How long the body of a request may take to arrive, in seconds; and a long one, which is larger than most bodies may
+#: be, in bytes: a config of 1 MiB in a form.
 _BODY_TIME: Final = 10.0
+_LONG_BODY_TIME: Final = 60.0
+LONGEST_BODY: Final = 3 * 1024 * 1024 + 1024
+#: Forms up to this size are parsed at once, in bytes: others in a thread. The lines would wait for it.
+_SHORT_FORM: Final = 32 * 1024
+#: The most fields of a form.
+_MOST_FIELDS: Final = 64
 _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 #: What an address may choose for any page: its language and its theme.
 _CHOICES: Final = ("lang", "theme")
@@ -76,6 +85,8 @@ class Visitor:
 
 #: Where handlers find the visitor of a request.
 VISITOR: Final = web.RequestKey("visitor", Visitor)
+#: Where they find a form with a long body; others are in `request.post()`.
+FORM: Final = web.RequestKey("form", dict[str, str])
 
 
 class Guard:
@@ -90,8 +101,12 @@ class Guard:
         self._secret = secrets.token_bytes(32)
         self.cookie: Final = "__Host-mbgw" if settings.is_encrypted else "mbgw"
 
-    def middleware(self, needs: Mapping[object, Need]) -> Middleware:
-        """Make the middleware that refuses clients by the `needs` of handlers; those without one need `reading`."""
+    def middleware(self, needs: Mapping[object, Need], long_bodies: Collection[str] = ()) -> Middleware:
+        """Make the middleware that refuses clients by the `needs` of handlers; those without one need `reading`.
+
+        The paths in `long_bodies` take LONGEST_BODY, one request at a time, and only of whom they let in.
+        """
+        long_turn = asyncio.Lock()
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -106,7 +121,12 @@ class Guard:
             request[VISITOR] = visitor
             if request.method in _UNSAFE:
                 self._check_origin(request)
-                await _take_body(request)
+                if request.path in long_bodies:
+                    self._check(request, visitor, need)
+                    async with long_turn:
+                        request = await _with_long_body(request)
+                else:
+                    await _take_body(request)
             self._check(request, visitor, need)
             if need in ("login", "operator"):
                 await _check_csrf(request, visitor)
@@ -176,11 +196,38 @@ class Guard:
         return hmac.digest(self._secret, name.encode(), hashlib.sha256).hex()
 
 
-async def _take_body(request: web.Request) -> None:
+async def _with_long_body(request: web.Request) -> web.Request:
+    """Take the body of a request for which more is allowed than for others."""
+    request = request.clone(client_max_size=LONGEST_BODY)
+    _check_kind(request)
+    try:
+        async with asyncio.timeout(_LONG_BODY_TIME):
+            body = await request.read()
+        if request.content_type == _FORM:
+            request[FORM] = await _parsed(body)
+    except TimeoutError:
+        raise ProblemError(408, f"the request has not arrived within {_LONG_BODY_TIME:g} s") from None
+    except ValueError:
+        raise ProblemError(400, f"the form is not UTF-8, or has more than {_MOST_FIELDS} fields") from None
+    return request
+
+
+async def _parsed(body: bytes) -> dict[str, str]:
+    parse = partial(parse_qsl, body.decode(), keep_blank_values=True, errors="strict", max_num_fields=_MOST_FIELDS)
+    if len(body) <= _SHORT_FORM:
+        return dict(parse())
+    return dict(await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web form"), parse))
+
+
+def _check_kind(request: web.Request) -> None:
     if request.content_type.startswith("multipart/"):
         raise ProblemError(415, f"forms are {_FORM}")
     if (request.charset or "utf-8").lower() not in _CHARSETS:  # some codecs take seconds for 32 KiB
         raise ProblemError(415, "what is sent must be UTF-8")
+
+
+async def _take_body(request: web.Request) -> None:
+    _check_kind(request)
     try:
         async with asyncio.timeout(_BODY_TIME):
             await request.read()
@@ -196,7 +243,8 @@ async def _check_csrf(request: web.Request, visitor: Visitor) -> None:
     """Check the token in the header, or in the field `csrf` of a form."""
     given = request.headers.get("X-CSRF-Token", "")
     if not given and request.content_type == _FORM:
-        given = str((await request.post()).get("csrf", ""))
+        form = request[FORM] if FORM in request else await request.post()
+        given = str(form.get("csrf", ""))
     if not hmac.compare_digest(given.encode(errors="surrogateescape"), visitor.csrf.encode()):
         raise ProblemError(403, "X-CSRF-Token must be that of the session; GET /api/v1/session tells it")
 

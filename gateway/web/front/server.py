@@ -56,6 +56,9 @@ _MOST_PARAMETERS: Final = 32
 #: Without HEAD: streams, which end only when the reader leaves, and a file whose head costs as much as all of it.
 _STREAMS: Final = frozenset({"/api/v1/events", "/api/v1/trace", "/api/v1/trace.pcapng"})
 
+#: What takes a whole config in its body.
+_LONG_BODIES: Final = frozenset({"/api/v1/config/check", "/config/change", "/config/change/text"})
+
 #: The logger for aiohttp's complaints about clients that do not send HTTP: not shown.
 _SILENT: Final = logging.getLogger(__name__)
 _SILENT.disabled = True
@@ -160,7 +163,7 @@ def _application(
             _bound_query,
             problem_pages(renderer, guard.visitor),
             problems(operator.running.emit),
-            guard.middleware(needs),
+            guard.middleware(needs, _LONG_BODIES),
         ],
         client_max_size=_LARGEST_BODY,
     )

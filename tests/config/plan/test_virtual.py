@@ -13,7 +13,7 @@ from gateway.images.polls import Poll
 from gateway.images.virtual.settings import FreshBits, SourceAge
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.runtime.reload import differences
+from gateway.config.plan.differences import differences
 
 DEVICES = """\
 [[line]]

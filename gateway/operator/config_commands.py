@@ -1,0 +1,43 @@
+"""The commands that make a file the config of the running gateway: it never writes it itself."""
+
+import grp
+import os
+import pwd
+import stat
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from shlex import quote
+
+from gateway.runtime.reload import Reloader
+
+
+def commands_to_apply(reloader: Reloader, new: Path | None = None) -> Sequence[str]:
+    """List the commands that check the file `new`, make it the config, and reload it; one in the working folder if None.
+
+    The new file is checked in the folder of the config, from where its paths count, and takes the place of the old one
+    as a whole, with the same owner and rights. Blocks for a moment.
+    """
+    order = "sudo " if reloader.is_service else ""
+    # A link stays one: what it leads to is replaced.
+    file = os.path.realpath(reloader.file)
+    beside = quote(f"{file}.new")
+    source = quote(str(new) if new is not None else reloader.file.name)
+    return (
+        f"{order}install {_rights(file, has_root=reloader.is_service)} {source} {beside}",
+        f"{order}modbus-gateway check {beside} && {order}mv {beside} {quote(file)} && {order}modbus-gateway reload",
+    )
+
+
+def _rights(file: str, *, has_root: bool) -> str:
+    """Write the rights of the present file, and its owner if another one could be given."""
+    try:
+        status = os.stat(file)
+    except OSError:
+        return "-m 644"
+    mode = f"-m {stat.S_IMODE(status.st_mode):o}"
+    if has_root:
+        with suppress(KeyError):
+            owner, group = pwd.getpwuid(status.st_uid).pw_name, grp.getgrgid(status.st_gid).gr_name
+            return mode if (owner, group) == ("root", "root") else f"-o {quote(owner)} -g {quote(group)} {mode}"
+    return mode
