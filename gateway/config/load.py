@@ -95,10 +95,27 @@ def parse(
         problem = syntax_problem(wrong, text, LISTS)
         return _fail(problem, file, problem.line, problem.column)
     except RecursionError:
-        return _fail(error((), "is nested too deeply"), file)
+        return _fail_nested(file)
+    files = profile_files or ProfileFiles.of_config(file)
+    try:
+        return _parsed(document, positions, text, file, port_trouble, real_path, address_trouble, exists, files)
+    except RecursionError:  # a key of a thousand parts
+        return _fail_nested(file)
+
+
+def _parsed(
+    document: dict[str, Any],
+    positions: Positions,
+    text: str,
+    file: str,
+    port_trouble: PortTrouble,
+    real_path: Callable[[str], str],
+    address_trouble: AddressTrouble,
+    exists: Callable[[str], bool],
+    files: ProfileFiles,
+) -> Loaded:
     folder = folder_of(FilePath(file))
     reader = TableReader(document, positions, FilePath(file).name, folder)
-    files = profile_files or ProfileFiles.of_config(file)
     profiled = with_profiles(reader.config(), files, is_whole=PROFILE not in reader.failed)
     config = without_shared_units(profiled.config)
     found = [*reader.problems, *profiled.problems, *check_paths(document, folder, exists), *_check_masks(document, text)]
@@ -152,6 +169,10 @@ def _name(path: Path, document: dict[str, Any]) -> str:
     row = document[str(path[0])][path[1]]
     name = row.get("name") if isinstance(row, dict) else None
     return name if isinstance(name, str) else ""
+
+
+def _fail_nested(file: str) -> Loaded:
+    return _fail(error((), "is nested too deeply"), file)
 
 
 def _fail(problem: Problem, file: str, line: int = 1, column: int = 1) -> Loaded:

@@ -140,6 +140,8 @@ class Reading:
             raise ConfigError(f"{self._what}: cannot be read within {limit:g} s{hint}") from None
         finally:
             process.kill()  # if it still runs
+            if process.stdin is not None:
+                process.stdin.close()
             with suppress(subprocess.TimeoutExpired):  # a file system hangs
                 process.communicate(timeout=_ENDING_TIME)
         if process.returncode:

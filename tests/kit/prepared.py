@@ -231,7 +231,7 @@ def _run_command(words: Sequence[str]) -> int:
     from gateway.readconfig import process as config_process  # noqa: PLC0415
     from gateway.runtime import garbage  # noqa: PLC0415
 
-    _replace(config_process, subprocess, Popen=_Reader)
+    _replace(config_process, subprocess, Popen=_start_reader)
     _replace(asyncio.unix_events, subprocess, Popen=_start_simulator)
     _replace(garbage, gc, unfreeze=_Unfreezing())
     sys.argv[:] = [str(main.__file__), *words]
@@ -269,11 +269,16 @@ class _Reader(PreparedProcess):
             os.close(its_err)
         self.stdout, self.stderr = os.fdopen(out, "rb"), os.fdopen(err, "rb")
 
-    def communicate(self, timeout: float) -> tuple[bytes, bytes]:
+    def communicate(self, _given: None = None, *, timeout: float) -> tuple[bytes, bytes]:
         """All that it writes. `timeout` is in its own hands: it ends a second later."""
         said = self.stdout.read(), self.stderr.read()
         self.wait(timeout)
         return said
+
+
+def _start_reader(words: Sequence[str], **how: Any) -> Any:
+    """What reads a config file; what checks a text is a process as always: it is given one, and then limits itself."""
+    return subprocess.Popen(words, **how) if words[-2] == "text" else _Reader(words)
 
 
 def _read_config(words: Sequence[str]) -> int:

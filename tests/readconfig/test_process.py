@@ -56,7 +56,7 @@ def test_a_file_that_takes_too_long_is_given_up_and_so_is_the_process(tmp_path, 
     reading = ConfigProcess(tmp_path / "gateway.toml")
     with pytest.raises(ConfigError, match=r"gateway.toml: cannot be read within 0.5 s; is its disk there\?"):
         reading.result()
-    assert reading._process.returncode == -signal.SIGKILL
+    assert reading._process._process.returncode == -signal.SIGKILL
 
 
 def test_it_ends_with_the_wait_for_it(tmp_path, monkeypatch):
@@ -69,14 +69,14 @@ def test_it_ends_with_the_wait_for_it(tmp_path, monkeypatch):
             reading.result()
     finally:
         signal.signal(signal.SIGALRM, before)
-    assert reading._process.returncode == -signal.SIGKILL
+    assert reading._process._process.returncode == -signal.SIGKILL
 
 
 def test_a_hang_up_that_is_meant_for_the_gateway_does_not_end_it(tmp_path):
     file = tmp_path / "gateway.toml"
     file.write_text("[[image]]\nunit = 1\nholding = 8\n")
     reading = ConfigProcess(file)
-    os.kill(reading._process.pid, signal.SIGHUP)
+    os.kill(reading._process._process.pid, signal.SIGHUP)
     assert reading.result().plan is not None
     assert signal.SIGHUP not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 

@@ -11,10 +11,13 @@ from aiohttp import web
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import NotPermitted
 from gateway.modbus.codes import Area
+from gateway.operator.answers.config import CheckedConfig, ConfigInUse
 from gateway.operator.answers.happened import Happened
+from gateway.operator.answers.known_values import KnownValues
 from gateway.operator.answers.past import LinePast, UnitPast
 from gateway.operator.answers.running import Reloaded
 from gateway.operator.answers.status import Lines, Status
+from gateway.operator.answers.trend import PointTrend
 from gateway.operator.answers.unit import UnitPicture, Units
 from gateway.operator.answers.values import Cells, Points
 from gateway.operator.operation import Operation
@@ -30,7 +33,10 @@ ROOT: Final = "/api/v1"
 Operations = Sequence[Operation[Any, Any]]
 
 #: Answers that may be long are written in a thread. One costs more than most answers: others are written at once.
-_LONG: Final = (Status, Lines, Happened, LinePast, Units, UnitPicture, UnitPast, Cells, Points)
+_LONG: Final = (
+    *(Status, ConfigInUse, CheckedConfig, Lines, Happened, LinePast, Units, UnitPicture, UnitPast, Cells, Points),
+    *(KnownValues, PointTrend),
+)
 #: A parameter in the path of an operation.
 NAMED: Final = re.compile(r"\{(\w+)\}")
 #: The last parameter of a path, which may be left out with what joins it to the one before.
