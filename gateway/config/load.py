@@ -118,7 +118,12 @@ def _parsed(
     reader = TableReader(document, positions, FilePath(file).name, folder)
     profiled = with_profiles(reader.config(), files, is_whole=PROFILE not in reader.failed)
     config = without_shared_units(profiled.config)
-    found = [*reader.problems, *profiled.problems, *check_paths(document, folder, exists), *_check_masks(document, text)]
+    found = [
+        *reader.problems,
+        *profiled.problems,
+        *check_paths(document, folder, exists),
+        *_check_masks(document, text),
+    ]
     failed = frozenset(reader.failed if profiled.is_whole else {*reader.failed, PROFILE})
     found += check(config, failed, port_trouble, real_path, address_trouble)
     places = _Places(positions, file, document, files)

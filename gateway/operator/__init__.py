@@ -18,5 +18,6 @@
 - history, uses, past, minutes    what lines and units did in the last days
 - trends       how values of points went
 - metrics, rights    counters, access rights
-- config_view, config_check, config_commands    the config, a text that might replace it, and how that is done
+- config_view, applied    the config, and those that were in use before
+- config_check, config_commands    a text that might replace it, and the commands that do it
 """

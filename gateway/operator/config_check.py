@@ -1,4 +1,4 @@
-"""The operations `config` and `check-config`: the config in use, and what `check` says of a text that might replace it."""
+"""The operations `config` and `check-config`: the config in use, and what `check` says of a text for it."""
 
 import asyncio
 from functools import partial

@@ -13,7 +13,7 @@ from gateway.runtime.reload import Reloader
 
 
 def commands_to_apply(reloader: Reloader, new: Path | None = None) -> Sequence[str]:
-    """List the commands that check the file `new`, make it the config, and reload it; one in the working folder if None.
+    """List the commands that make the file `new` the config and reload it; one in the working folder if it is None.
 
     The new file is checked in the folder of the config, from where its paths count, and takes the place of the old one
     as a whole, with the same owner and rights. Blocks for a moment.
@@ -32,7 +32,7 @@ def commands_to_apply(reloader: Reloader, new: Path | None = None) -> Sequence[s
 def _rights(file: str, *, has_root: bool) -> str:
     """Write the rights of the present file, and its owner if another one could be given."""
     try:
-        status = os.stat(file)
+        status = Path(file).stat()
     except OSError:
         return "-m 644"
     mode = f"-m {stat.S_IMODE(status.st_mode):o}"

@@ -5,7 +5,6 @@ process has a limit of time and of memory, and runs only when nobody else needs 
 """
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -84,5 +83,3 @@ def _find_wrong_text(text: str) -> str:
     except UnicodeEncodeError:
         return "is not UTF-8 text"
     return f"has more than {MOST_BYTES} bytes" if size > MOST_BYTES else ""
-
-

@@ -25,7 +25,7 @@ _NICE: Final = 19
 _MOST_SAID: Final = 400
 
 _NOT_LOOKED_AT: Final = (
-    "not looked at: ports, addresses of this machine, certificates, keys, users, passwords and other files that it names"
+    "not looked at: ports, addresses of this machine, certificates, users, and other files that it names"
 )
 
 

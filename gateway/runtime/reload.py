@@ -54,9 +54,9 @@ class ServiceManager(Protocol):
 class Reloader:
     """Applies `file` to a `running` gateway, one reload at a time.
 
-    `text` is the content of the file when it was last used, and `profile_texts` are the texts of the own profiles that it
-    uses; both are kept in `applied`. `read` reads it, in a thread. What images keep is read in a
-    thread too, and so are certificates, even those of unchanged tables.
+    `text` is the content of the file when it was last used, and `profile_texts` are the texts of the own profiles that
+    it uses; both are kept in `applied`. `read` reads it, in a thread. What images keep is read in a thread too, and so
+    are certificates, even those of unchanged tables.
     """
 
     def __init__(
@@ -224,6 +224,4 @@ def warn_of_certificates(loaded: Mapping[Secured, LoadedTls], emit: events.Emit)
 def changed(old: Plan, new: Plan, at_start: Plan) -> Outcome:
     """Tell what a reload of `new` changes where `old` is in use, and what applies only after a restart."""
     found = differences(old, new)
-    return Outcome(
-        added=found.added, removed=found.removed, changed=found.changed, restart=need_restart(at_start, new)
-    )
+    return Outcome(added=found.added, removed=found.removed, changed=found.changed, restart=need_restart(at_start, new))

@@ -1,4 +1,4 @@
-"""The last configs that were in use, each a folder of its own, so that the one before can be taken back by a command:
+"""The last configs that were in use, each in a folder of its own, from where a command can take it back.
 
     configs/000012-20261128T213005Z/gateway.toml
     configs/000012-20261128T213005Z/profiles/meter.toml
@@ -92,7 +92,7 @@ class AppliedConfigs:
             return None
         try:
             with _opened(self.folder) as folder, _opened(name, folder) as own:
-                (file,) = (each for each in os.listdir(own) if each != PROFILES)
+                (file,) = (each for each in _listed(own) if each != PROFILES)
                 profiles = dict(_read_profiles(own))
                 at = datetime.strptime(match[2], _TIME).replace(tzinfo=UTC)
                 return AppliedConfig(name, at, self.folder / name / file, _read(own, file), profiles)
@@ -132,12 +132,16 @@ class AppliedConfigs:
 
 
 def _names(folder: int) -> list[str]:
-    return sorted(filter(_NAME.fullmatch, os.listdir(folder)), reverse=True)
+    return sorted(filter(_NAME.fullmatch, _listed(folder)), reverse=True)
+
+
+def _listed(folder: int) -> list[str]:
+    return os.listdir(folder)
 
 
 def _read_profiles(folder: int) -> Iterator[tuple[str, str]]:
     with suppress(FileNotFoundError), _opened(PROFILES, folder) as inner:
-        for file in sorted(os.listdir(inner)):
+        for file in sorted(_listed(inner)):
             yield file.removesuffix(".toml"), _read(inner, file)
 
 
@@ -158,7 +162,7 @@ def _make_folder(within: int, name: str) -> None:
 
 def _read(folder: int, name: str) -> str:
     descriptor = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
-    with open(descriptor, "rb") as stream:
+    with os.fdopen(descriptor, "rb") as stream:
         content = stream.read(_LARGEST + 1)
     if len(content) > _LARGEST:
         raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
@@ -167,7 +171,7 @@ def _read(folder: int, name: str) -> str:
 
 def _write(folder: int, name: str, text: str) -> None:
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-    with open(os.open(name, flags, 0o600, dir_fd=folder), "wb") as stream:
+    with os.fdopen(os.open(name, flags, 0o600, dir_fd=folder), "wb") as stream:
         _give_to_owner(folder, name)
         stream.write(text.encode())
         stream.flush()

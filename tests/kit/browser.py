@@ -20,6 +20,7 @@ from gateway.readconfig.reader import read_here
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
 from gateway.service.systemd import Notifier
+from gateway.state.applied_configs import AppliedConfigs
 from gateway.timing.history import History
 from gateway.web.front.server import serving
 from gateway.web.front.settings import WebSettings
@@ -202,7 +203,8 @@ async def web_bench(config: str, folder: Path, operations: Any = OPERATIONS, **s
         fan_out = FanOut(home.events.append, LastEvents(lambda: CLOCK + loop.time()))
         running.emit = fan_out.emit
         running.ready.set()
-        reloader = Reloader(file, running, Notifier({}), text=config, read=read_here)
+        applied = AppliedConfigs(folder / "state", file.name, running.emit, lambda: CLOCK + loop.time())
+        reloader = Reloader(file, running, Notifier({}), text=config, read=read_here, applied=applied)
         asked = WebSettings("127.0.0.1", 8502, users=users, write=True)
         history = History()
         operator = Operator(running, reloader, lambda: CLOCK + loop.time(), fan_out.last)

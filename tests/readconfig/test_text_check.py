@@ -115,7 +115,7 @@ def test_nothing_that_it_names_is_opened_or_looked_for(file, tmp_path, extra):
     (tmp_path / "danger.py").write_text("raise SystemExit('imported')")
     text = (extra + NAMING).format(named)
     words = [sys.executable, "-c", _WATCHED, text, str(file), str(named)]
-    path = os.pathsep.join([os.getcwd(), str(tmp_path)])
+    path = os.pathsep.join([str(Path.cwd()), str(tmp_path)])
     ended = subprocess.run(
         words, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, timeout=60, check=True
     )
@@ -207,7 +207,7 @@ def test_what_a_problem_quotes_is_short(file):
 def test_a_text_that_takes_too_long_is_given_up(file, monkeypatch):
     monkeypatch.setattr(text_check, "CHECKING_TIME", 0.5)
     begun = time.monotonic()
-    with pytest.raises(ConfigError, match="the text: cannot be read within 0.5 s"):
+    with pytest.raises(ConfigError, match=r"the text: cannot be read within 0.5 s"):
         check_text(file, '[[line]]\nport = "/dev/x"\n' * 30_000, IN_USE)
     assert time.monotonic() - begun < 5
 

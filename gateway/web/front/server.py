@@ -24,11 +24,13 @@ from gateway.web.front.machines import machine_routes
 from gateway.web.front.problems import Handler, problems
 from gateway.web.front.settings import HEADERS, WebSettings
 from gateway.web.front.streams import Streams
+from gateway.web.pages.applied import AppliedPage
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.clients import ClientsPage
 from gateway.web.pages.config import ConfigPage
 from gateway.web.pages.events import EventsPage
 from gateway.web.pages.head import Heads
+from gateway.web.pages.config_change import ConfigChangePage
 from gateway.web.pages.health import HealthPage
 from gateway.web.pages.heat_map import HeatMap
 from gateway.web.pages.image import ImagePage
@@ -136,6 +138,7 @@ def _application(
     heat_map = HeatMap()
     rights = WriteRights(operator, may_write=settings.write)
     units = UnitPage(operator, renderer, rights)
+    applied = AppliedPage(operator, renderer)
     pages: tuple[Page, ...] = (
         OverviewPage(operator, situations, renderer, heat_map),
         ValuesPage(operator, renderer),
@@ -147,7 +150,9 @@ def _application(
         WritePages(operator, renderer, rights),
         ClientsPage(operator, renderer),
         HealthPage(doctor, renderer),
-        ConfigPage(operator, renderer),
+        applied,
+        ConfigPage(operator, renderer, applied),
+        ConfigChangePage(operator, renderer),
         LoginPage(settings, operator.running.emit, guard, table, sessions, renderer),
     )
     routes = [

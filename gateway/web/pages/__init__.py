@@ -1,6 +1,7 @@
 """The pages. They are made on the server, so that they appear at once and work without JavaScript.
 
 - overview, values, line, unit, image, events, traffic, health, clients, config, login    a page each
+- config_change, applied    a text that might become the config; configs from before
 - writing, questions, fields    forms, and writes that wait to be confirmed
 - problem      errors as pages
 - renderer, addresses, assets    templates, paths of pages, and static files

@@ -13,6 +13,7 @@ from gateway.web.access.guard import Need
 from gateway.web.api.asking import asker_of
 from gateway.web.front.problems import Handler
 from gateway.web.front.turns import Turns
+from gateway.web.pages.applied import AppliedPage
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
 
@@ -20,10 +21,11 @@ from gateway.web.pages.times import day_and_time
 class ConfigPage:
     """The handlers of `/config`."""
 
-    def __init__(self, operator: Operator, renderer: Renderer) -> None:
+    def __init__(self, operator: Operator, renderer: Renderer, applied: AppliedPage) -> None:
         self._operator = operator
         self._viewer = ConfigViewer(operator.running, operator.reloader, operator.clock)
         self._renderer = renderer
+        self._applied = applied
         self._turns = Turns()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
@@ -34,9 +36,13 @@ class ConfigPage:
         """Show what is in use, what the file says now, and the outcome of the last reload."""
         async with self._turns.turn(request):
             config = await self._viewer.view()
-        at = day_and_time(config.at) if config.at else ""
         return await self._renderer.page(
-            "config.html", request, config=config, commands=_commands(config), reloaded_at=at
+            "config.html",
+            request,
+            config=config,
+            commands=_commands(config),
+            reloaded_at=day_and_time(config.at) if config.at else "",
+            applied=await self._applied.rows(request),
         )
 
     async def reload(self, request: web.Request) -> web.Response:

@@ -5,6 +5,7 @@ from textwrap import dedent
 import pytest
 
 from gateway.config.load import parse
+from gateway.config.plan.differences import differences
 from gateway.config.plan.forecast import longest_waits, waits_behind
 from gateway.config.plan.line_load import load_of
 from gateway.config.plan.mqtt import publishable
@@ -13,7 +14,6 @@ from gateway.images.polls import Poll
 from gateway.images.virtual.settings import FreshBits, SourceAge
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.config.plan.differences import differences
 
 DEVICES = """\
 [[line]]

@@ -1,0 +1,71 @@
+"""The page where a change of the config is prepared: it checks a text, and writes nothing."""
+
+import asyncio
+from collections.abc import Sequence
+
+from aiohttp import web
+
+from gateway.clock.threads import ThreadPerCall
+from gateway.config.reading.comparing import shown
+from gateway.operator.answers.config import CheckedConfig
+from gateway.operator.asked import TextToCheck
+from gateway.operator.config_check import check_config
+from gateway.operator.operator import Operator
+from gateway.web.access.guard import FORM, Need
+from gateway.web.api.asking import asker_of
+from gateway.web.front.problems import Handler
+from gateway.web.pages.renderer import Renderer
+
+
+class ConfigChangePage:
+    """The handlers of `/config/change`."""
+
+    def __init__(self, operator: Operator, renderer: Renderer) -> None:
+        self._operator = operator
+        self._renderer = renderer
+
+    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
+        """List the routes: method, path, handler, and what it needs."""
+        return [
+            ("GET", "/config/change", self.begin, "page"),
+            ("POST", "/config/change", self.check, "operator"),
+            ("POST", "/config/change/text", self.download, "operator"),
+        ]
+
+    async def begin(self, request: web.Request) -> web.Response:
+        """Show the form, with the config in use as far as it may be shown."""
+        loop = asyncio.get_running_loop()
+        text = await loop.run_in_executor(ThreadPerCall("web config"), shown, self._operator.reloader.text)
+        return await self._page(request, text, None)
+
+    async def check(self, request: web.Request) -> web.Response:
+        """Check the text of the form, and show it again, unless the form has `only_result`.
+
+        Raises:
+            Unready: too many others have theirs checked.
+        """
+        form = request[FORM]
+        text = form.get("text", "").replace("\r\n", "\n")
+        checked = await check_config(self._operator, TextToCheck(text), asker_of(request))
+        return await self._page(request, "" if "only_result" in form else text, checked, text.split("\n"))
+
+    async def download(self, request: web.Request) -> web.Response:
+        """Return the text of the form as a file, with the name of the config."""
+        name = self._operator.reloader.file.name
+        safe = "".join(each if (each.isalnum() and each.isascii()) or each in ".-_" else "_" for each in name)
+        return web.Response(
+            text=request[FORM].get("text", "").replace("\r\n", "\n"),
+            content_type="application/toml",
+            headers={"Content-Disposition": f'attachment; filename="{safe}"', "Cache-Control": "no-store"},
+        )
+
+    async def _page(
+        self, request: web.Request, text: str, checked: CheckedConfig | None, lines: Sequence[str] = ()
+    ) -> web.Response:
+        return await self._renderer.page(
+            "config_change.html",
+            request,
+            text=text,
+            checked=checked,
+            lines=lines,
+        )

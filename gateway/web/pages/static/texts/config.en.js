@@ -1,0 +1,4 @@
+export const TEXTS = {
+  checking: "Checking …",
+  failed: "Not checked",
+};
