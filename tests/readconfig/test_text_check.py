@@ -1,5 +1,6 @@
 """A text is checked as a file would be, without opening anything that it names, and it cannot hang the gateway."""
 
+import json
 import os
 import subprocess
 import sys
@@ -119,8 +120,6 @@ def test_nothing_that_it_names_is_opened_or_looked_for(file, tmp_path, extra):
     ended = subprocess.run(
         words, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, timeout=60, check=True
     )
-    import json  # noqa: PLC0415
-
     touched, messages = json.loads(ended.stdout)
     assert all("danger.toml" in each for each in touched), touched  # own profiles are where the config has them
     assert any('no profile "danger"' in each for each in messages)

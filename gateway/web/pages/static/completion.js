@@ -20,7 +20,7 @@ export function contextOf(text) {
       const fence = rest.startsWith(sign.repeat(3), index) ? sign.repeat(3) : sign;
       let end = index + fence.length;
       while (end < rest.length && !rest.startsWith(fence, end)) end += sign === '"' && rest[end] === "\\" ? 2 : 1;
-      if (end >= rest.length) return fence.length > 1 || at === "key" ? null : { at: "value", path: [...path, ...inside.flatMap((each) => each.keys)], key, written: rest.slice(index + 1), isQuoted: true };
+      if (end >= rest.length) return fence.length > 1 || at === "key" ? null : { at: "value", path: [...path, ...inside.flatMap((each) => each.keys)], key, written: rest.slice(index + 1), quote: sign };
       if (at === "key") word = rest.slice(index + fence.length, end);
       index = end + fence.length - 1;
     } else if (sign === "=") [at, key, word] = ["value", word, ""];
@@ -38,7 +38,7 @@ export function contextOf(text) {
     else word += sign;
   }
   if (at === "after" || (at === "key" && /\s$/.test(rest) && word)) return null;
-  return { at, path: [...path, ...inside.flatMap((each) => each.keys)], key, written: word, isQuoted: false };
+  return { at, path: [...path, ...inside.flatMap((each) => each.keys)], key, written: word };
 }
 
 /** What may stand there: `{insert, what}`, of which `insert` replaces what is written. */
@@ -52,8 +52,8 @@ export function choices(tables, context) {
   if (!keys) return [];
   if (context.at === "key")
     return Object.entries(keys).filter(([name, each]) => name.startsWith(context.written) && (context.path.length || !each.table)).map(([name, each]) => ({ insert: `${name} = `, name, what: each.what ?? "" }));
-  const asText = (value) => (typeof value === "string" && !context.isQuoted ? `"${value}"` : `${value}`);
-  return (keys[context.key]?.values ?? []).filter((value) => `${value}`.startsWith(context.written) && (typeof value === "string" || !context.isQuoted)).map((value) => ({ insert: asText(value), name: `${value}`, what: "" }));
+  const asText = (value) => (typeof value !== "string" ? `${value}` : context.quote ? `${value}${context.quote}` : `"${value}"`);
+  return (keys[context.key]?.values ?? []).filter((value) => `${value}`.startsWith(context.written) && (typeof value === "string" || !context.quote)).map((value) => ({ insert: asText(value), name: `${value}`, what: "" }));
 }
 
 function tableAt(tables, path) {
@@ -90,8 +90,8 @@ export function completing(area, address) {
     if (!shown.length || (shown.length === 1 && shown[0].name === context.written)) return close();
     chosen = -1;
     list.replaceChildren(...shown.map((each, index) => option(each, index)));
-    place();
     list.hidden = false;
+    place();
   }
 
   function option({ name, what }, index) {
@@ -111,7 +111,9 @@ export function completing(area, address) {
   function place() {
     const before = area.value.slice(0, area.selectionStart).split("\n"), style = getComputedStyle(area), line = parseFloat(style.lineHeight);
     const width = widthOf(style) * (before.at(-1).length - written.length);
-    list.style.top = `${area.offsetTop + before.length * line - area.scrollTop + parseFloat(style.paddingTop)}px`;
+    const below = area.offsetTop + before.length * line - area.scrollTop + parseFloat(style.paddingTop), height = list.offsetHeight;
+    const isAbove = below + height > area.offsetTop + area.clientHeight && below - line > height;
+    list.style.top = `${isAbove ? below - line - height : below}px`;
     list.style.left = `${Math.max(0, Math.min(area.offsetLeft + width - area.scrollLeft, area.offsetLeft + area.clientWidth - 240))}px`;
   }
 
@@ -125,12 +127,14 @@ export function completing(area, address) {
   }
 
   function take(index) {
-    const { insert } = shown[index], end = area.selectionStart;
+    const { insert } = shown[index], begin = area.selectionStart - written.length;
+    let end = area.selectionStart;
+    while (end - begin < insert.length && area.value[end] === insert[end - begin]) end++; // a quote or bracket that closes is there
     close();
     area.focus();
-    area.setSelectionRange(end - written.length, end);
+    area.setSelectionRange(begin, end);
     // So that Ctrl+Z takes it back; setRangeText cannot.
-    if (!document.execCommand("insertText", false, insert)) area.setRangeText(insert, end - written.length, end, "end");
+    if (!document.execCommand("insertText", false, insert)) area.setRangeText(insert, begin, end, "end");
   }
 
   function close() {
