@@ -267,7 +267,7 @@ class _Reader(PreparedProcess):
         finally:
             os.close(its_out)
             os.close(its_err)
-        self.stdout, self.stderr = os.fdopen(out, "rb"), os.fdopen(err, "rb")
+        self.stdin, self.stdout, self.stderr = None, os.fdopen(out, "rb"), os.fdopen(err, "rb")
 
     def communicate(self, _given: None = None, *, timeout: float) -> tuple[bytes, bytes]:
         """All that it writes. `timeout` is in its own hands: it ends a second later."""

@@ -31,6 +31,7 @@ PAGES = {
     "/health": "/health",
     "/clients": "/clients",
     "/config": "/config",
+    "/config/change": "/config/change",
 }
 #: Those that the demo has none of.
 OTHERS = ("/images/UNIT",)

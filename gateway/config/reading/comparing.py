@@ -12,9 +12,9 @@ _LONGEST: Final = 500
 
 
 def shown(text: str) -> str:
-    """Leave out comments and secrets of a text; return nothing of one that is not TOML."""
+    """Leave out comments, secrets and empty lines at the begin of a text; return nothing of one that is not TOML."""
     try:
-        return masked(text)
+        return masked(text).lstrip("\n")
     except (ValueError, RecursionError):
         return ""
 

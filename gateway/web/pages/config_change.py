@@ -36,7 +36,7 @@ class ConfigChangePage:
         """Show the form, with the config in use as far as it may be shown."""
         loop = asyncio.get_running_loop()
         text = await loop.run_in_executor(ThreadPerCall("web config"), shown, self._operator.reloader.text)
-        return await self._page(request, text.lstrip("\n"), None)
+        return await self._page(request, text, None)
 
     async def check(self, request: web.Request) -> web.Response:
         """Check the text of the form, and show it again, unless the form has `only_result`.
