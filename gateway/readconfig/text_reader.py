@@ -5,6 +5,7 @@ import os
 import resource
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from os.path import normpath
 from pathlib import Path
 from typing import Final
@@ -19,8 +20,8 @@ from gateway.readconfig.text_check import TextChanges, TextCheck, TextProblem
 
 #: What checking a text may take of memory, in bytes: the service has 512 MiB for all. 10 000 rows need a third of it.
 MOST_MEMORY: Final = 256 * 1024 * 1024
-#: The least priority: on a small machine the lines have the processor.
-_NICE: Final = 19
+#: From any priority to the least one: on a small machine the lines have the processor.
+_NICE: Final = 40
 #: The most characters of what a problem says: it may quote the text.
 _MOST_SAID: Final = 400
 
@@ -31,7 +32,8 @@ _NOT_LOOKED_AT: Final = (
 
 def check_given_text(file: Path, given: bytes) -> TextCheck:
     """Check a text in this process, which is limited from now on. `given` is JSON: that text, and the one in use."""
-    os.nice(_NICE)
+    with suppress(OSError):  # a service whose unit forbids it, as those before this one did
+        os.nice(_NICE)
     resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
     text, in_use = json.loads(given)
     try:
