@@ -1,6 +1,7 @@
 """The operations `config` and `check-config`: the config in use, and what `check` says of a text for it."""
 
 import asyncio
+from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
@@ -70,7 +71,11 @@ async def check_config(operator: Operator, asked: TextToCheck, asker: Asker) -> 
         Unready: too many others wait.
     """
     found = await operator.kept(TextChecks).check(operator, asked.text, asker.is_there)
-    commands = () if found.has_errors else commands_to_apply(operator.reloader)
+    commands: Sequence[str] = ()
+    if not found.has_errors:
+        commands = await asyncio.get_running_loop().run_in_executor(
+            ThreadPerCall("check config"), commands_to_apply, operator.reloader
+        )
     return CheckedConfig(
         not found.has_errors, found.problems, found.changes, found.difference, found.notes, tuple(commands)
     )

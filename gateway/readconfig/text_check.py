@@ -4,7 +4,6 @@ Nothing that the text names is opened, looked for or imported, and nothing that 
 process has a limit of time and of memory, and runs only when nobody else needs the processor.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -72,9 +71,21 @@ def check_text(file: Path, text: str, in_use: str) -> TextCheck:
     text = plain_text(text)
     if wrong := _find_wrong_text(text):
         return TextCheck((TextProblem("error", 0, 0, "", wrong),))
-    process = Reading("the text", [str(file), "text"], json.dumps([text, in_use]).encode())
+    process = Reading("the text", [str(file), "text"], packed_texts(text, in_use))
     checked: TextCheck = process.result(CHECKING_TIME)
     return checked
+
+
+def packed_texts(text: str, in_use: str) -> bytes:
+    """Write both texts for the process; JSON of them would take the interpreter from the lines for longer."""
+    content = text.encode()
+    return b"%d\n%b%b" % (len(content), content, in_use.encode())
+
+
+def unpacked_texts(given: bytes) -> tuple[str, str]:
+    """Read what `packed_texts` has written."""
+    size, _, both = given.partition(b"\n")
+    return both[: int(size)].decode(), both[int(size) :].decode()
 
 
 def _find_wrong_text(text: str) -> str:

@@ -1,6 +1,5 @@
 """Checks a text in this process, which is one of its own. See text_check."""
 
-import json
 import os
 import resource
 import sys
@@ -16,7 +15,7 @@ from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, dotted
 from gateway.config.reading.comparing import difference, shown
 from gateway.config.resolve import resolve
-from gateway.readconfig.text_check import TextChanges, TextCheck, TextProblem
+from gateway.readconfig.text_check import TextChanges, TextCheck, TextProblem, unpacked_texts
 
 #: What checking a text may take of memory, in bytes: the service has 512 MiB for all. 10 000 rows need a third of it.
 MOST_MEMORY: Final = 256 * 1024 * 1024
@@ -31,11 +30,11 @@ _NOT_LOOKED_AT: Final = (
 
 
 def check_given_text(file: Path, given: bytes) -> TextCheck:
-    """Check a text in this process, which is limited from now on. `given` is JSON: that text, and the one in use."""
+    """Check a text in this process, which is limited from now on. `given` are that text and the one in use, packed."""
     with suppress(OSError):  # a service whose unit forbids it, as those before this one did
         os.nice(_NICE)
     resource.setrlimit(resource.RLIMIT_DATA, (MOST_MEMORY, MOST_MEMORY))
-    text, in_use = json.loads(given)
+    text, in_use = unpacked_texts(given)
     try:
         return look_at(text, in_use, file)
     except MemoryError:

@@ -119,6 +119,8 @@ points = [{ name = "speed", holding = 0, write = true }]
 IMAGE = {"unit": 200, "area": "holding", "start": 0}
 QUESTIONS = {
     "status": {},
+    "config": {},
+    "check-config": {"text": "[[image]]\nunit = 9\nhoding = 4\n[log]\n"},
     "lines": {},
     "line": {"name": "hall"},
     "units": {},
