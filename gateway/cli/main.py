@@ -41,6 +41,7 @@ VERBS: Final[Mapping[str, str]] = {
     "trace": "show what passes on the lines, and why requests failed",
     "events": "show what has happened, and what happens",
     "doctor": "find what is wrong with ports, lines, units and clients",
+    "support": "write a diagnostics bundle, for who helps you",
     "read": "read coils and registers of a unit",
     "write": "write coils and registers of a unit",
     "ask": "ask the running gateway anything that it can be asked",

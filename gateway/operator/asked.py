@@ -181,6 +181,13 @@ class ToScan:
 
 
 @dataclass(frozen=True, slots=True)
+class ToSupport:
+    """A diagnostics bundle; without `trace` it has no values of units."""
+
+    trace: Annotated[bool, "true or false: whether the last minutes of the trace are told"] = True
+
+
+@dataclass(frozen=True, slots=True)
 class OneLine:
     """The client line, server line or upstream of this `name`."""
 

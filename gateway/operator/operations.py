@@ -29,6 +29,7 @@ from gateway.operator.asked import (
     ToList,
     ToMeasure,
     ToScan,
+    ToSupport,
     ToUnderstand,
     Traced,
     TrendOfPoint,
@@ -42,12 +43,14 @@ if TYPE_CHECKING:
     from gateway.operator.answers.doctor import Examination
     from gateway.operator.answers.forgotten import Forgotten
     from gateway.operator.answers.happened import Happened
+    from gateway.operator.answers.inventory import Inventory
     from gateway.operator.answers.known_values import KnownValues
     from gateway.operator.answers.measured import Measured
     from gateway.operator.answers.past import LinePast, UnitPast
     from gateway.operator.answers.running import Reloaded, Which
     from gateway.operator.answers.scan import ScanStep
     from gateway.operator.answers.status import AnyLine, Lines, Sites, Status
+    from gateway.operator.answers.support import Document
     from gateway.operator.answers.trace import Meanings, Stories, TracePage
     from gateway.operator.answers.trend import PointTrend
     from gateway.operator.answers.unit import RequestAnswer, UnitPicture, Units
@@ -76,6 +79,15 @@ WHICH: Final[Operation[Nothing, "Which"]] = Operation(
     "reading",
     "The config with which the gateway runs",
     by="gateway.operator.running:tell_which",
+)
+INVENTORY: Final[Operation[Nothing, "Inventory"]] = Operation(
+    "inventory",
+    Nothing,
+    "gateway.operator.answers.inventory:Inventory",
+    "reading",
+    "What this gateway is and has: version, config, adapters, lines, devices, certificates",
+    by="gateway.operator.inventory:tell_inventory",
+    path="/inventory",
 )
 FLEET: Final[Operation[Nothing, "Sites"]] = Operation(
     "fleet",
@@ -368,9 +380,20 @@ SCAN: Final[Operation[ToScan, "ScanStep"]] = Operation(
     is_repeated=True,
 )
 
+SUPPORT: Final[Operation[ToSupport, "Document"]] = Operation(
+    "support",
+    ToSupport,
+    "gateway.operator.answers.support:Document",
+    "operator",
+    "What a diagnostics bundle has of a running gateway",
+    by="gateway.tools.support:tell_all",
+    is_repeated=True,
+)
+
 OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     STATUS,
     WHICH,
+    INVENTORY,
     FLEET,
     RELOAD,
     CONFIG,
@@ -401,6 +424,7 @@ OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
     BENCH,
     TIMES,
     SCAN,
+    SUPPORT,
 )
 
 #: All operations by name.

@@ -75,10 +75,24 @@ class OpenPorts:
             yield borrowers
         finally:
             self._lent.remove(line)
-            self._take_back(line, borrowers)
+            self.take_back(line, borrowers)
             if task is not None and self.keeps(line):
                 line.reconnector.begin_anew()
                 self._tasks[line] = asyncio.create_task(_keep(line, self._emit), name=f"line:{line.name}")
+
+    def take_back(self, line: GatewayLine, borrowers: Iterable[Line]) -> None:
+        """Pass on which responses may still come to the port of `line`, to its lines or to the next process.
+
+        It was lent to the `borrowers`, or no line of the gateway had it.
+        """
+        now, place = asyncio.get_running_loop().time(), place_of(line.plan.port)
+        open_there = [each for borrower in borrowers for each in borrower.ledger.handed_on(now, line.patience)]
+        lines = [part for part in self.present if isinstance(part, GatewayLine)]
+        successors = [each for each in lines if place_of(each.plan.port) == place]
+        for successor in successors:
+            successor.take_over(open_there)
+        if open_there and (self._is_ending or not successors):
+            self._left_behind.leave(place, [*self._left_behind.at(place, now), *open_there], now)
 
     def start(self, parts: Iterable[Part]) -> None:
         """Open the ports of `parts`, and keep them open."""
@@ -132,17 +146,6 @@ class OpenPorts:
         if before:
             await asyncio.wait(before)
         self.start([part])
-
-    def _take_back(self, line: GatewayLine, borrowers: Iterable[Line]) -> None:
-        """Pass on which responses may still come to a port that was lent, to its lines or to the next process."""
-        now, place = asyncio.get_running_loop().time(), place_of(line.plan.port)
-        open_there = [each for borrower in borrowers for each in borrower.ledger.handed_on(now, line.patience)]
-        lines = [part for part in self.present if isinstance(part, GatewayLine)]
-        successors = [each for each in lines if place_of(each.plan.port) == place]
-        for successor in successors:
-            successor.take_over(open_there)
-        if open_there and (self._is_ending or not successors):
-            self._left_behind.leave(place, [*self._left_behind.at(place, now), *open_there], now)
 
 
 async def _keep(part: Part, emit: events.Emit) -> None:

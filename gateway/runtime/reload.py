@@ -54,9 +54,9 @@ class ServiceManager(Protocol):
 class Reloader:
     """Applies `file` to a `running` gateway, one reload at a time.
 
-    `text` is the content of the file when it was last used, and `profile_texts` are the texts of the own profiles that
-    it uses; both are kept in `applied`. `read` reads it, in a thread. What images keep is read in a thread too, and so
-    are certificates, even those of unchanged tables.
+    `text` is the content of the file when it was last used, at `applied_at` by the loop's clock, and `profile_texts`
+    are the texts of the own profiles that it uses; both are kept in `applied`. `read` reads it, in a thread. What
+    images keep is read in a thread too, and so are certificates, even those of unchanged tables.
     """
 
     def __init__(
@@ -75,6 +75,7 @@ class Reloader:
         self.text = text
         self.profile_texts = profile_texts or {}
         self.applied = applied
+        self.applied_at = running.started
         self.last: Reloaded | None = None
         self._running = running
         self._manager = manager
@@ -153,6 +154,7 @@ class Reloader:
             return self._rejected((str(error),))
         garbage.settle()
         self.text, self.profile_texts = loaded.text, loaded.profile_texts
+        self.applied_at = loop.time()
         self._running.reload_succeeded = not defect
         warnings = (*map(str, loaded.problems), *unusable)
         outcome = replace(changed(old, new, self.at_start), warnings=warnings, defect=defect)

@@ -14,6 +14,7 @@ from gateway.operator.answers.scan import Progress, ScanStep
 from gateway.operator.asked import ToScan
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
+from gateway.operator.trace_reader import may_see_all
 from gateway.operator.units import find_line, may_read_all
 from gateway.ports.port import SerialSettings
 from gateway.profiles.recognition import KnownKind
@@ -22,7 +23,7 @@ from gateway.runtime.running import Running
 from gateway.tools.scan import Scan, Steps, scan_speeds
 
 
-async def scan(operator: Operator, asked: ToScan, _asker: Asker) -> AsyncGenerator[ScanStep, None]:
+async def scan(operator: Operator, asked: ToScan, asker: Asker) -> AsyncGenerator[ScanStep, None]:
     """Scan a line for units that the config does not name, and yield the progress.
 
     With `all_speeds` the line must not be in use.
@@ -35,8 +36,7 @@ async def scan(operator: Operator, asked: ToScan, _asker: Asker) -> AsyncGenerat
     line = find_line(running.gateway, asked.line)
     units, known = _units(line, asked.units)
     all_speeds = asked.all_speeds
-    if not may_read_all(running):
-        raise WrongQuestion("[[access]] does not give the control socket the right to read every unit")
+    check_may_scan(running, asker)
     if line.is_scanned:
         raise WrongQuestion(f"a scan of {line.name} goes on already")
     if all_speeds:
@@ -61,6 +61,18 @@ async def scan(operator: Operator, asked: ToScan, _asker: Asker) -> AsyncGenerat
         raise WrongQuestion(str(error)) from error
     finally:
         line.is_scanned = False
+
+
+def check_may_scan(running: Running, asker: Asker) -> None:
+    """Refuse a scan to who may not read every unit: it asks unknown numbers.
+
+    Raises:
+        WrongQuestion: the asker may not.
+    """
+    is_web = asker.door == "web"
+    if not (may_see_all(running, asker.host) if is_web else may_read_all(running)):
+        who = "the page" if is_web else "the control socket"
+        raise WrongQuestion(f"[[access]] does not give {who} the right to read every unit")
 
 
 async def _kinds(operator: Operator) -> list[KnownKind]:

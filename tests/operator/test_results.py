@@ -143,6 +143,8 @@ QUESTIONS = {
     "bench": {"line": "hall", "seconds": 1.0, "progress": True},
     "times": {"unit": 41},
     "scan": {"line": "hall", "units": "7-8"},
+    "inventory": {},
+    "support": {"trace": True},
 }
 
 

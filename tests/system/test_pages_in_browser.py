@@ -32,6 +32,7 @@ PAGES = {
     "/clients": "/clients",
     "/config": "/config",
     "/config/change": "/config/change",
+    "/config/line": "/config/line",
 }
 #: Those that the demo has none of.
 OTHERS = ("/images/UNIT",)

@@ -48,6 +48,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     ),
     "calibrate": (("calibrate silo-1 --for 10min", "how fast a device answers, and the limits that fit"),),
     "doctor": (("doctor hall-a", "what is wrong with a line, and the remedy"),),
+    "support": (("support bundle.tar.gz", "config without secrets, status, findings, trace, versions, in one file"),),
     "bench": (
         ("bench hall-a", "read all units of a line in turn for a minute"),
         ("bench hall-a --unit silo-1 --items 20 --for 10s", "20 registers of one unit, for ten seconds"),

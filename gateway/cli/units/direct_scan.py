@@ -1,37 +1,29 @@
 """A scan of a port that no gateway has open, with a line of our own on it."""
 
 import argparse
-import asyncio
 from collections.abc import Callable
 from contextlib import aclosing
 from pathlib import Path
-from typing import Final
 
 from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.device_server import refuse_port_of_gateway
 from gateway.config.machine.known_kinds import known_kinds
-from gateway.config.plan.settings import LinePlan
 from gateway.config.problem import WrongValue
 from gateway.config.values.address import Address
 from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
 from gateway.config.values.port import DEVICE_SERVER_MODES, parse_port
 from gateway.errors import PortError
-from gateway.events import discard_event
-from gateway.lines.settings import LineSettings
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 from gateway.operator.answers.scan import Found, Progress, ScanStep
 from gateway.ports.opener import make_opener
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.runtime.gateway_line import GatewayLine
-from gateway.state.memory import Memory
 from gateway.timing.budget import NETWORK_LATENCY
 from gateway.timing.characters import LineTiming
 from gateway.tools.scan import Scan, Steps, opened, scan_speeds
-from gateway.trace.ring import Ring
+from gateway.tools.unused_port import unused_line
 
-#: The silence before each request, in characters: enough for a v80, which may be on the line.
-_IDLE_CHARS: Final = 4.5
 #: Is told how far a scan is.
 Tell = Callable[[Progress], None]
 
@@ -44,10 +36,9 @@ async def scan_port(args: argparse.Namespace, wanted: list[str] | None, tell: Te
         PortError: the port cannot be opened, or is that of a line of the running gateway.
         WrongQuestion: it was lost.
     """
-    plan = _plan(args)
-    everybody = range(BROADCAST_UNIT if plan.line.timing.mode == "rtu" else FIRST_UNIT, LAST_UNIT + 1)
+    line = _line(args)
+    everybody = range(BROADCAST_UNIT if line.plan.line.timing.mode == "rtu" else FIRST_UNIT, LAST_UNIT + 1)
     units = list(everybody) if wanted is None else list(map(int, wanted))
-    line = GatewayLine(plan, asyncio.get_running_loop(), make_opener, Memory(), discard_event, Ring())
     found: tuple[Found, ...] = ()
     try:
         async with aclosing(_steps(line, units, args)) as steps:
@@ -78,7 +69,7 @@ async def _steps(line: GatewayLine, units: list[int], args: argparse.Namespace) 
             yield step
 
 
-def _plan(args: argparse.Namespace) -> LinePlan:
+def _line(args: argparse.Namespace) -> GatewayLine:
     try:
         port = parse_port(args.port)
         mode = DEVICE_SERVER_MODES[port.scheme] if isinstance(port, Address) else args.mode or "rtu"
@@ -95,5 +86,4 @@ def _plan(args: argparse.Namespace) -> LinePlan:
         settings = TcpSettings(str(port), port.host, port.port, NETWORK_LATENCY)
     else:
         settings = SerialSettings(port, args.baud, format_)
-    line = LineSettings(args.port, LineTiming(mode, args.baud, format_), turnaround=0.1, idle_chars=_IDLE_CHARS)
-    return LinePlan(settings, line, devices=())
+    return unused_line(settings, LineTiming(mode, args.baud, format_), make_opener)

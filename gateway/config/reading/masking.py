@@ -23,6 +23,9 @@ _PLACES: Final = frozenset({"file", "credential"})
 _KEY: Final = r""""(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'"""
 _KEY_OR_COMMENT: Final = re.compile(rf"({_KEY})|(?<=\n)[ \t]*+#[^\n]*\n|(?<![ \t])[ \t]*+#[^\n]*")
 
+#: A key and its value, in a text that may be no TOML.
+_LIKE_A_SECRET: Final = re.compile(r"""([\w-]+)["']?\s*[=:]\s*["']?([^"'\s,}\]#]+)""")
+
 
 def masked(text: str) -> str:
     """Remove comments from a config file, and put a mask in place of passwords, tokens and private keys.
@@ -49,6 +52,21 @@ def find_masks(value: object, path: Path = ()) -> Iterator[Path]:
             yield from find_masks(each, (*path, index))
     elif isinstance(value, str) and (value == MASK or f"://{MASK}@" in value):
         yield path
+
+
+def secrets_in(text: str) -> set[str]:
+    """List what `masked` hides, to hide it elsewhere too; of a text that is no TOML what looks like a secret."""
+    try:
+        hidden = [text[start:end] for path, start, end in find_scalars(text) if _is_hidden(path, text[start:end])]
+        values = [str(tomllib.loads(f"value = {written}")["value"]) for written in hidden]
+    except (ValueError, RecursionError):
+        return {found[2] for found in _LIKE_A_SECRET.finditer(text) if is_secret(found[1])}
+    users = [value.partition("://")[2].rpartition("@")[0] for value in values]
+    return {part for each in (values, users, [user.rpartition(":")[2] for user in users]) for part in each if part}
+
+
+def _is_hidden(path: Path, written: str) -> bool:
+    return _masked(path, written) != written
 
 
 @lru_cache(maxsize=1024)

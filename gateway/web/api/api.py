@@ -1,7 +1,7 @@
 """The HTTP API below /api/v1: the operations, and what only HTTP can do: sessions, streams, files."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -10,19 +10,24 @@ from aiohttp import web
 
 from gateway import __version__
 from gateway.observe.fan_out import FanOut
+from gateway.operator.asked import ToSupport
 from gateway.operator.operator import Operator
 from gateway.operator.trace_reader import Texts, TraceReader, capture, may_see_all
+from gateway.tools.support import make_bundle
 from gateway.web.access.guard import VISITOR, Guard, Need
-from gateway.web.api.asking import parameters_in
+from gateway.web.api.asking import asker_of, parameters_in
 from gateway.web.api.operations import ROOT, OperationRoutes, Operations, json_of, json_response
 from gateway.web.api.session import session_of
 from gateway.web.api.trace import RecordsToCapture, RecordsToFollow
 from gateway.web.front.downloads import Downloads
 from gateway.web.front.problems import Handler
 from gateway.web.front.streams import Streams
+from gateway.web.front.turns import Turns
 
 #: The document of this API, as `document.py` has made it.
 DOCUMENT: Final = Path(__file__).parent / "openapi.json"
+#: The bytes of a file that are sent at a time.
+_PART: Final = 64 * 1024
 
 
 class Api:
@@ -44,6 +49,7 @@ class Api:
         self._guard = guard
         self._streams = streams
         self._downloads = Downloads()
+        self._turns = Turns()
         self._texts = Texts()
         self._document = ""
         self._may_write = may_write
@@ -57,6 +63,7 @@ class Api:
             ("GET", f"{ROOT}/events", self.events, "reading"),
             ("GET", f"{ROOT}/trace", self.trace, "reading"),
             ("GET", f"{ROOT}/trace.pcapng", self.capture, "reading"),
+            ("POST", f"{ROOT}/support", self.support, "operator"),
         ]
 
     async def openapi(self, _request: web.Request) -> web.Response:
@@ -89,3 +96,15 @@ class Api:
         asked = await parameters_in(request, RecordsToCapture)
         file = capture(self._operator.running, asked.traced, request[VISITOR].host)
         return await self._downloads.serve(request, file)
+
+    async def support(self, request: web.Request) -> web.StreamResponse:
+        """Send a diagnostics bundle; one is made at a time."""
+        asked = await parameters_in(request, ToSupport)
+
+        async def parts() -> AsyncIterator[bytes]:
+            async with self._turns.turn(request):
+                bundle = await make_bundle(self._operator, asked, asker_of(request))
+            for at in range(0, len(bundle), _PART):
+                yield bundle[at : at + _PART]
+
+        return await self._downloads.serve(request, parts(), "tar.gz")

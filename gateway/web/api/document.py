@@ -21,7 +21,7 @@ from gateway.operator.answers.status import (
     VirtualStatus,
 )
 from gateway.operator.answers.unit import UnitHead
-from gateway.operator.asked import PointsToWrite, PointToWrite, ValuesToWrite
+from gateway.operator.asked import PointsToWrite, PointToWrite, ToSupport, ValuesToWrite
 from gateway.operator.operation import Operation
 from gateway.operator.operations import OPERATIONS
 from gateway.operator.parameters import Parameter, parameters_of
@@ -190,6 +190,19 @@ def _other_paths() -> dict[str, Any]:
         f"{ROOT}/trace": {
             "parameters": _in_query(RecordsToFollow),
             "get": _get("What happens on the lines, as it happens", _stream(record), _OF_STREAMS),
+        },
+        f"{ROOT}/support": {
+            "parameters": _in_query(ToSupport),
+            "post": {
+                **_get(
+                    "A diagnostics bundle: config without secrets, status, findings, trace, versions",
+                    {"description": "A .tar.gz file", "content": {"application/gzip": {}}},
+                    {400, 503, *_OF_CHANGES},
+                ),
+                "description": "For operators. Needs the cookie of a login and X-CSRF-Token.",
+                "security": [{"session": []}],
+                "parameters": [_CSRF],
+            },
         },
         f"{ROOT}/trace.pcapng": {
             "parameters": _in_query(RecordsToCapture),

@@ -13,6 +13,7 @@ from gateway.errors import NotPermitted
 from gateway.modbus.codes import Area
 from gateway.operator.answers.config import CheckedConfig, ConfigInUse
 from gateway.operator.answers.happened import Happened
+from gateway.operator.answers.inventory import Inventory
 from gateway.operator.answers.known_values import KnownValues
 from gateway.operator.answers.past import LinePast, UnitPast
 from gateway.operator.answers.running import Reloaded
@@ -35,7 +36,7 @@ Operations = Sequence[Operation[Any, Any]]
 #: Answers that may be long are written in a thread. One costs more than most answers: others are written at once.
 _LONG: Final = (
     *(Status, ConfigInUse, CheckedConfig, Lines, Happened, LinePast, Units, UnitPicture, UnitPast, Cells, Points),
-    *(KnownValues, PointTrend),
+    *(Inventory, KnownValues, PointTrend),
 )
 #: A parameter in the path of an operation.
 NAMED: Final = re.compile(r"\{(\w+)\}")

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from typing import Final
+from typing import Final, Literal
 
 from aiohttp import web
 
@@ -13,11 +13,8 @@ from gateway.web.front.streams import WRITE_TIME, bound_buffers, drop
 #: Files that are sent at a time.
 MOST_DOWNLOADS: Final = 4
 
-_HEADERS: Final = {
-    "Content-Type": "application/x-pcapng",
-    "Content-Disposition": 'attachment; filename="modbus-gateway.pcapng"',
-    "Cache-Control": "no-store",
-}
+#: The content types of files, by the end of their names.
+_TYPES: Final = {"pcapng": "application/x-pcapng", "tar.gz": "application/gzip"}
 
 
 class Downloads:
@@ -26,8 +23,10 @@ class Downloads:
     def __init__(self) -> None:
         self._number = 0
 
-    async def serve(self, request: web.Request, parts: AsyncIterator[bytes]) -> web.StreamResponse:
-        """Send a file; a client that takes nothing of it for some seconds is dropped.
+    async def serve(
+        self, request: web.Request, parts: AsyncIterator[bytes], kind: Literal["pcapng", "tar.gz"] = "pcapng"
+    ) -> web.StreamResponse:
+        """Send a file of this kind; a client that takes nothing of it for some seconds is dropped.
 
         Raises:
             ProblemError: there are too many.
@@ -36,14 +35,19 @@ class Downloads:
             raise ProblemError(503, f"{MOST_DOWNLOADS} others are being sent", {"Retry-After": "10"})
         self._number += 1
         try:
-            return await _send(request, parts)
+            return await _send(request, parts, kind)
         finally:
             self._number -= 1
 
 
-async def _send(request: web.Request, parts: AsyncIterator[bytes]) -> web.StreamResponse:
+async def _send(request: web.Request, parts: AsyncIterator[bytes], kind: str) -> web.StreamResponse:
     part = await anext(parts)  # which may raise, and then there is a problem in place of a file
-    response = web.StreamResponse(headers=_HEADERS)
+    headers = {
+        "Content-Type": _TYPES[kind],
+        "Content-Disposition": f'attachment; filename="modbus-gateway.{kind}"',
+        "Cache-Control": "no-store",
+    }
+    response = web.StreamResponse(headers=headers)
     await response.prepare(request)
     bound_buffers(request.transport)
     try:

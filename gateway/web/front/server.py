@@ -14,6 +14,7 @@ from gateway.observe.fan_out import FanOut
 from gateway.operator.operations import OPERATIONS
 from gateway.operator.operator import Operator
 from gateway.tools.examinations import Examinations
+from gateway.tools.page_scans import PageScans
 from gateway.web.access.guard import Guard, Need
 from gateway.web.access.sessions import Sessions
 from gateway.web.access.user_table import UserTable
@@ -24,6 +25,7 @@ from gateway.web.front.machines import machine_routes
 from gateway.web.front.problems import Handler, problems
 from gateway.web.front.settings import HEADERS, WebSettings
 from gateway.web.front.streams import Streams
+from gateway.web.pages.add_line import AddLinePage
 from gateway.web.pages.applied import AppliedPage
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.clients import ClientsPage
@@ -92,7 +94,11 @@ async def serving(
     """Serve connections inside the context; yield what makes the protocol of each, with or without TLS."""
     emit = operator.running.emit
     table = UserTable(settings.users, lambda reason: emit(WebUsersRejected(reason)))
-    async with table.kept_up_to_date(), aclosing(Examinations(operator.running, operator.clock)) as doctor:
+    async with (
+        table.kept_up_to_date(),
+        aclosing(Examinations(operator.running, operator.clock)) as doctor,
+        aclosing(PageScans(operator)) as scans,
+    ):
         streams = Streams()
 
         def serve() -> web.RequestHandler:
@@ -100,7 +106,7 @@ async def serving(
 
         connections = Connections(serve)
         runner = web.AppRunner(
-            _application(settings, operator, operations, fan_out, doctor, table, streams, connections),
+            _application(settings, operator, operations, fan_out, doctor, scans, table, streams, connections),
             access_log=None,
             logger=_SILENT,
             keepalive_timeout=IDLE,
@@ -125,6 +131,7 @@ def _application(
     operations: Operations,
     fan_out: FanOut,
     doctor: Examinations,
+    scans: PageScans,
     table: UserTable,
     streams: Streams,
     connections: Connections,
@@ -153,6 +160,7 @@ def _application(
         applied,
         ConfigPage(operator, renderer, applied),
         ConfigChangePage(operator, renderer),
+        AddLinePage(operator, scans, renderer),
         LoginPage(settings, operator.running.emit, guard, table, sessions, renderer),
     )
     routes = [

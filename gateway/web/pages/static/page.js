@@ -2,8 +2,9 @@
 import { textsOf } from "./texts.js";
 
 const TEXTS = await textsOf("page");
-const EVERY = 5000; // milliseconds
 const main = document.querySelector("main");
+const every = main.querySelector("[data-every]")?.dataset.every; // of a page that ends what it shows when nobody asks for it
+const EVERY = Number(every ?? 5000); // milliseconds
 const isKiosk = document.documentElement.classList.contains("kiosk");
 const told = document.createElement("p"); // that the gateway cannot be reached
 told.className = "unreachable";
@@ -11,9 +12,9 @@ told.setAttribute("role", "alert");
 let reachedAt = new Date();
 
 async function refresh() {
-  if (document.hidden) return;
+  if (document.hidden && !every) return;
   try {
-    const response = await fetch(location.href, { redirect: "manual", signal: AbortSignal.timeout(EVERY) });
+    const response = await fetch(location.href, { redirect: "manual", signal: AbortSignal.timeout(Math.max(EVERY, 5000)) });
     if (response.type === "opaqueredirect") return location.reload(); // to the login: the session has ended
     if (!response.ok) throw new Error(response.status);
     const page = new DOMParser().parseFromString(await response.text(), "text/html");

@@ -1,0 +1,76 @@
+"""The operation `inventory`: what this gateway is and has."""
+
+import asyncio
+import hashlib
+import platform
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+from gateway import __version__
+from gateway.clock.threads import ThreadPerCall
+from gateway.config.plan.settings import LinePlan, Plan, ServerPlan
+from gateway.hardware.listing import describe_adapter
+from gateway.operator.answers.inventory import (
+    AppliedConfig,
+    Inventory,
+    InventoryAdapter,
+    InventoryDevice,
+    InventoryLine,
+)
+from gateway.operator.operation import Asker, Nothing
+from gateway.operator.operator import Operator
+from gateway.operator.units import shown_unit
+from gateway.ports.port import SerialSettings
+from gateway.readconfig.expiry import certificates
+
+
+async def tell_inventory(operator: Operator, _asked: Nothing, _asker: Asker) -> Inventory:
+    """Describe the gateway. The adapters are looked at in a thread."""
+    loop, running, reloader = asyncio.get_running_loop(), operator.running, operator.reloader
+    plan, clock = running.gateway.plan, operator.clock()
+    begin_of_loop = clock - loop.time()
+    sha256 = hashlib.sha256(reloader.text.encode()).hexdigest()
+    applied = AppliedConfig(str(reloader.file.absolute()), sha256, _time(begin_of_loop + reloader.applied_at))
+    adapters = await loop.run_in_executor(ThreadPerCall("inventory"), lambda: tuple(_adapters(plan)))
+    return Inventory(
+        version=__version__,
+        host=platform.node(),
+        site=plan.site,
+        started=_time(begin_of_loop + running.started),
+        config=applied,
+        adapters=adapters,
+        lines=tuple(_lines(plan)),
+        devices=tuple(_devices(plan)),
+        certificates=tuple(certificates(running.contexts, clock)),
+    )
+
+
+def _time(at: float) -> str:
+    """Format a Unix time: `2026-11-22T22:05:07Z`."""
+    return datetime.fromtimestamp(at, UTC).isoformat(timespec="seconds").removesuffix("+00:00") + "Z"
+
+
+def _adapters(plan: Plan) -> Iterator[InventoryAdapter]:
+    lines: tuple[LinePlan | ServerPlan, ...] = (*plan.lines, *plan.servers)
+    for each in lines:
+        if isinstance(each.port, SerialSettings):
+            found = describe_adapter(each.port.port)
+            yield InventoryAdapter(each.line.name, each.port.port, found.device, found.driver, found.ids, found.usb)
+
+
+def _lines(plan: Plan) -> Iterator[InventoryLine]:
+    for line in plan.lines:
+        timing = line.line.timing
+        yield InventoryLine(line.name, "client", line.port.port, timing.mode, timing.baud, str(timing.format))
+    for server in plan.servers:
+        timing = server.line.timing
+        yield InventoryLine(server.line.name, "server", server.port.port, timing.mode, timing.baud, str(timing.format))
+    for upstream in plan.upstreams:
+        yield InventoryLine(upstream.name, "upstream", upstream.port.port, "tcp", None, None)
+
+
+def _devices(plan: Plan) -> Iterator[InventoryDevice]:
+    passing = {line.name for line in plan.lines if line.passes_through}
+    for owner in plan.owners:
+        for each in owner.devices if owner.name not in passing else ():
+            yield InventoryDevice(each.name, shown_unit(each.known_as), each.unit, owner.name, each.profile.name)

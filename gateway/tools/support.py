@@ -1,0 +1,179 @@
+"""The operation `support`: what a running gateway can tell for a diagnostics bundle, and a whole one for the web page.
+
+Whoever may not read a unit through the door that is used gets its requests and responses without their values.
+"""
+
+import asyncio
+import json
+import platform
+from collections.abc import AsyncGenerator, Callable, Iterable
+from contextlib import aclosing
+from itertools import islice
+from time import sleep
+from typing import Final
+
+from gateway.clock.threads import ThreadPerCall
+from gateway.config.reading.masking import secrets_in
+from gateway.errors import ConfigError, WrongQuestion
+from gateway.operator.answers.support import Document
+from gateway.operator.asked import ToExamine, ToSupport
+from gateway.operator.inventory import tell_inventory
+from gateway.operator.metrics import read
+from gateway.operator.operation import Asker, Nothing
+from gateway.operator.operator import Operator
+from gateway.operator.parameters import fields_of
+from gateway.operator.status import tell_status
+from gateway.operator.trace import clocks, fact
+from gateway.operator.trace_reader import what_is_seen, without_values
+from gateway.operator.unit_names import UnitNames
+from gateway.runtime.reload import Reloader
+from gateway.state.memory import state_folder
+from gateway.tools.bundle import Bundle
+from gateway.tools.doctor import examine
+from gateway.tools.machine import documents_of_machine, without_advice
+from gateway.trace.records import Record
+
+#: How far back the trace goes, in seconds; how many records it has at most, and how many failures are told beside it.
+TRACED: Final = 300.0
+MOST_RECORDS: Final = 10_000
+MOST_FAILURES: Final = 500
+#: Records at a time, and characters in a part of a document: the lines do not wait for more.
+_STEP: Final = 20
+_PART: Final = 64 * 1024
+#: The pause of the thread that packs a bundle after each part, in seconds: the lines need the interpreter.
+_PAUSE: Final = 0.001
+#: How long one document may take, in seconds.
+PATIENCE: Final = 70.0
+NO_TRACE: Final = "left out, as was asked"
+
+#: A document in its parts.
+_Text = AsyncGenerator[str, None]
+
+
+async def tell_all(operator: Operator, asked: ToSupport, asker: Asker) -> AsyncGenerator[Document, None]:
+    """Yield each document in its parts; of one that cannot be made, why not. Nothing is sent on any line."""
+    for name, text in _DOCUMENTS.items():
+        if text in (_trace, _failures) and not asked.trace:
+            yield Document(name, missing=NO_TRACE)
+            continue
+        try:
+            async with asyncio.timeout(PATIENCE), aclosing(text(operator, asker)) as parts:
+                async for part in parts:
+                    yield Document(name, part)
+            yield Document(name)  # there, even if it is empty
+        except (WrongQuestion, ImportError) as error:
+            yield Document(name, missing=str(error))
+        except TimeoutError:
+            yield Document(name, missing=f"it was not there within {PATIENCE:g} s")
+
+
+async def make_bundle(operator: Operator, asked: ToSupport, asker: Asker) -> bytes:
+    """Make a bundle of this gateway and its machine (.tar.gz)."""
+    bundle, loop, reloader = Bundle(), asyncio.get_running_loop(), operator.reloader
+    async with aclosing(tell_all(operator, asked, asker)) as documents:
+        async for document in documents:
+            bundle.add(document)
+    at = operator.clock()
+
+    def packed() -> bytes:
+        bundle.add_all(documents_of_machine(reloader.file, state_folder(), lambda: _check(reloader)))
+        return bundle.packed(secrets_in(reloader.text), platform.node(), at, lambda: sleep(_PAUSE))
+
+    return await loop.run_in_executor(ThreadPerCall("support"), packed)
+
+
+def _check(reloader: Reloader) -> str:
+    """Return the problems of the config file as it is now. Blocks, as reading it does.
+
+    Raises:
+        OSError: it is not read; the message says why.
+    """
+    try:
+        read = reloader.read(reloader.file, look_around=True)
+    except ConfigError as error:
+        raise OSError(str(error)) from error
+    return "".join(f"{each}\n" for each in without_advice(read.problems)) or "no errors, no warnings\n"
+
+
+async def _status(operator: Operator, asker: Asker) -> _Text:
+    async for part in _in_json(await tell_status(operator, Nothing(), asker)):
+        yield part
+
+
+async def _inventory(operator: Operator, asker: Asker) -> _Text:
+    async for part in _in_json(await tell_inventory(operator, Nothing(), asker)):
+        yield part
+
+
+async def _doctor(operator: Operator, asker: Asker) -> _Text:
+    async for part in _in_json(await examine(operator, ToExamine(ask=False), asker)):
+        yield part
+
+
+async def _metrics(operator: Operator, _asker: Asker) -> _Text:
+    from gateway.observe.metrics import exposition  # noqa: PLC0415 - its library may not be installed
+
+    families = await read(operator.running)
+    loop = asyncio.get_running_loop()
+    text = (await loop.run_in_executor(ThreadPerCall("support"), exposition, families)).decode()
+    for part in _parts(text):
+        yield part
+
+
+async def _trace(operator: Operator, asker: Asker) -> _Text:
+    ring, tell = operator.running.ring, _teller(operator, asker)
+    if not ring.is_on:
+        raise WrongQuestion("the config keeps no trace")
+    end = ring.added
+    number = max(ring.first, ring.number_at(clocks()[0] - TRACED), end - MOST_RECORDS)
+    while number < end:
+        records = ring.after(number, min(_STEP, end - number))
+        if not records:
+            return
+        number = max(number, ring.first) + len(records)
+        yield "".join(map(tell, records))
+        await asyncio.sleep(0)
+
+
+async def _failures(operator: Operator, asker: Asker) -> _Text:
+    tell = _teller(operator, asker)
+    failures = list(islice(operator.running.ring.failures(), MOST_FAILURES))
+    for at in range(0, len(failures), _STEP):
+        yield "".join(map(tell, failures[at : at + _STEP]))
+        await asyncio.sleep(0)
+
+
+def _teller(operator: Operator, asker: Asker) -> Callable[[Record], str]:
+    """Make the function that writes a record as `trace --json` does; without values that the asker may not read."""
+    clock, names = clocks(), UnitNames(operator.gateway)
+    may_see = (lambda _: True) if asker.door == "control" else what_is_seen(operator.running, asker.host)
+
+    def tell(record: Record) -> str:
+        told = fact(record, clock, names)
+        return json.dumps(told if may_see(record) else without_values(told), ensure_ascii=False) + "\n"
+
+    return tell
+
+
+async def _in_json(answer: object) -> _Text:
+    def written() -> str:
+        return json.dumps(answer, default=fields_of, ensure_ascii=False, indent=1) + "\n"
+
+    text = await asyncio.get_running_loop().run_in_executor(ThreadPerCall("support"), written)
+    for part in _parts(text):
+        yield part
+
+
+def _parts(text: str) -> Iterable[str]:
+    return (text[at : at + _PART] for at in range(0, len(text), _PART))
+
+
+#: Each document of a running gateway, in their order.
+_DOCUMENTS: Final[dict[str, Callable[[Operator, Asker], _Text]]] = {
+    "status.json": _status,
+    "inventory.json": _inventory,
+    "doctor.json": _doctor,
+    "metrics.txt": _metrics,
+    "failures.jsonl": _failures,
+    "trace.jsonl": _trace,
+}
