@@ -374,7 +374,7 @@ async def test_what_cannot_be_told(bench, asked):
 
 
 async def test_the_trend_of_a_mirror_is_that_of_its_device(tmp_path):
-    mirror = '[[mirror]]\nunit = 11\nof = "meter"\nholding = ["0-7"]\nevery = "1 s"\n'
+    mirror = "[[image]]\nunit = 11\nof = \"meter\"\nholding = [\"0-7\"]\nevery = \"1 s\"\n"
     async with bench_with_trends(tmp_path, config=CONFIG + mirror) as bench:
         await asyncio.sleep(3)
         assert len(await bench.slots()) == 1
