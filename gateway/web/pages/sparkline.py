@@ -10,6 +10,7 @@ from gateway.operator.trends.kept import RECENT_SLOTS, kept_trends
 from gateway.operator.trends.told import trend_of
 from gateway.profiles.point import Point
 from gateway.timing.trend import Slot
+from gateway.web.pages.trend import number_format
 
 #: The size of the picture: a slot is a step to the right; lines need some room above and below.
 WIDTH: Final = RECENT_SLOTS
@@ -19,11 +20,11 @@ _INSIDE: Final = HEIGHT - 2
 
 @dataclass(frozen=True, slots=True)
 class Sparkline:
-    """The path of a line through the means, with its `least` and `greatest` value; gaps are gaps."""
+    """The path of a line through the means, with its `least` and `greatest` value as text; gaps are gaps."""
 
     path: str
-    least: float
-    greatest: float
+    least: str
+    greatest: str
 
 
 class Sparklines:
@@ -39,7 +40,7 @@ class Sparklines:
         """Draw the line of a point of a device; None if it has no trend, or nothing was heard of it."""
         trend = trend_of(self._operator, unit, point)
         slots = self._trends.get(trend, ()) if trend is not None else ()
-        return drawn(slots, self._first, self._step) if slots else None
+        return _drawn(point, slots, self._first, self._step) if slots else None
 
 
 async def sparklines(operator: Operator) -> Sparklines:
@@ -51,17 +52,15 @@ async def sparklines(operator: Operator) -> Sparklines:
     return Sparklines(operator, await trends.recent(now), trends.layout.slot_at(now) - (RECENT_SLOTS - 1) * step, step)
 
 
-def drawn(slots: Sequence[Slot], first: int, step: int) -> Sparkline:
+def _drawn(point: Point, slots: Sequence[Slot], first: int, step: int) -> Sparkline:
     """Draw a line through the means of slots, of which there is one at least; that of `first` is at the left end."""
-    means = [slot.mean for slot in slots]
-    least, greatest = min(means), max(means)
-    height = (greatest - least) or 1.0
-    parts, before = [], None
+    least, greatest = min(slot.mean for slot in slots), max(slot.mean for slot in slots)
+    spread, text = greatest - least, number_format(point, least, greatest)
+    parts, next_time = [], None
     for slot in slots:
-        x, y = (slot.time - first) // step, 1 + _INSIDE * (greatest - slot.mean) / height
-        y = y if greatest > least else HEIGHT / 2
-        parts.append(f"{'L' if before == slot.time - step else 'M'}{x} {y:.4g}")
-        if parts[-1].startswith("M"):
-            parts.append("h.5")  # a slot alone can be seen, too
-        before = slot.time
-    return Sparkline("".join(parts), least, greatest)
+        x = (slot.time - first) // step
+        y = 1 + _INSIDE * (greatest - slot.mean) / spread if spread else HEIGHT / 2
+        # A slot alone is a dash.
+        parts.append(f"L{x} {y:.3g}" if slot.time == next_time else f"M{x} {y:.3g}h.5")
+        next_time = slot.time + step
+    return Sparkline("".join(parts), text(least), text(greatest))

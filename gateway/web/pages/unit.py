@@ -41,6 +41,7 @@ from gateway.web.pages.function_names import function_name
 from gateway.web.pages.histogram import plotted
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
+from gateway.web.pages.trend import trend_shown
 from gateway.web.pages.unit_states import SLOTS, rests_ms, states_of
 from gateway.web.pages.writing import WriteRights
 
@@ -118,6 +119,7 @@ class UnitPage:
             maps=maps_of(self._operator.gateway, unit.name),
             passed=() if unit.points else await passed(self._operator, unit, asker_of(request)),
             registers=_registers,
+            trend=await trend_shown(self._operator, unit, asker_of(request), request.query),
             **self.values_shown(unit, request),
             **_form(_USUAL),
         )

@@ -1,0 +1,99 @@
+// Draws the trend of a point with uPlot: a band, and a line of means; without it the server's own picture stays.
+import { textsOf } from "./texts.js";
+
+const TEXTS = await textsOf("trend");
+const EVERY = 30000; // milliseconds
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+async function fetched({ device, point }, hours) {
+  const address = `/api/v1/values/${encodeURIComponent(device)}/${encodeURIComponent(point)}/history?since=${hours}%20h`;
+  const response = await fetch(address, { redirect: "error" });
+  if (!response.ok) throw new Error(response.status);
+  const { step_s: step, slots } = await response.json();
+  const columns = [[], [], [], []];
+  const add = (time, slot) => [time, slot?.max ?? null, slot?.min ?? null, slot?.mean ?? null].forEach((each, at) => columns[at].push(each));
+  let next;
+  for (const slot of slots) {
+    const time = Date.parse(slot.time) / 1000;
+    if (next && time > next) add(next, null); // a gap
+    add(time, slot);
+    next = time + step;
+  }
+  if (next) add(next, null); // the end of the last slot is a place, too
+  const now = Date.now() / 1000;
+  return { data: columns, from: now - hours * 3600, to: now };
+}
+
+/** Leave some room above and below; a value that does not change is in the middle. */
+function around(least, greatest) {
+  if (least === null) return [0, 1];
+  const room = (greatest - least) * 0.05 || Math.abs(greatest) * 0.01 || 1;
+  return [least - room, greatest + room];
+}
+
+class Trend {
+  constructor(figure) {
+    this.figure = figure;
+    this.hours = Number(figure.dataset.hours);
+    this.links = [...figure.parentElement.querySelectorAll("a[data-hours]")];
+    for (const link of this.links)
+      link.addEventListener("click", (event) => {
+        event.preventDefault();
+        history.replaceState(null, "", link.href);
+        this.show(Number(link.dataset.hours));
+      });
+    this.sizes = new ResizeObserver(() => this.plot?.setSize(this.size()));
+  }
+
+  size() {
+    return { width: Math.floor(this.figure.clientWidth), height: 240 };
+  }
+
+  async show(hours) {
+    let fresh;
+    try {
+      fresh = await fetched(this.figure.dataset, hours);
+    } catch {
+      return; // what is shown stays
+    }
+    this.hours = hours;
+    this.from = fresh.from;
+    this.to = fresh.to;
+    for (const link of this.links) {
+      if (Number(link.dataset.hours) === hours) link.setAttribute("aria-current", "true");
+      else link.removeAttribute("aria-current");
+    }
+    if (this.plot) return this.plot.setData(fresh.data);
+    const place = this.figure.querySelector(".plot");
+    place.replaceChildren();
+    this.plot = new uPlot(this.options(), fresh.data, place);
+    this.sizes.observe(this.figure);
+  }
+
+  options() {
+    const { measure, decimals } = this.figure.dataset;
+    const axis = { stroke: colour("--quiet"), grid: { stroke: colour("--grid"), width: 1 }, ticks: { stroke: colour("--grid"), width: 1 }, font: "12px system-ui, sans-serif" };
+    const written = (value) => (decimals === undefined ? String(Number(value.toPrecision(7))) : value.toFixed(Number(decimals)));
+    const told = (_, value) => (value === null || value === undefined ? "–" : `${written(value)} ${measure}`);
+    const date = (_, value) => (value ? TEXTS.date(new Date(value * 1000)) : "–");
+    const line = { points: { show: false }, spanGaps: false, paths: uPlot.paths.stepped({ align: 1 }), value: told };
+    const edge = { ...line, width: 0, stroke: "transparent" };
+    return {
+      ...this.size(),
+      cursor: { drag: { x: true, y: false } },
+      scales: { x: { range: () => [this.from, this.to] }, y: { range: (_, least, greatest) => around(least, greatest) } },
+      axes: [{ ...axis, values: (_, values) => values.map((value) => TEXTS.tick(new Date(value * 1000), this.hours > 24)) }, { ...axis, label: measure || undefined, labelSize: 20, labelFont: axis.font, size: 64 }],
+      bands: [{ series: [1, 2], fill: `${colour("--accent")}33` }],
+      series: [{ label: TEXTS.time, value: date }, { ...edge, label: TEXTS.greatest }, { ...edge, label: TEXTS.least }, { ...line, label: TEXTS.mean, stroke: colour("--accent"), width: 1.5 }],
+    };
+  }
+}
+
+const figure = document.querySelector("figure.trend");
+if (globalThis.uPlot && figure) {
+  const trend = new Trend(figure);
+  trend.show(trend.hours);
+  setInterval(() => document.hidden || trend.show(trend.hours), EVERY);
+}
+// A choice of a point needs no button.
+document.querySelector("#trend select[name=trend]")?.addEventListener("change", ({ target }) => target.form.requestSubmit());
