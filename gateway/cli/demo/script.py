@@ -40,6 +40,8 @@ class Chapter:
     questions: tuple[DemoRequest, ...]
 
 
+SITE: Final = "demo-plant"
+
 LINES: Final = (
     DemoLine(
         "silo",
@@ -72,19 +74,6 @@ LINES: Final = (
     ),
 )
 
-#: A line where something goes wrong now and then, for those who stay: noise, another client, a device that is off.
-LIVE_LINE: Final = DemoLine(
-    "hall",
-    (
-        *("generic:10-14", "weigher:1"),
-        *("--moving-unit", "1", "--silent-unit", "14", "--noise", "3%", "--fault", "second-client"),
-    ),
-    "baud = 19200\n"
-    'devices = [{ unit = 1, as = 61, name = "mixer", profile = "weigher" },\n'
-    '           { unit = "11-13", as = "71-73", name = "drive-*", timeout = "150 ms" },\n'
-    '           { unit = 14, as = 74, name = "spare", timeout = "250 ms" }]',
-)
-
 #: The line of the HMI: here the gateway is the server.
 PANEL: Final = "panel"
 PANEL_LINE: Final = (
@@ -104,22 +93,12 @@ _MAPPED: Final = (
     '{ at = 14, device = "shift-data", holding = 0, every = "1 s" }',
     '{ at = 15, fresh = ["silo-1", "press", "oven", "axis-1", "dock-1", "yard-1", "shift-data"] }',
 )
-#: Those of the live line.
-_LIVE_MAPPED: Final = (
-    '{ at = 16, device = "mixer", point = "weight", every = "1 s" }',
-    '{ at = 18, device = "drive-71", holding = "0-3", every = "1 s" }',
-    '{ at = 22, device = "drive-72", holding = "0-3", every = "1 s" }',
-    '{ at = 26, device = "drive-73", holding = "0-3", every = "1 s" }',
-    '{ at = 30, device = "spare", holding = 0, every = "1 s" }',
-    '{ at = 31, fresh = ["mixer", "drive-71", "drive-72", "drive-73", "spare"] }',
-)
 
 
-def virtual_unit(lines: Sequence[DemoLine]) -> str:
-    """Make the config of the unit that gathers the devices of all lines."""
-    rows = (*_MAPPED, *_LIVE_MAPPED) if LIVE_LINE in lines else _MAPPED
+def virtual_unit(more: Sequence[str] = ()) -> str:
+    """Make the config of the unit that gathers the devices of all lines; `more` are rows of other lines."""
     head = '[[image]]\nunit = 240\nname = "plant"\nstale = "5 s"\nwhen_stale = 0x7FC0\n'
-    return "".join([head, "map = [\n", *(f"  {row},\n" for row in rows), "]\n"])
+    return "".join([head, "map = [\n", *(f"  {row},\n" for row in (*_MAPPED, *more)), "]\n"])
 
 
 def _quote(unit: int, about: str, request: str, response: str, shows: str = "") -> DemoRequest:

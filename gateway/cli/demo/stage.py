@@ -1,7 +1,8 @@
 """What the demo prints: requests and responses, hop by hop, in 80 columns."""
 
 import asyncio
-from collections.abc import AsyncIterator
+import textwrap
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
+from gateway.cli.demo.live import Login
 from gateway.cli.demo.script import DemoRequest, reading
 from gateway.cli.kit.daemon import usual_socket
 from gateway.config.plan.settings import Plan
@@ -151,21 +153,23 @@ class Stage:
             header = await asyncio.wait_for(self._reader.readexactly(6), _PATIENCE)
             adu = header + await self._reader.readexactly(int.from_bytes(header[4:]))
             answered.append(adu[6])
-        print("  requests  " + ", ".join(map(str, units)))
-        print("  responses " + ", ".join(map(str, answered)))
+        print(_list("  requests  ", units))
+        print(_list("  responses ", answered))
         self._hops.clear()
         return sorted(answered) == sorted(units)
 
-    def invite(self, control: Path) -> None:
-        """Print what to try next; `control` is the gateway's control socket."""
+    def invite(self, control: Path, login: Login | None) -> None:
+        """Print what to try next; `control` is the gateway's control socket, `login` the user of its page."""
         port = self.address.rsplit(":", 1)[1]
         mbpoll = f"mbpoll -p {port}"
         self._is_over = True
         usual = control == usual_socket()
         command = "./deploy/go" if (Path.cwd() / "deploy" / "go").exists() else "modbus-gateway"
         at = "" if usual else f" --control {control}"
-        if self._page:
+        if self._page and login is not None:
             print(f"\nSome clients keep the lines busy. See them in a browser: {self._page}")
+            print(f"To write registers there, log in: {login.user}, password {login.password}")
+            print("(made for this run). What it shows of the time before the demo is made up.")
         print("\nThe lines keep running. In another terminal, for example:\n")
         print(f"  {command} read silo-1{at}")
         print(f"  {command} read plant{at}")
@@ -208,6 +212,10 @@ class Stage:
 
     def _hop(self, source: str, target: str, text: str) -> None:
         print(f"  {source:>7} > {target:8} {text}")
+
+
+def _list(heading: str, units: Sequence[int]) -> str:
+    return textwrap.fill(", ".join(map(str, units)), 80, initial_indent=heading, subsequent_indent=" " * len(heading))
 
 
 def _frame(mode: str, unit: int, pdu: bytes) -> str:

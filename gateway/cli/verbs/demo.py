@@ -7,6 +7,7 @@ import signal
 import socket
 import sys
 import tempfile
+import time
 from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from importlib.util import find_spec
@@ -14,14 +15,16 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
+from gateway.cli.demo.live import LIVE_LINES, LIVE_MAPPED, Login, make_login, page_config
+from gateway.cli.demo.past import made_up_day
 from gateway.cli.demo.script import (
     CHAPTERS,
     FIRST_QUESTION,
     IMAGE,
     LINES,
-    LIVE_LINE,
     PANEL,
     PANEL_LINE,
+    SITE,
     DemoLine,
     virtual_unit,
 )
@@ -94,21 +97,24 @@ async def _demo(*, once: bool, tls: bool) -> int:
     print("modbus-gateway demo: a gateway with simulated serial lines\n", flush=True)
     async with AsyncExitStack() as parts:
         folder = Path(parts.enter_context(tempfile.TemporaryDirectory(prefix="modbus-gateway-demo.")))
-        lines = LINES if once else (*LINES, LIVE_LINE)
+        lines = LINES if once else (*LINES, *LIVE_LINES)
         await parts.enter_async_context(_simulators(lines, folder))
         panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
         certificates = make_certificates(folder) if tls else None
-        config = _write_config(folder, lines, certificates, has_page=not once and _can_serve_pages())
+        login = make_login(folder) if not once and _can_serve_pages() else None
+        config = _write_config(folder, lines, certificates, login)
         plan, text = _plan(config)
         stage = Stage(config, plan)
         running, answers = await parts.enter_async_context(_gateway(config, text, plan, stage))
+        if answers.history is not None:
+            answers.history.load(made_up_day(plan, time.time()))  # which is in memory only: there is no state folder
         await parts.enter_async_context(stage.connected(running.gateway))
         wrong = await _play(stage, panel)
         if not once:
             control = _control(folder)
             await parts.enter_async_context(control_open(control, answers, stage.tell))
             await parts.enter_async_context(traffic(stage.address, panel))
-            stage.invite(control)
+            stage.invite(control, login)
             if certificates is not None:
                 print(invitation(certificates, running.gateway.listeners[1].address), flush=True)
             await asyncio.Event().wait()
@@ -171,16 +177,16 @@ async def _starting(what: str) -> AsyncIterator[None]:
         raise DemoError(f"{what} did not start within {_STARTING_DEADLINE:g} s") from None
 
 
-def _write_config(folder: Path, lines: Sequence[DemoLine], certificates: Path | None, *, has_page: bool) -> Path:
+def _write_config(folder: Path, lines: Sequence[DemoLine], certificates: Path | None, login: Login | None) -> Path:
     """Write the config as a user would."""
-    parts = [f'[[listen]]\nbind = "tcp://127.0.0.1:{_port(_PORT)}"\n']
+    parts = [f'site = "{SITE}"\n', f'[[listen]]\nbind = "tcp://127.0.0.1:{_port(_PORT)}"\n']
     named = [*((line.name, line.config) for line in lines), (PANEL, PANEL_LINE)]
     parts += [f'[[line]]\nname = "{name}"\nport = "{folder / name}"\n{config}\n' for name, config in named]
-    parts += [IMAGE, virtual_unit(lines)]
+    parts += [IMAGE, virtual_unit(LIVE_MAPPED if len(lines) > len(LINES) else ())]
     if certificates is not None:
         parts.append(tls_config(certificates, _port(TLS_PORT)))
-    if has_page:
-        parts.append(f'[web]\nbind = "http://127.0.0.1:{_port(_PAGE_PORT)}"\n')
+    if login is not None:
+        parts.append(page_config(_port(_PAGE_PORT), login))
     file = folder / "gateway.toml"
     file.write_text("\n".join(parts), encoding="utf-8")
     return file

@@ -1,0 +1,65 @@
+"""What those see who stay: lines where something goes wrong now and then or values move, and a user who may write."""
+
+import secrets
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from gateway.cli.demo.script import DemoLine
+from gateway.readconfig.page_users import User, changing_users, hashed
+
+#: Noise, another client, a device that is off.
+_HALL: Final = DemoLine(
+    "hall",
+    (
+        *("generic:10-14", "weigher:1"),
+        *("--moving-unit", "1", "--silent-unit", "14", "--noise", "3%", "--fault", "second-client"),
+    ),
+    "baud = 19200\n"
+    'devices = [{ unit = 1, as = 61, name = "mixer", profile = "weigher" },\n'
+    '           { unit = "11-13", as = "71-73", name = "drive-*", timeout = "150 ms" },\n'
+    '           { unit = 14, as = 74, name = "spare", timeout = "250 ms" }]',
+)
+
+#: Powers and temperatures that move, energies that count up.
+_METERS: Final = DemoLine(
+    "meters",
+    ("eastron-sdm630:1-2", "xy-md02:5"),
+    "baud = 9600\n"
+    'format = "8N1"\n'
+    'devices = [{ unit = 1, as = 81, name = "meter-hall", profile = "eastron-sdm630" },\n'
+    '           { unit = 2, as = 82, name = "meter-office", profile = "eastron-sdm630" },\n'
+    '           { unit = 5, as = 85, name = "climate", profile = "xy-md02" }]',
+)
+
+LIVE_LINES: Final = (_HALL, _METERS)
+
+#: Rows for the virtual unit of the script.
+LIVE_MAPPED: Final = (
+    '{ at = 16, device = "mixer", point = "weight", every = "1 s" }',
+    '{ at = 18, device = "drive-71", holding = "0-3", every = "1 s" }',
+    '{ at = 22, device = "drive-72", holding = "0-3", every = "1 s" }',
+    '{ at = 26, device = "drive-73", holding = "0-3", every = "1 s" }',
+    '{ at = 30, device = "spare", holding = 0, every = "1 s" }',
+    '{ at = 31, fresh = ["mixer", "drive-71", "drive-72", "drive-73", "spare"] }',
+)
+
+
+class Login(NamedTuple):
+    """A user of the demo's page, whose password only this run of the demo knows."""
+
+    file: Path
+    user: str
+    password: str
+
+
+def make_login(folder: Path) -> Login:
+    """Make the file of users in a folder, with one operator."""
+    login = Login(folder / "users", "demo", secrets.token_hex(5))
+    with changing_users(login.file) as users:
+        users[login.user] = User(login.user, "operator", hashed(login.password))
+    return login
+
+
+def page_config(port: int, login: Login) -> str:
+    """Write the table of the page, which only this machine can reach."""
+    return f'[web]\nbind = "http://127.0.0.1:{port}"\nusers = "{login.file}"\nwrite = true\n'
