@@ -15,6 +15,7 @@ import sys
 from collections.abc import Collection, Mapping, Sequence
 from importlib import import_module
 from keyword import iskeyword
+from pathlib import Path
 from typing import Any, Final
 
 from gateway import __version__
@@ -61,13 +62,27 @@ VERBS: Final[Mapping[str, str]] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line `arguments` and return the exit code: 0 fine, 1 a problem was found, 2 wrong usage."""
+    """Run the command line `arguments` and return the exit code: 0 fine, 1 a problem was found, 2 wrong usage.
+
+    Without a command it says what to do first.
+    """
     words = sys.argv[1:] if arguments is None else list(arguments)
     # Only this program's own code reads its config. To look for plugins of other packages takes 20 ms of each start.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    if not words:
+        return _tell_first_steps()
     args = _parser(words).parse_args(words)
     with no_control_characters():
         return _run(args)
+
+
+def _tell_first_steps() -> int:
+    from gateway.cli.kit.first_steps import first_steps  # noqa: PLC0415 - only without a command
+
+    with no_control_characters():
+        print(f"modbus-gateway {__version__}. `modbus-gateway --help` lists its commands.\n")
+        print(first_steps(Path(DEFAULT_CONFIG)), flush=True)
+    return WRONG_USAGE
 
 
 def _run(args: argparse.Namespace) -> int:

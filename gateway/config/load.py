@@ -45,6 +45,9 @@ class Loaded:
         return errors_in(self.problems)
 
 
+_NO_CONFIG_YET: Final = "create it, or name another file; `modbus-gateway` alone prints one to begin with"
+
+
 def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None) -> Loaded:
     """Load the file at `path`. Nothing is raised: a file that cannot be read is a problem too.
 
@@ -54,7 +57,8 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
     try:
         text = read_file_text(FilePath(path))
     except UnreadableFile as wrong:
-        return _fail(error((), str(wrong), wrong.remedy), file, wrong.line, min(wrong.line, 1))
+        remedy = wrong.remedy if FilePath(path).exists() else _NO_CONFIG_YET
+        return _fail(error((), str(wrong), remedy), file, wrong.line, min(wrong.line, 1))
     return replace(parse(text, file, address_trouble=address_trouble), text=text)
 
 

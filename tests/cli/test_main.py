@@ -72,12 +72,17 @@ def test_the_version(capsys):
     assert capsys.readouterr().out == f"modbus-gateway {__version__}\n"
 
 
-@pytest.mark.parametrize("words", [[], ["nonsense"], ["check", "--nonsense"]])
+@pytest.mark.parametrize("words", [["nonsense"], ["check", "--nonsense"]])
 def test_wrong_usage_is_2(words, capsys):
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2
     assert "usage: modbus-gateway" in capsys.readouterr().err
+
+
+def test_without_a_command_it_says_what_to_do_first(capsys):
+    assert main([]) == 2
+    assert "modbus-gateway ports\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("code", [0, 1])
