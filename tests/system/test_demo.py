@@ -1,20 +1,26 @@
 """The demo, as somebody sees it who has just cloned the project."""
 
 import gc
+import json
 import os
 import re
 import shlex
 import signal
+import stat
 import subprocess
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from socket import AF_UNIX, socket
+from typing import Any
+from urllib.parse import urlencode
+from urllib.request import HTTPCookieProcessor, Request, build_opener, urlopen
 
 import pytest
 from pymodbus.client import ModbusTcpClient
 
+from gateway.cli.demo.live import make_login
 from gateway.cli.main import main
 from kit.process import COMMAND, PATIENCE, command, started
 from kit.vectors import SeedFrame, meaning, seed_frames
@@ -103,6 +109,37 @@ def test_the_commands_that_it_and_the_devices_page_print_work_as_they_stand(tmp_
     assert "Written" in said[7]
     assert "address  5 " in said[11]
     assert all("Written" in text for text in said[-2:])
+
+
+def test_its_page_has_a_past_and_who_is_told_may_write_there(tmp_path: Path) -> None:
+    with running_demo(os.environ | {"RUNTIME_DIRECTORY": str(tmp_path)}) as shown:
+        page = re.search(r"^  page +(\S+)$", shown, re.MULTILINE)[1]
+        user, password = re.search(r"log in: (\S+), password (\S+)$", shown, re.MULTILINE).groups()
+        assert "made up" in shown
+        history = _fetched(page, "/api/v1/lines/meters/history?hours=24")
+        assert len(history["slots"]) > 100
+        assert _fetched(page, "/api/v1/status")["site"] == "demo-plant"
+        form = urlencode({"user": user, "password": password}).encode()
+        kind = {"Accept": "application/json", "Content-Type": "application/x-www-form-urlencoded"}
+        opener = build_opener(HTTPCookieProcessor())
+        with opener.open(Request(f"{page}/login", form, {"Origin": page, **kind}), timeout=PATIENCE) as response:
+            csrf = json.load(response)["csrf"]
+        body = json.dumps({"values": [7]}).encode()
+        kind = {"Origin": page, "Content-Type": "application/json", "X-CSRF-Token": csrf}
+        written = Request(f"{page}/api/v1/units/200/holding/9-9", body, kind, method="PUT")
+        with opener.open(written, timeout=PATIENCE) as response:
+            assert response.status == 200
+
+
+def test_a_password_is_of_one_run(tmp_path: Path) -> None:
+    logins = [make_login(folder) for folder in (tmp_path / "a", tmp_path / "b") if not folder.mkdir()]
+    assert logins[0].password != logins[1].password
+    assert all(stat.S_IMODE(login.file.stat().st_mode) == 0o600 for login in logins)
+
+
+def _fetched(page: str, path: str) -> Any:
+    with urlopen(page + path, timeout=PATIENCE) as response:
+        return json.load(response)
 
 
 def test_a_second_demo_says_where_its_control_socket_is(tmp_path: Path) -> None:
