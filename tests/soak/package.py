@@ -29,6 +29,9 @@ COMPILED = f"{LIBRARIES}/gateway/__pycache__"
 READ = bytes.fromhex("0001 0000 0006 C8 03 0000 0003")
 ANSWER = bytes.fromhex("0001 0000 0009 C8 03 06 0001 0002 0003")
 
+#: What reads the page of a new installation, with what each Debian has.
+READ_PAGE = "import urllib.request; print(urllib.request.urlopen('http://127.0.0.1:8502').read().decode())"
+
 
 def build() -> Path:
     """Build the package, as a user does."""
@@ -52,10 +55,10 @@ def newer(package: Path, folder: Path, preinst: str = "") -> Path:
     return file
 
 
-def install(system: BootedSystem, package: Path) -> None:
-    """Install or upgrade as `apt` does when nobody answers questions; what it depends on must be there."""
+def install(system: BootedSystem, package: Path) -> str:
+    """Install or upgrade as `apt` does when nobody answers questions; what it needs must be there. Say what it prints."""
     shutil.copy(package, system.root / "root/package.deb")
-    system.done("dpkg", "--force-confdef", "--install", "/root/package.deb")
+    return system.done("dpkg", "--force-confdef", "--install", "/root/package.deb")
 
 
 def check_serving(system: BootedSystem) -> None:
@@ -69,8 +72,10 @@ def check_serving(system: BootedSystem) -> None:
 def check_installation(system: BootedSystem, package: Path) -> None:
     """Install it where it never was."""
     begin = time.monotonic()
-    install(system, package)
+    said = install(system, package)
+    assert "1. Open the page: http://127.0.0.1:8502\n" in said, said
     check_serving(system)
+    assert "try-me" in system.done("python3", "-c", READ_PAGE)
     for unit in (SERVICE, SOCKET):
         system.done("systemctl", "is-enabled", unit)
     system.done("modbus-gateway", "check")
@@ -126,7 +131,7 @@ def check_upgrade(system: BootedSystem, package: Path) -> None:
     config = (system.root / CONFIG.lstrip("/")).read_text().replace("try-me", "mine")
     system.write(CONFIG, config)
     before = system.show("MainPID")
-    install(system, package)
+    assert "Open the page" not in install(system, package), "who upgrades knows the first steps"
     assert (system.root / CONFIG.lstrip("/")).read_text() == config, "the changes of the administrator are lost"
     assert system.show("MainPID") != before, "the old version still runs"
     check_serving(system)
