@@ -56,7 +56,7 @@ def newer(package: Path, folder: Path, preinst: str = "") -> Path:
 
 
 def install(system: BootedSystem, package: Path) -> str:
-    """Install or upgrade as `apt` does when nobody answers questions; what it needs must be there. Say what it prints."""
+    """Install or upgrade as `apt` does when nobody answers questions; what it needs is there. Says what it prints."""
     shutil.copy(package, system.root / "root/package.deb")
     return system.done("dpkg", "--force-confdef", "--install", "/root/package.deb")
 
