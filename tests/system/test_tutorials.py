@@ -26,7 +26,7 @@ _PROMPT = re.compile(r"^\$ (.*)\n", re.MULTILINE)
 _ANYTHING = "..."
 #: What runs until it is stopped.
 _ENDLESS = ("modbus-gateway simulate ", "modbus-gateway run ", "modbus-gateway read meter -i ")
-#: What is typed again if it is too early: each unit is asked once, and may have been late; a trend takes seconds to begin.
+#: What is typed again if it is too early: a unit is asked once, and may have been late; a trend takes seconds to begin.
 _AGAIN = ("modbus-gateway scan ", "modbus-gateway ask ")
 
 
