@@ -10,6 +10,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from gateway.cli.demo.past import STOPPED
+from gateway.timing.history import UNIT_SLOTS
 from kit.chromium import NEEDS_BROWSER
 from kit.process import PATIENCE
 
@@ -83,8 +85,8 @@ def test_pointing_at_a_column_tells_its_numbers(seen: SimpleNamespace, address: 
     until(page, lambda: reading(page).startswith("Point at a place"))
     point_until(page, row, 1, NUMBERS.match)
     assert row.locator("rect.mark").get_attribute("x") == "143"
-    left = width_of(row.locator("svg.map")) - 1
-    point_until(page, row, left, lambda told: told.endswith(": the gateway did not run"))
+    gap = width_of(row.locator("svg.map")) * STOPPED.ago / UNIT_SLOTS
+    point_until(page, row, gap, lambda told: told.endswith(": the gateway did not run"))
 
 
 def test_the_numbers_stay_when_the_page_is_made_anew(seen: SimpleNamespace, address: str) -> None:
@@ -108,7 +110,7 @@ def test_the_keyboard_tells_the_same(seen: SimpleNamespace, address: str) -> Non
         return NUMBERS.match(reading(page)) is not None
 
     until(page, tells_the_last_slot)
-    for _ in range(3):
+    for _ in range(STOPPED.ago):
         page.keyboard.press("ArrowLeft")
     until(page, lambda: reading(page).endswith(": the gateway did not run"))
 

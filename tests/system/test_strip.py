@@ -130,7 +130,7 @@ def test_keys_move_it(page: Any, address: str) -> None:
 
 def test_each_line_of_the_overview_has_a_strip_that_outlives_the_renewal(page: Any, address: str) -> None:
     page.goto(address)
-    until(page, lambda: page.locator("figure.strip canvas").count() == 7)
+    until(page, lambda: page.locator("figure.strip canvas").count() == 8)
     page.evaluate("document.querySelector('figure.strip canvas').id = 'kept'")
     page.evaluate("document.querySelector('h2#lines').parentElement.id = 'old'")
     renew(page)

@@ -27,7 +27,7 @@ _METERS: Final = DemoLine(
     "baud = 9600\n"
     'format = "8N1"\n'
     'devices = [{ unit = 1, as = 81, name = "meter-hall", profile = "eastron-sdm630" },\n'
-    '           { unit = 2, as = 82, name = "meter-office", profile = "eastron-sdm630" },\n'
+    '           { unit = 2, as = 82, name = "meter-lab", profile = "eastron-sdm630" },\n'
     '           { unit = 5, as = 85, name = "climate", profile = "xy-md02" }]',
 )
 

@@ -38,18 +38,18 @@ class _Trouble(NamedTuple):
 _TROUBLES: Final = (
     _Trouble("drive-72", 9 * _HOUR, 8, 0.35),
     _Trouble("oven", 20 * _HOUR, 3, 0.9),
-    _Trouble("meter-office", 3 * _HOUR, 2, 0.15),
+    _Trouble("meter-lab", 3 * _HOUR, 2, 0.15),
 )
 #: The adapter of this line was unplugged for an hour, and for so long the gateway did not run.
 _UNPLUGGED: Final = _Trouble("yard", 6 * _HOUR, _HOUR, 1.0)
-_STOPPED: Final = _Trouble("", 14 * _HOUR, 2, 1.0)
+STOPPED: Final = _Trouble("", 14 * _HOUR, 2, 1.0)
 
 
 def made_up_day(plan: Plan, now: float) -> list[Slot]:
     """Make the slots of the day before `now`, in seconds since 1970, with the names of this plan."""
     dice = Random("demo")  # noqa: S311 - not a secret, and repeatable
     last = slot_at(now)
-    return [_slot(plan, last - ago, ago, dice) for ago in range(UNIT_SLOTS - 1, 0, -1) if not _STOPPED.is_at(ago)]
+    return [_slot(plan, last - ago, ago, dice) for ago in range(UNIT_SLOTS - 1, 0, -1) if not STOPPED.is_at(ago)]
 
 
 def activity(at: float) -> float:
