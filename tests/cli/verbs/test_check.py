@@ -363,9 +363,9 @@ def test_two_lines_without_a_port_have_one_help(config, capsys):
 def test_a_file_that_does_not_exist_is_one_problem(tmp_path, capsys):
     path = tmp_path / "absent.toml"
     assert main(["check", str(path)]) == 1
-    assert capsys.readouterr().out == (
-        f"{path}: error: there is no such file\n  help: create it, or name another file\n1 error, no warnings\n"
-    )
+    help_ = "create it, or name another file; `modbus-gateway` alone prints one to begin with"
+    said = f"{path}: error: there is no such file\n  help: {help_}\n1 error, no warnings\n"
+    assert capsys.readouterr().out == said
     assert main(["check", "--json", str(path)]) == 1
     (problem,) = json.loads(capsys.readouterr().out)["problems"]
     assert (problem["line"], problem["column"]) == (None, None)
