@@ -31,6 +31,9 @@ _METERS: Final = DemoLine(
     '           { unit = 5, as = 85, name = "climate", profile = "xy-md02" }]',
 )
 
+#: Who may log in at the page.
+USER: Final = "demo"
+
 LIVE_LINES: Final = (_HALL, _METERS)
 
 #: Rows for the virtual unit of the script.
@@ -54,7 +57,7 @@ class Login(NamedTuple):
 
 def make_login(folder: Path) -> Login:
     """Make the file of users in a folder, with one operator."""
-    login = Login(folder / "users", "demo", secrets.token_hex(5))
+    login = Login(folder / "users", USER, secrets.token_hex(5))
     with changing_users(login.file) as users:
         users[login.user] = User(login.user, "operator", hashed(login.password))
     return login

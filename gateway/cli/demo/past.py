@@ -31,17 +31,28 @@ class _Trouble(NamedTuple):
     slots: int
     share: float
 
+    @property
+    def begun(self) -> float:
+        """How many seconds ago it began."""
+        return float(self.ago * STEP)
+
+    @property
+    def ended(self) -> float:
+        """How many seconds ago it ended."""
+        return float((self.ago - self.slots) * STEP)
+
     def is_at(self, ago: int) -> bool:
+        """Tell whether it was in the slot that many slots ago."""
         return self.ago - self.slots < ago <= self.ago
 
 
-_TROUBLES: Final = (
+TROUBLES: Final = (
     _Trouble("drive-72", 9 * _HOUR, 8, 0.35),
     _Trouble("oven", 20 * _HOUR, 3, 0.9),
     _Trouble("meter-lab", 3 * _HOUR, 2, 0.15),
 )
 #: The adapter of this line was unplugged for an hour, and for so long the gateway did not run.
-_UNPLUGGED: Final = _Trouble("yard", 6 * _HOUR, _HOUR, 1.0)
+UNPLUGGED: Final = _Trouble("yard", 6 * _HOUR, _HOUR, 1.0)
 STOPPED: Final = _Trouble("", 14 * _HOUR, 2, 1.0)
 
 
@@ -64,7 +75,7 @@ def _slot(plan: Plan, number: int, ago: int, dice: Random) -> Slot:
     slot, level = Slot(number), 0.35 + 0.65 * activity(number * STEP)
     for line in plan.lines:
         name = line.line.name
-        is_down = name == _UNPLUGGED.unit and _UNPLUGGED.is_at(ago)
+        is_down = name == UNPLUGGED.unit and UNPLUGGED.is_at(ago)
         units = dict(_units([device.name for device in line.devices], level, ago, dice, is_down=is_down))
         share = _BUSY.get(name, 0.2) * level * dice.uniform(0.93, 1.07)
         use = LineUse(
@@ -88,7 +99,7 @@ def _units(
         elif name in _OFF:
             yield name, UnitUse(requests=requests, timeouts=9, unsent=requests - 9, resting=STEP * 0.93)
         else:
-            yield name, _use(requests, next((each.share for each in _TROUBLES if _is_of(each, name, ago)), 0.0), dice)
+            yield name, _use(requests, next((each.share for each in TROUBLES if _is_of(each, name, ago)), 0.0), dice)
 
 
 def _is_of(trouble: _Trouble, name: str, ago: int) -> bool:

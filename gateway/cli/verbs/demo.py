@@ -17,6 +17,7 @@ from typing import Final
 from gateway import events
 from gateway.cli.demo.live import LIVE_LINES, LIVE_MAPPED, Login, make_login, page_config
 from gateway.cli.demo.past import made_up_day
+from gateway.cli.demo.past_events import made_up_events
 from gateway.cli.demo.script import (
     CHAPTERS,
     FIRST_QUESTION,
@@ -106,8 +107,10 @@ async def _demo(*, once: bool, tls: bool) -> int:
         plan, text = _plan(config)
         stage = Stage(config, plan)
         running, answers = await parts.enter_async_context(_gateway(config, text, plan, stage))
-        if answers.history is not None:
-            answers.history.load(made_up_day(plan, time.time()))  # which is in memory only: there is no state folder
+        if answers.history is not None:  # which is in memory only, as events are: there is no state folder
+            now = time.time()
+            answers.history.load(made_up_day(plan, now))
+            answers.events.load(made_up_events(plan, now))
         await parts.enter_async_context(stage.connected(running.gateway))
         wrong = await _play(stage, panel)
         if not once:

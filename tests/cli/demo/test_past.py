@@ -1,36 +1,16 @@
 """The day that the demo makes up: it fits the demo's own lines and units, and ends before now."""
 
-from datetime import UTC, datetime
-
-import pytest
+from datetime import datetime
 
 from gateway.cli.demo import past
-from gateway.cli.demo.live import LIVE_LINES
-from gateway.cli.demo.past import activity, made_up_day
-from gateway.cli.demo.script import LINES
-from gateway.cli.verbs import demo
+from gateway.cli.demo.past import activity
 from gateway.timing.history import STEP, UNIT_SLOTS, History, slot_at
 
-NOW = datetime(2026, 11, 28, 23, 4, 5, tzinfo=UTC).timestamp()
 
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    """That of the demo for those who stay."""
-    lines = (*LINES, *LIVE_LINES)
-    plan, _ = demo._plan(demo._write_config(tmp_path_factory.mktemp("demo"), lines, None, None))
-    return plan
-
-
-@pytest.fixture(scope="module")
-def day(plan):
-    return made_up_day(plan, NOW)
-
-
-def test_it_is_the_day_before_and_nothing_of_it_is_now(day):
+def test_it_is_the_day_before_and_nothing_of_it_is_now(day, now):
     numbers = [slot.number for slot in day]
     assert numbers == sorted(set(numbers))
-    assert (numbers[0], numbers[-1]) == (slot_at(NOW) - UNIT_SLOTS + 1, slot_at(NOW) - 1)
+    assert (numbers[0], numbers[-1]) == (slot_at(now) - UNIT_SLOTS + 1, slot_at(now) - 1)
 
 
 def test_there_is_a_gap_where_the_gateway_did_not_run(day):
@@ -47,8 +27,8 @@ def test_who_is_in_trouble_is_in_the_demo(plan):
     """Else somebody has renamed a line or a unit, and its trouble is shown no more."""
     lines = {line.line.name for line in plan.lines}
     units = {device.name for line in plan.lines for device in line.devices}
-    assert {trouble.unit for trouble in past._TROUBLES} | set(past._OFF) <= units
-    assert {*past._BUSY, past._UNPLUGGED.unit} == lines | {past._UNPLUGGED.unit}
+    assert {trouble.unit for trouble in past.TROUBLES} | set(past._OFF) <= units
+    assert {*past._BUSY, past.UNPLUGGED.unit} == lines | {past.UNPLUGGED.unit}
 
 
 def test_what_it_says_fits_together(day):
@@ -71,11 +51,11 @@ def test_somebody_was_in_trouble_and_most_was_well(day):
     assert not any(slot.units["silo-1"].unanswered for slot in day)
 
 
-def test_a_history_takes_it_and_shows_it_beside_what_happens(day):
+def test_a_history_takes_it_and_shows_it_beside_what_happens(day, now):
     history = History()
     history.load(day)
-    history.add(NOW, day[0].lines, day[0].units)
-    shown = history.last(NOW, UNIT_SLOTS).slots
+    history.add(now, day[0].lines, day[0].units)
+    shown = history.last(now, UNIT_SLOTS).slots
     assert sum(slot is not None for slot in shown) == len(day) + 1
 
 
