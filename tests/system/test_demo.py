@@ -118,6 +118,11 @@ def test_its_page_has_a_past_and_who_is_told_may_write_there(tmp_path: Path) -> 
         assert "made up" in shown
         history = _fetched(page, "/api/v1/lines/meters/history?hours=24")
         assert len(history["slots"]) > 100
+        trend, until = "/api/v1/values/meter-hall/active-power/history", time.monotonic() + PATIENCE
+        while len(_fetched(page, trend)["slots"]) < 1000:  # it begins once the value is known
+            assert time.monotonic() < until
+            time.sleep(0.5)
+        assert any(event["event"] == "line_lost" for event in _fetched(page, "/api/v1/events/last")["events"])
         assert _fetched(page, "/api/v1/status")["site"] == "demo-plant"
         form = urlencode({"user": user, "password": password}).encode()
         kind = {"Accept": "application/json", "Content-Type": "application/x-www-form-urlencoded"}

@@ -2,6 +2,6 @@
 
 - script, stage        lines, requests and the responses that are expected; how they are printed
 - live, traffic        what those see who stay: more lines, a page and its user, and clients that poll
-- past, past_events    the day before it began, which is made up
+- past, past_events, past_values    the day before it began, which is made up
 - tls                  certificates
 """

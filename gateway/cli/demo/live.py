@@ -23,11 +23,11 @@ _HALL: Final = DemoLine(
 #: Powers and temperatures that move, energies that count up.
 _METERS: Final = DemoLine(
     "meters",
-    ("eastron-sdm630:1-2", "xy-md02:5", "--format", "8N1"),
+    ("eastron-sdm630:1", "eastron-sdm120:2", "xy-md02:5", "--format", "8N1"),
     "baud = 9600\n"
     'format = "8N1"\n'
     'devices = [{ unit = 1, as = 81, name = "meter-hall", profile = "eastron-sdm630" },\n'
-    '           { unit = 2, as = 82, name = "meter-lab", profile = "eastron-sdm630" },\n'
+    '           { unit = 2, as = 82, name = "meter-lab", profile = "eastron-sdm120" },\n'
     '           { unit = 5, as = 85, name = "climate", profile = "xy-md02" }]',
 )
 

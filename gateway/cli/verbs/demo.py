@@ -18,6 +18,7 @@ from gateway import events
 from gateway.cli.demo.live import LIVE_LINES, LIVE_MAPPED, Login, make_login, page_config
 from gateway.cli.demo.past import made_up_day
 from gateway.cli.demo.past_events import made_up_events
+from gateway.cli.demo.past_values import make_up_values
 from gateway.cli.demo.script import (
     CHAPTERS,
     FIRST_QUESTION,
@@ -42,7 +43,9 @@ from gateway.config.resolve import resolve
 from gateway.control.server import control_open
 from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut
+from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
+from gateway.operator.requests import AT_CONTROL
 from gateway.ports.opener import make_opener
 from gateway.readconfig.reader import read_here
 from gateway.runtime.reload import Reloader
@@ -58,6 +61,8 @@ _PORT: Final = 5020
 _PAGE_PORT: Final = 8502
 #: How long each simulator and the gateway may take to start, in seconds: small computers take long for five processes.
 _STARTING_DEADLINE: Final = 60.0
+#: How long clients poll until all values are known that they ask for, in seconds.
+_UNTIL_KNOWN: Final = 3.0
 
 
 class DemoError(GatewayError):
@@ -120,6 +125,8 @@ async def _demo(*, once: bool, tls: bool) -> int:
             stage.invite(control, login)
             if certificates is not None:
                 print(invitation(certificates, running.gateway.listeners[1].address), flush=True)
+            await asyncio.sleep(_UNTIL_KNOWN)
+            await make_up_values(answers, Asker(AT_CONTROL, lambda: True))
             await asyncio.Event().wait()
     return PROBLEM_FOUND if wrong else FINE
 
