@@ -50,7 +50,7 @@ function _shtab_modbus_gateway_using
   test "$_shtab_modbus_gateway_cmdpath" = "$argv"
 end
 
-set -g _shtab_modbus_gateway_commands demo run check reload status values trace events doctor read write ask forget scan calibrate bench profile map ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
+set -g _shtab_modbus_gateway_commands demo run check reload status values trace events doctor support read write ask forget scan calibrate bench profile map ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
 set -g _shtab_modbus_gateway_opts_with_value --at --baud --client --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --line --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
 
 complete -c modbus-gateway -e
@@ -121,6 +121,13 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l hardware-r
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l unit -x -d 'read this unit for it (default: nothing is sent)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l baud -x -d 'the rate of the unit (default 19200)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l format -x -d 'its format (default 8E1)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a support -d 'Write a diagnostics bundle, for who helps you.'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using support' -s h -l help -d 'show this help message and exit'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using support' -l no-trace -d 'leave out what passed on the lines: it has values of the process'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using support' -l force -d 'replace the file if it exists'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using support' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using support' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config of the gateway that is meant, which says where its control socket is'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using support; and test $_shtab_modbus_gateway_npos -eq 0' -ka "(__fish_complete_path (commandline -ct))" -d 'the file to write, such as bundle.tar.gz'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a read -d 'Read coils and registers of a unit.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using read' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using read' -s i -l interval -x -d 'read again and again, such as -i 1s'
@@ -157,7 +164,7 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_mod
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config of the gateway that is meant, which says where its control socket is'
-complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask; and test $_shtab_modbus_gateway_npos -eq 0' -ka "status which fleet reload lines line line-history units unit unit-status unit-history values value-history points point read write-points write-point write image request forget doctor trace meaning why events bench times scan" -d 'the operation (default: list all)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using ask; and test $_shtab_modbus_gateway_npos -eq 0' -ka "status which inventory fleet reload config check-config lines line line-history units unit unit-status unit-history values value-history points point read write-points write-point write image request forget doctor trace meaning why events bench times scan support" -d 'the operation (default: list all)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a forget -d 'Ask a device that moved where the config says again.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using forget' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using forget' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'

@@ -30,9 +30,9 @@ from gateway.web.pages.applied import AppliedPage
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.clients import ClientsPage
 from gateway.web.pages.config import ConfigPage
+from gateway.web.pages.config_change import ConfigChangePage
 from gateway.web.pages.events import EventsPage
 from gateway.web.pages.head import Heads
-from gateway.web.pages.config_change import ConfigChangePage
 from gateway.web.pages.health import HealthPage
 from gateway.web.pages.heat_map import HeatMap
 from gateway.web.pages.image import ImagePage
