@@ -167,5 +167,5 @@ async def test_each_result_of_a_gateway_is_read_as_what_it_was(name):
 
 
 def test_each_operation_has_a_question_above_or_is_tested_elsewhere():
-    elsewhere = {"which", "fleet", "reload", "forget", "line-history", "unit-history"}
+    elsewhere = {"which", "fleet", "reload", "forget", "line-history", "unit-history", "value-history"}
     assert set(QUESTIONS) | elsewhere == {each.name for each in OPERATIONS}
