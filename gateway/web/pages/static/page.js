@@ -42,15 +42,15 @@ function renew(fresh) {
   const isKept = (part) => part.dataset.keep !== undefined || part.querySelector("[data-keep]") || part.contains(document.activeElement);
   there.forEach((part, at) => {
     if (!isKept(part)) part.replaceWith(places[at]);
-    else if (document.activeElement.dataset.find !== undefined && part.contains(document.activeElement)) renewTables(part, places[at]);
+    else if (part.contains(document.activeElement) && document.activeElement.matches("[data-find], .sort")) renewRows(part, places[at]);
   });
   letScroll();
 }
 
-/** Where somebody types what rows to find, only the tables are made anew. */
-function renewTables(part, fresh) {
-  const places = fresh.querySelectorAll("table"), there = part.querySelectorAll("table");
-  if (places.length === there.length) there.forEach((table, at) => table.replaceWith(places[at]));
+/** Where somebody sorts rows, or types which ones to find, only these are made anew. */
+function renewRows(part, fresh) {
+  const places = fresh.querySelectorAll("tbody"), there = part.querySelectorAll("tbody");
+  if (places.length === there.length) there.forEach((body, at) => body.replaceWith(places[at]));
 }
 
 /** What is wider than the page can be reached, and so scrolled, by keyboard. */

@@ -9,7 +9,8 @@ const UNITS = { ms: 0.001, s: 1, 秒: 1, min: 60, 分钟: 60, h: 3600, 小时: 3
 const NUMBER = /^[<>]?\s*([-+]?\d+(?:\.\d+)?)\s*(ms|min|s|h|d|秒|分钟|小时|天)?(?![\w.:])/;
 const main = document.querySelector("main");
 const collator = new Intl.Collator(document.documentElement.lang, { numeric: true });
-const adopted = new WeakSet();
+const shows = new WeakMap(); // by table: what puts its rows in order
+const plain = new WeakMap(); // by body: its rows as the server has them
 
 const chosen = (kind, key) => new URLSearchParams(location.search).get(`${kind}.${key}`) ?? "";
 
@@ -52,22 +53,22 @@ function sorted(rows, column, isDown) {
   });
 }
 
+/** Make the heads of a table, and the field above it; return what puts its rows in order. */
 function adopt(table) {
-  const body = table.tBodies[0], heads = table.tHead?.rows[0]?.cells;
-  if (!heads || table.tBodies.length !== 1 || table.matches(".traffic, [data-trace], .grid") || table.querySelector("[scope=rowgroup]")) return;
-  adopted.add(table);
-  const key = keyOf(table);
-  if (body.rows.length > 1) letSort(body, [...heads], key);
-  if (body.rows.length >= LONG && !main.querySelector("input[type=search]:not([data-find])")) letFind(table, body, key);
+  const body = table.tBodies[0], heads = [...(table.tHead?.rows[0]?.cells ?? [])];
+  if (!heads.length || table.tBodies.length !== 1 || table.matches(".traffic, [data-trace], .grid") || table.querySelector("[scope=rowgroup]")) return () => {};
+  const key = keyOf(table), isLong = body.rows.length >= LONG && !main.querySelector("input[type=search]:not([data-find])");
+  const sort = body.rows.length > 1 ? letSort(table, heads, key) : () => {}, find = isLong ? letFind(table, key) : () => {};
+  return () => (sort(), find());
 }
 
-function letSort(body, heads, key) {
-  const places = new Map([...body.rows].map((row, at) => [row, at])); // as the server has them
+function letSort(table, heads, key) {
   const show = () => {
     const [, direction, column] = /^(-?)(\d+)$/.exec(chosen("sort", key)) ?? [];
     heads.forEach((head, at) => (at === Number(column) ? head.setAttribute("aria-sort", direction ? "descending" : "ascending") : head.removeAttribute("aria-sort")));
-    const rows = [...body.rows];
-    body.append(...(heads[column] ? sorted(rows, Number(column), Boolean(direction)) : rows.toSorted((one, other) => places.get(one) - places.get(other))));
+    const body = table.tBodies[0], rows = plain.get(body);
+    if (heads[column]) body.append(...sorted(rows, Number(column), Boolean(direction)));
+    else if (rows.some((row, at) => row !== body.rows[at])) body.append(...rows);
   };
   heads.forEach((head, column) => {
     if (head.matches(".map") || !head.innerText.trim()) return;
@@ -78,40 +79,44 @@ function letSort(body, heads, key) {
     head.append(button);
     button.addEventListener("click", () => {
       // Of numbers the largest first, then the smallest first, then as the server has them; of words the other way.
-      const order = hasNumbers([...body.rows], column) ? [`-${column}`, `${column}`] : [`${column}`, `-${column}`];
-      const at = order.indexOf(chosen("sort", key));
-      choose("sort", key, order[at + 1] ?? "");
+      const order = hasNumbers([...table.tBodies[0].rows], column) ? [`-${column}`, `${column}`] : [`${column}`, `-${column}`];
+      choose("sort", key, order[order.indexOf(chosen("sort", key)) + 1] ?? "");
       show();
     });
   });
-  if (chosen("sort", key)) show();
+  return show;
 }
 
-function letFind(table, body, key) {
-  const there = table.parentElement.querySelector(`[data-find="${CSS.escape(key)}"]`); // if only its table is new
-  const input = there ?? document.createElement("input"), count = there?.nextElementSibling ?? document.createElement("output");
-  if (!there) {
-    Object.assign(input, { type: "search", placeholder: TEXTS.find, value: chosen("find", key), autocomplete: "off", spellcheck: false });
-    input.setAttribute("aria-label", TEXTS.find);
-    input.dataset.find = key;
-    const line = document.createElement("p");
-    line.className = "find";
-    line.append(input, count);
-    table.before(line);
-  }
+function letFind(table, key) {
+  const input = document.createElement("input"), count = document.createElement("output"), line = document.createElement("p");
+  Object.assign(input, { type: "search", placeholder: TEXTS.find, value: chosen("find", key), autocomplete: "off", spellcheck: false });
+  input.setAttribute("aria-label", TEXTS.find);
+  input.dataset.find = key;
+  line.className = "find";
+  line.append(input, count);
+  table.before(line);
   const show = () => {
-    const words = input.value.toLowerCase().split(/\s+/).filter(Boolean);
-    const rows = [...body.rows];
+    const words = input.value.toLowerCase().split(/\s+/).filter(Boolean), rows = [...table.tBodies[0].rows];
     for (const row of rows) row.hidden = !words.every((word) => row.textContent.toLowerCase().includes(word));
     count.textContent = words.length ? TEXTS.found(rows.filter((row) => !row.hidden).length, rows.length) : "";
   };
-  input.oninput = () => {
+  input.addEventListener("input", () => {
     choose("find", key, input.value.trim());
     show();
-  };
-  show();
+  });
+  return show;
 }
 
-const look = () => main.querySelectorAll("table").forEach((table) => adopted.has(table) || adopt(table));
+/** The server makes tables anew, or only their rows while somebody is at the head or the field. */
+function look() {
+  for (const table of main.querySelectorAll("table")) {
+    const body = table.tBodies[0];
+    if (!body || plain.has(body)) continue;
+    plain.set(body, [...body.rows]);
+    if (!shows.has(table)) shows.set(table, adopt(table));
+    shows.get(table)();
+  }
+}
+
 new MutationObserver(look).observe(main, { childList: true, subtree: true });
 look();
