@@ -70,6 +70,17 @@ def test_a_device_that_is_opened_or_folded_stays_so_and_the_page_does_not_scroll
     assert open_ones(page) == opened
 
 
+def test_rows_that_were_sorted_stay_so_while_values_are_renewed(page: Any) -> None:
+    page.get_by_role("searchbox").fill("silo-1")
+    until(page, lambda: names(page) == ["weight", "baud", "address"])
+    page.get_by_role("button", name="Point").click()
+    assert names(page) == ["address", "baud", "weight"]
+    before = age(page)
+    renew(page)
+    until(page, lambda: age(page) != before)
+    assert names(page) == ["address", "baud", "weight"]
+
+
 def test_without_javascript_devices_are_opened_by_links(browser: Any, address: str) -> None:
     with watched(browser, java_script_enabled=False) as page:
         page.goto(f"{address}/values")

@@ -8,7 +8,7 @@ const MOST_OPENED = 100; // by an address
 const form = document.querySelector("form[role=search]"), section = document.querySelector(PLACE);
 
 const openOnes = () => [...section.querySelectorAll("details[open]")].map((device) => device.id.replace("device-", ""));
-const pointsOf = (device) => [...device.querySelectorAll("tr[data-point]")].map((row) => row.dataset.point).join();
+const pointsOf = (device) => [...device.querySelectorAll("tr[data-point]")].map((row) => row.dataset.point).sort().join(); // somebody may have sorted them
 const idsOf = (devices) => devices.map((device) => device.id).join();
 
 function renewDevice(shown, fresh) {
