@@ -26,6 +26,7 @@ from gateway.web.api.asking import asker_of
 from gateway.web.front.problems import Handler
 from gateway.web.pages.addresses import path_of
 from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.sparkline import Sparkline, Sparklines, sparklines
 
 #: So many points are shown at first, device by device as they fit; and of the devices that the address opens.
 FIRST_SHOWN: Final = 200
@@ -124,6 +125,7 @@ class Row(NamedTuple):
     age_ms: float | None
     source: str
     address: str
+    trend: Sparkline | None
 
 
 class ValuesPage:
@@ -147,7 +149,7 @@ class ValuesPage:
             wanted=wanted,
             states=_STATES,
             count=sum(len(each.known) for each in found),
-            devices=list(_shown(found, wanted, now)),
+            devices=list(_shown(found, wanted, now, await sparklines(self._operator))),
             has_points=bool(devices_with_points(self._operator)),
         )
 
@@ -182,7 +184,7 @@ class ValuesPage:
         return list(by_unit.values())
 
 
-def _shown(found: Sequence[Found], wanted: Wanted, now: float) -> Iterator[ShownDevice]:
+def _shown(found: Sequence[Found], wanted: Wanted, now: float, trends: Sparklines) -> Iterator[ShownDevice]:
     """Fold devices for which there is no room; rows are made when they are needed."""
     opened, room = _opened(found, wanted), MOST_SHOWN
     for each in found:
@@ -193,7 +195,7 @@ def _shown(found: Sequence[Found], wanted: Wanted, now: float) -> Iterator[Shown
             each.sign,
             len(each.known),
             sorted(each.counts.items()),
-            map(partial(_row, each.unit, now), known) if each.sign in opened else None,
+            map(partial(_row, each.unit, now, trends), known) if each.sign in opened else None,
             f"{wanted.address([*opened, each.sign])}#device-{each.sign}",
             len(each.known) - len(known) if each.sign in opened else 0,
         )
@@ -211,7 +213,7 @@ def _opened(found: Sequence[Found], wanted: Wanted) -> list[str]:
     return opened
 
 
-def _row(unit: UnitPicture, now: float, known: Known) -> Row:
+def _row(unit: UnitPicture, now: float, trends: Sparklines, known: Known) -> Row:
     reading, read, name = known.reading, known.read, known.point.name
     return Row(
         known.point,
@@ -220,4 +222,5 @@ def _row(unit: UnitPicture, now: float, known: Known) -> Row:
         None if read is None else 1000 * (now - read.asked_at),
         "" if read is None else read.caller.client,
         f"{path_of('units', unit)}?trend={quote(name)}#trend",
+        trends.of(unit, known.point),
     )

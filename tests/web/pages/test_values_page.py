@@ -9,6 +9,7 @@ from zlib import crc32
 
 import pytest
 
+from gateway.web.pages.sparkline import Sparkline
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.markup import Markup
@@ -72,7 +73,7 @@ async def shown(browser, query: str = "") -> dict[str, dict[str, list[str]]]:
     page = (await browser.get(f"/values{query}")).text
     for device, content in re.findall(r'<details [^>]*data-device="([^"]*)"[^>]*>(.*?)</details>', page, re.DOTALL):
         rows = Markup(content).rows()
-        found[device] = {name: cells for name, *cells in rows}
+        found[device] = {name: cells for name, *cells, _trend in rows}
     return found
 
 
@@ -101,6 +102,21 @@ async def test_each_point_has_its_value_unit_state_age_and_source(bench, boiler)
     assert len(boiler.heard) == heard
     await asyncio.sleep(60)
     assert (await shown(bench.browser()))["boiler/a &amp; b"]["power"][2] == "stale"
+
+
+async def test_a_point_with_a_trend_has_a_small_line(bench, monkeypatch):
+    class Sparklines:
+        def of(self, unit, point):
+            return Sparkline("M0 8h.5L1 8", "12.1", "12.9") if (unit.unit, point.name) == (41, "power") else None
+
+    async def sparklines(_operator):
+        return Sparklines()
+
+    assert "<path d=" not in (await bench.browser().get("/values")).text.partition("<main")[2]
+    monkeypatch.setattr("gateway.web.pages.values.sparklines", sparklines)
+    page = (await bench.browser().get("/values?search=boiler")).text
+    assert page.count('<path d="M0 8h.5L1 8"/>') == 1
+    assert 'aria-label="from 12.1 to 12.9 lately"' in page
 
 
 async def test_a_point_leads_to_its_trend_on_the_page_of_its_unit(bench):
