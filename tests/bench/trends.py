@@ -4,7 +4,7 @@
     python -m tests.bench.trends 5000       for so many
 
 A day is played in a few seconds: each point has a value a second, which is what costs the processor most. Bytes are
-those that the kernel has counted for this process (`write_bytes`), and what the pages of the file take.
+those that the kernel has counted for this process (`write_bytes`, in /var/tmp), and what the pages of the file take.
 """
 
 import math
@@ -17,7 +17,7 @@ from pathlib import Path
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.trends.numbers import Read
-from gateway.operator.trends.table import TABLE
+from gateway.operator.trends.table import TABLE, write
 from gateway.operator.trends.trends import Trends, key_of
 from gateway.profiles.point import Point
 from gateway.state.database import open_table
@@ -61,7 +61,7 @@ def sampling(points: int) -> float:
 def day_on_disk(points: int, kept: float, share_changing: float, hours: int) -> tuple[float, float, float]:
     """Write trends of so many hours; return bytes in an hour, bytes of the file, and processor time per write."""
     layout = Layout.of(kept)
-    with tempfile.TemporaryDirectory(dir=".") as folder:
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
         opened = open_table(Path(folder) / "trends.sqlite", TABLE)
         trends, before, spent = Trends(layout), 0, 0.0
         keys = [random.randrange(-(2**63), 2**63) for _ in range(points)]
@@ -70,9 +70,9 @@ def day_on_disk(points: int, kept: float, share_changing: float, hours: int) -> 
                 before = written()
             for _ in trends.at(NOON + 60 * minute + 1):
                 pass
-            if minute % 10 == 0 and (pieces := trends.take()):
+            if minute % 10 == 0 and (pieces := trends.changes().written):
                 begun = time.process_time()
-                trends.save(opened.database, pieces)
+                write(opened.database, layout, pieces, trends.time)
                 spent += time.process_time() - begun
             for at, key in enumerate(keys):
                 is_changing = at < share_changing * points

@@ -16,6 +16,7 @@ from gateway.observe.fan_out import FanOut
 from gateway.observe.last_events import LastEvents
 from gateway.operator.operations import OPERATIONS
 from gateway.operator.operator import Operator
+from gateway.operator.trends.kept import trends_kept
 from gateway.readconfig.reader import read_here
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
@@ -182,6 +183,7 @@ class WebBench(NamedTuple):
     connect: Any
     users: Path
     history: History
+    operator: Operator
 
     def browser(self, host: str = "127.0.0.1", name: str = HOST) -> Browser:
         return Browser(self.connect, host, name)
@@ -191,8 +193,11 @@ class WebBench(NamedTuple):
 
 
 @asynccontextmanager
-async def web_bench(config: str, folder: Path, operations: Any = OPERATIONS, **settings: Any):
-    """A gateway with this config, and its web page; in `folder` are the users, anna the operator and vera."""
+async def web_bench(config: str, folder: Path, operations: Any = OPERATIONS, trends: float = 0.0, **settings: Any):
+    """A gateway with this config, and its web page; in `folder` are the users, anna the operator and vera.
+
+    `trends` are kept for so many seconds, in memory.
+    """
     users = folder / "users"
     users.write_text(USERS)
     users.chmod(0o600)
@@ -211,8 +216,9 @@ async def web_bench(config: str, folder: Path, operations: Any = OPERATIONS, **s
         operator.history = history
         settles = patch("gateway.runtime.garbage.settle")  # after a reload: that looks at the objects of all tests
         with settles, patch("gateway.web.front.server.Assets", _assets):
-            async with serving(replace(asked, **settings), operator, fan_out, operations) as connect:
-                yield WebBench(home, running, fan_out, connect, users, history)
+            serves = serving(replace(asked, **settings), operator, fan_out, operations)
+            async with trends_kept(operator, trends, None), serves as connect:
+                yield WebBench(home, running, fan_out, connect, users, history, operator)
 
 
 @cache

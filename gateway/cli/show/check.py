@@ -13,6 +13,7 @@ from gateway.cli.show.published import published_as_json, published_as_text
 from gateway.cli.show.rights import rights_as_json, rights_as_text
 from gateway.cli.show.servers import server_as_json, server_as_text, upstream_as_json, upstream_as_text
 from gateway.cli.show.sites import sites_as_json, sites_as_text
+from gateway.cli.show.trends import trends_as_json, trends_as_text
 from gateway.cli.show.virtual import virtual_as_json, virtual_as_text
 from gateway.config.load import Loaded
 from gateway.config.plan.settings import Plan
@@ -46,6 +47,7 @@ def check_as_text(loaded: Loaded, plan: Plan | None) -> str:
     parts += images_as_text(plan)
     parts += virtual_as_text(plan)
     parts += published_as_text(plan)
+    parts += trends_as_text(plan)
     parts += _profiles(loaded)
     parts += _remembered(plan)
     if plan.lines or plan.upstreams:
@@ -125,6 +127,7 @@ def check_as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
         picture["mirrors"] = mirrors_as_json(plan)
         picture["virtual_units"] = virtual_as_json(plan)
         picture["published"] = published_as_json(plan)
+        picture["trends"] = trends_as_json(plan)
         picture["profiles"] = [{"name": each.name, "from": each.place, "hides": each.hides} for each in loaded.profiles]
     return picture
 

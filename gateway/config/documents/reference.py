@@ -113,7 +113,7 @@ line:
 
 | value | written |
 |---|---|
-| duration | text with a unit: `"250 ms"`, `"5 s"`, `"10 min"`, `"1 h"`; at least 1 ms. `"0"` only where stated |
+| duration | text with a unit: `"250 ms"`, `"10 min"`, `"1 h"`, `"7 days"`; at least 1 ms. `"0"` only where stated |
 | units | a number `7`, a range `"10-13"`, or a list of both: `["10-13", 20]`; 1-247, and up to 255 where stated |
 | addresses | protocol addresses from 0: a count `100` (0-99), `"1-99"`, `"0x0100-0x01FF"`, or a list; 40001 is 0 |
 | address | `"tcp://host:port"`, or `"tcp://host"` for port 502; IPv6 in brackets: `"tcp://[::1]:502"` |

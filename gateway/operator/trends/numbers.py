@@ -30,7 +30,7 @@ class Read(NamedTuple):
         covered = [
             (key, point)
             for key, point in points
-            if point.type != "string" and span.start <= point.read_span.start and point.read_span.end <= span.end
+            if has_trend(point) and span.start <= point.read_span.start and point.read_span.end <= span.end
         ]
         width = covered[0][1].width if covered else 0
         size = 1 if has_bits(span.area) else width
@@ -49,6 +49,11 @@ class Read(NamedTuple):
             number = number_in(items[place])
             if number is not None:
                 yield key, number
+
+
+def has_trend(point: Point) -> bool:
+    """Return whether the values of a point of a device are numbers that can be read."""
+    return point.type != "string" and point.write != "only"
 
 
 def to_number(point: Point) -> ToNumber:

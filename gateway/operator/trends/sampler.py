@@ -67,4 +67,4 @@ class Sampler:
     def _prepare(self, unit: UnitPicture, device: Device, last: LastRead) -> Read:
         points = points_within(self._operator, unit, last.span)
         of_device = device.line_name, device.settings.unit, device.name
-        return Read.of(last.span, [(key_of(*of_device, point), point) for point in points if point.write != "only"])
+        return Read.of(last.span, [(key_of(*of_device, point), point) for point in points])

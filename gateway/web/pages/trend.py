@@ -12,6 +12,7 @@ from gateway.operator.known_values import known_points
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.trends.kept import kept_trends
+from gateway.operator.trends.numbers import has_trend
 from gateway.operator.trends.told import joined, slots_of
 from gateway.profiles.point import Point
 from gateway.timing.trend import Slot
@@ -19,8 +20,9 @@ from gateway.web.pages.addresses import path_of
 
 #: The height of the picture; its width is its number of slots.
 HEIGHT: Final = 100
-#: Digits that tell the greatest from the least value, and the most behind the point.
+#: Digits that tell the greatest from the least value, those of one that does not change, and the most behind the point.
 _DIGITS: Final = 4
+_ALL_DIGITS: Final = 9
 _MOST_PLACES: Final = 9
 _TICKS: Final = 6
 
@@ -77,7 +79,7 @@ async def trend_shown(operator: Operator, unit: UnitPicture, asker: Asker, query
     None if no trends are kept, or no point has one that the asker may see.
     """
     trends = kept_trends(operator)
-    points = [each.point for each in known_points(operator, unit, asker) if each.point.type != "string"]
+    points = [each.point for each in known_points(operator, unit, asker) if has_trend(each.point)]
     if trends is None or not points:
         return None
     point = next((each for each in points if each.name == query.get("trend")), points[0])
@@ -94,8 +96,8 @@ def number_format(point: Point, least: float, greatest: float) -> Callable[[floa
     """Make what writes values of a point: with its decimals, or as many as tell the least from the greatest."""
     places = point.decimals
     if places is None:
-        spread = (greatest - least) or abs(greatest) or 1.0
-        places = min(max(0, _DIGITS - 1 - floor(log10(spread))), _MOST_PLACES)
+        digits, size = (_DIGITS, greatest - least) if greatest > least else (_ALL_DIGITS, abs(greatest) or 1.0)
+        places = min(max(0, digits - 1 - floor(log10(size))), _MOST_PLACES)
     keeps_zeros = point.decimals is not None
 
     def text(value: float) -> str:

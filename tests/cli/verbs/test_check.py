@@ -975,3 +975,45 @@ def test_profiles_that_are_not_shipped_are_named_with_their_files(config, tmp_pa
         {"name": "own", "from": "gateway.toml:4", "hides": []},
         {"name": "v80", "from": place, "hides": ["shipped"]},
     ]
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ("", "kept for 24 h in slots of 1 min; room for about 1000 points that always change, 2 points here\n"),
+        ('values = "6 h"', "kept for 6 h in slots of 1 min; room for about 4"),
+        ('values = "7 days"', "kept for 7 days in slots of 10 min; room for about 13"),
+        ('values = "0"', ""),
+    ],
+)
+def test_for_how_many_points_trends_have_room(config, capsys, values, said):
+    points = '[{ name = "a", holding = 0 }, { name = "b", coils = 1 }, { name = "c", holding = 3, write = "only" }]'
+    web = f'[web]\nbind = "http://127.0.0.1:8502"\n{values}\n'
+    file = config(f'[[line]]\nport = "/dev/null"\ndevices = [{{ unit = 1, points = {points} }}]\n{web}')
+    assert main(["check", file]) == 0
+    text = capsys.readouterr().out
+    assert ("Trends\n" in text) == bool(said)
+    assert said in text
+    assert main(["check", "--json", file]) == 0
+    trends = json.loads(capsys.readouterr().out)["trends"]
+    assert (trends is None) == (not said)
+    assert trends is None or trends["points"] == 2
+
+
+def test_more_points_than_trends_have_room_for(config, capsys):
+    points = ", ".join(f'{{ name = "p{at}", holding = {at} }}' for at in range(1500))
+    web = '[web]\nbind = "http://127.0.0.1:8502"\n'
+    assert (
+        main(["check", config(f'[[line]]\nport = "/dev/null"\ndevices = [{{ unit = 1, points = [{points}] }}]\n{web}')])
+        == 0
+    )
+    assert "1500 points here: the oldest slots are dropped earlier, if more than that change" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("values", "what"),
+    [('"8 days"', "is longer than a week"), ('"5 min"', "must be at least 10 min"), ("24", "a duration needs a unit")],
+)
+def test_how_long_trends_cannot_be_kept(config, capsys, values, what):
+    assert main(["check", config(f'[web]\nbind = "http://127.0.0.1:8502"\nvalues = {values}\n')]) == 1
+    assert what in capsys.readouterr().out

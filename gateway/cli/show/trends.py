@@ -1,0 +1,36 @@
+"""`check`: how long trends of points are kept, and for how many points there is room."""
+
+from gateway.config.plan.settings import Plan
+from gateway.operator.trends.numbers import has_trend
+from gateway.timing.trend import SHORT, Layout
+
+
+def trends_as_text(plan: Plan) -> list[str]:
+    """Show slots and room, if any trend is kept."""
+    points = _points(plan)
+    if plan.web is None or not plan.web.values or not points:
+        return []
+    layout = Layout.of(plan.web.values)
+    room = f"room for about {layout.points // 100 * 100} points that always change"
+    here = f"{points} point{'' if points == 1 else 's'} here"
+    enough = "" if points <= layout.points else ": the oldest slots are dropped earlier, if more than that change"
+    return [f"Trends\n  kept for {_hours(layout.kept)} in slots of {layout.step // 60} min; {room}, {here}{enough}"]
+
+
+def trends_as_json(plan: Plan) -> dict[str, int] | None:
+    """Make the same for programs; None if no trends are kept."""
+    if plan.web is None or not plan.web.values:
+        return None
+    layout = Layout.of(plan.web.values)
+    return {"kept_s": layout.kept, "step_s": layout.step, "room_for_points": layout.points, "points": _points(plan)}
+
+
+def _points(plan: Plan) -> int:
+    """Count the points of devices that have a trend."""
+    keys = [device.known_as for line in plan.lines for device in line.shared]
+    keys += [device.known_as for upstream in plan.upstreams for device in upstream.devices]
+    return sum(has_trend(point) for key in keys for point in plan.points.get(key, ()))
+
+
+def _hours(seconds: int) -> str:
+    return f"{seconds / SHORT:g} days" if seconds > SHORT else f"{seconds / 3600:g} h"
