@@ -74,7 +74,7 @@ class ShownTrend:
 
 
 async def trend_shown(operator: Operator, unit: UnitPicture, asker: Asker, query: Any) -> ShownTrend | None:
-    """Show the trend that the query of an address asks for, or that of the first point.
+    """Show the trend that the query of an address asks for, or that of the first point over a day, or the first hour.
 
     None if no trends are kept, or no point has one that the asker may see.
     """
@@ -84,11 +84,15 @@ async def trend_shown(operator: Operator, unit: UnitPicture, asker: Asker, query
         return None
     point = next((each for each in points if each.name == query.get("trend")), points[0])
     spans = [each for each in SPANS if each.hours * 3600 <= trends.layout.kept] or [SPANS[0]]
-    span = next((each for each in spans if each.name == query.get("span")), spans[min(1, len(spans) - 1)])
-    column = max(span.column, trends.layout.step)
     now = operator.clock()
+    usual = spans[min(1, len(spans) - 1)]
+    span = next((each for each in spans if each.name == query.get("span")), usual)
+    slots = await slots_of(operator, unit, point, now - span.hours * 3600, now)
+    if "span" not in query and slots and slots[0].time > now - spans[0].hours * 3600:
+        span = spans[0]  # a trend that has just begun is a dot in a day
+    column = max(span.column, trends.layout.step)
     first = int(now // column + 1) * column - span.hours * 3600
-    slots = await slots_of(operator, unit, point, first, now)
+    slots = [slot for slot in slots if slot.time >= first]
     return _shown(point, points, span, spans, slots, first, column, path_of("units", unit))
 
 

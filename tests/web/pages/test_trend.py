@@ -72,8 +72,10 @@ def paths(page: str) -> list[str]:
     return re.findall(r'<path class="(?:band|mean)" d="([^"]*)"', page)
 
 
-async def test_the_first_point_with_numbers_is_shown_over_a_day(bench):
+async def test_the_first_point_with_numbers_is_shown_over_a_day_or_over_the_first_hour(bench):
     await bench.hears(100, 200, 150)
+    assert re.findall(r'data-hours="(\d+)"( aria-current)?', await bench.page())[0] == ("1", " aria-current")
+    await asyncio.sleep(3600)
     page = await bench.page()
     assert 'Trend of level.1 <span class="quiet">m</span>' in page
     assert 'aria-label="level.1 from 10.0 to 20.0 m"' in page
