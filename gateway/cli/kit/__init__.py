@@ -1,6 +1,8 @@
 """What several commands need.
 
 - daemon    which gateway is meant, and the conversation with it
-- columns, table, progress, terminal    tables, how far a long command is, what a terminal is given
+- columns, table, progress    tables, and how far a long command is
+- terminal, paint    what a terminal is given, and its colours
+- watching, scrolling, keyboard    what `-w` shows on the whole screen, and the keys
 - usage, examples, first_steps    wrong arguments, examples of right ones, and what to do before all
 """

@@ -3,10 +3,10 @@
 import re
 from collections.abc import Collection, Sequence
 
-from gateway.observe.printable import printable
+from gateway.cli.kit.paint import cut, escaped, padded, plain, width_of
 
 _BETWEEN = "  "
-#: No column gets narrower than this, in characters.
+#: No column gets narrower than this, in cells.
 _NARROWEST = 8
 #: So many rows that only count are shown by the first and the last one.
 _LONG_RUN = 10
@@ -15,17 +15,17 @@ _NUMBERS = re.compile(r"([0-9]+)")
 
 def align(rows: Sequence[Sequence[str]], indent: str = "") -> str:
     """Align the columns of `rows`; the first row has the headings. A cell is one line, whatever is in it."""
-    rows = [[printable(cell).replace("\n", r"\n") for cell in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(indent + _BETWEEN.join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    rows = [[escaped(cell).replace("\n", r"\n") for cell in row] for row in rows]
+    widths = [max(map(width_of, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(indent + _BETWEEN.join(map(padded, row, widths)).rstrip() for row in rows)
 
 
 def narrow(rows: Sequence[Sequence[str]], flexible: Collection[int], width: int) -> list[list[str]]:
-    """Shorten the `flexible` columns until each row fits into `width` characters.
+    """Shorten the `flexible` columns until each row fits into `width` cells.
 
     Where that is not enough nothing is shortened: the rows are too long in any case.
     """
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    widths = [max(map(width_of, column)) for column in zip(*rows, strict=True)]
     least = [min(each, _NARROWEST) if place in flexible else each for place, each in enumerate(widths)]
     if sum(least) + len(_BETWEEN) * (len(widths) - 1) > width:
         return [list(row) for row in rows]
@@ -71,8 +71,9 @@ def _is_next(one: str, other: str) -> bool:
 
 
 def shorten(text: str, width: int) -> str:
-    """Shorten `text` to at most `width` characters by cutting out its middle."""
-    if len(text) <= width:
+    """Shorten `text` to at most `width` cells by cutting out its middle, and its paint."""
+    whole = width_of(text)
+    if whole <= width:
         return text
-    end = (width - 1) * 2 // 3
-    return f"{text[: width - 1 - end]}…{text[len(text) - end :]}"
+    text, end = plain(text), (width - 1) * 2 // 3
+    return f"{cut(text, width - 1 - end)}…{cut(text, end, whole - end)}"

@@ -6,9 +6,10 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import Final
 
-from gateway.cli.kit.terminal import unescaped
+from gateway.cli.kit.paint import cut, padded, width_of
+from gateway.cli.kit.terminal import drawable, write_codes
 
-#: It is written at most once in so many seconds, and has so many characters.
+#: It is written at most once in so many seconds, and has so many cells.
 _EVERY: Final = 0.1
 _WIDEST: Final = 78
 
@@ -26,14 +27,14 @@ class Progress:
         if not self._is_shown or monotonic() < self._next:
             return
         self._next = monotonic() + _EVERY
-        text = text[:_WIDEST]
-        print("\r" + text.ljust(self._width), end="", file=unescaped(sys.stderr), flush=True)
-        self._width = len(text)
+        text = cut(drawable(sys.stderr, text), _WIDEST)
+        write_codes(sys.stderr, "\r" + padded(text, self._width))
+        self._width = width_of(text)
 
     def clear(self) -> None:
         """Take the line away."""
         if self._width:
-            print("\r" + " " * self._width + "\r", end="", file=unescaped(sys.stderr), flush=True)
+            write_codes(sys.stderr, "\r" + " " * self._width + "\r")
             self._width = 0
 
 
