@@ -1,7 +1,5 @@
 """The history of a line or a unit, for programs and pages."""
 
-from collections.abc import Iterable
-
 from gateway.errors import WrongQuestion
 from gateway.operator.answers.past import LinePast, LineSlot, UnitPast, UnitSlot
 from gateway.operator.asked import PastOfLine, PastOfUnit
@@ -89,9 +87,3 @@ def _unit_slot(number: int, use: UnitUse) -> UnitSlot:
 def mean_share(use: UnitUse) -> float | None:
     """Compute the mean share of the limit that responses took; None without any."""
     return round(use.share / use.responses, 4) if use.responses else None
-
-
-def together(uses: Iterable[UnitUse | None]) -> UnitUse:
-    """Add up all uses; None counts as nothing done."""
-    there = [use for use in uses if use is not None]
-    return UnitUse(*map(sum, zip(*there, strict=True))) if there else UnitUse()

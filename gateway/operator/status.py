@@ -38,6 +38,8 @@ from gateway.operator.answers.status import (
 from gateway.operator.mapped import SourceState, source_states
 from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
+from gateway.operator.troubles import troubles
+from gateway.operator.unit_states import SLOTS, each_state
 from gateway.ports.reconnector import Reconnector
 from gateway.readconfig.expiry import certificates
 from gateway.runtime.gateway import Gateway, Listener, Owner
@@ -46,6 +48,7 @@ from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.recent import LineUser, Recent
 from gateway.timing.histogram import SECONDS, SHARES, merged
+from gateway.timing.history import Past
 from gateway.timing.measured import NEVER, Phases, Times
 
 if TYPE_CHECKING:
@@ -67,7 +70,7 @@ def status(running: "Running", now: float, recent: Recent | None = None) -> Stat
 
 async def tell_status(operator: Operator, _asked: Nothing, asker: Asker) -> Status:
     """Return the status: the present one at the control socket, one of less than a second ago over HTTP."""
-    return await (status_in_slices(operator.running) if asker.door == "control" else recent_status(operator))
+    return await (_with_troubles(operator) if asker.door == "control" else recent_status(operator))
 
 
 class _Last:
@@ -84,8 +87,17 @@ async def recent_status(operator: Operator) -> Status:
     async with last.one_at_a_time:
         now = asyncio.get_running_loop().time()
         if last.status is None or now - last.status.at >= KEPT:
-            last.status = await status_in_slices(operator.running)
+            last.status = await _with_troubles(operator)
         return last.status
+
+
+async def _with_troubles(operator: Operator) -> Status:
+    """Make the status and find what is wrong in it; without a history, what is wrong with units at this moment."""
+    whole = await status_in_slices(operator.running)
+    history = operator.history
+    past = Past(0, ()) if history is None else history.last(operator.clock(), SLOTS)
+    states = dict(await in_slices(each_state(whole.units, past)))
+    return replace(whole, troubles=tuple(troubles(whole, states)))
 
 
 async def status_in_slices(running: "Running") -> Status:
@@ -96,8 +108,8 @@ async def status_in_slices(running: "Running") -> Status:
     lines = await in_slices(_line(each, recent, now()) for each in gateway.lines)
     virtual = [await _virtual_in_slices(each.unit) for each in gateway.virtual]
     whole = _status(running, now(), lines, units, virtual)
-    troubles = () if running.troubles is None else running.troubles.status()
-    return replace(whole, page=running.page, state_files=troubles)
+    state_files = () if running.troubles is None else running.troubles.status()
+    return replace(whole, page=running.page, state_files=state_files)
 
 
 async def part_of_unit(

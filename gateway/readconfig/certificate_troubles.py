@@ -8,9 +8,10 @@ from gateway.config.problem import Problem, warning
 from gateway.config.resolve import resolve
 from gateway.config.schema.config import Config
 from gateway.errors import TlsError
-from gateway.readconfig.expiry import DAY, EARLY
+from gateway.readconfig.expiry import DAY
 from gateway.tls.contexts import load
 from gateway.tls.settings import Secured, ServerTls
+from gateway.tls.status import EARLY
 
 
 def certificate_troubles(config: Config, file: str) -> Iterator[Problem]:

@@ -10,12 +10,10 @@ from typing import Final
 from gateway.diagnosis.finding import Finding
 from gateway.events import CertificateExpires, Emit
 from gateway.tls.contexts import find_too_early
-from gateway.tls.status import CertificateStatus
+from gateway.tls.status import EARLY, CertificateStatus
 from gateway.tls.store import TlsStore
 
-#: Warnings begin this many days before the end, one a day. Files are looked at every hour (STEP, in seconds): a reload
-#: may bring others.
-EARLY: Final = 30.0
+#: Files are looked at every hour (STEP, in seconds): a reload may bring others.
 STEP: Final = 3600.0
 DAY: Final = 86_400.0
 

@@ -123,6 +123,12 @@ class Slot:
         return slot
 
 
+def together(uses: Iterable[UnitUse | None]) -> UnitUse:
+    """Add up all uses; None counts as nothing done."""
+    there = [use for use in uses if use is not None]
+    return UnitUse(*map(sum, zip(*there, strict=True))) if there else UnitUse()
+
+
 class Past(NamedTuple):
     """Slots one after another, the first with this number; None where the gateway did not run.
 

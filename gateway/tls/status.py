@@ -1,6 +1,10 @@
 """The status of certificates."""
 
 from dataclasses import dataclass
+from typing import Final
+
+#: Warnings begin this many days before the end, one a day.
+EARLY: Final = 30.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,7 +127,7 @@ class Terminal:
             stderr=theirs,
             env=variables | {"TERM": "xterm"} | environment,
             start_new_session=True,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # noqa: PLW1509 - it takes no lock
         )
         self._theirs = theirs
 

@@ -3,7 +3,8 @@
 import re
 from collections.abc import Collection, Sequence
 
-from gateway.cli.kit.paint import cut, escaped, padded, plain, width_of
+from gateway.cli.kit.cells import cut, padded, width_of
+from gateway.cli.kit.paint import escaped, plain
 
 _BETWEEN = "  "
 #: No column gets narrower than this, in cells.

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import Final
 
-from gateway.cli.kit.paint import cut, padded, width_of
+from gateway.cli.kit.cells import cut, padded, width_of
 from gateway.cli.kit.terminal import drawable, write_codes
 
 #: It is written at most once in so many seconds, and has so many cells.

@@ -4,7 +4,8 @@ import sys
 from collections.abc import Sequence
 from typing import Final
 
-from gateway.cli.kit.paint import cut, dim, width_of
+from gateway.cli.kit.cells import cut, width_of
+from gateway.cli.kit.paint import dim
 
 #: So many cells the arrows to the left and to the right move by.
 _SIDEWAYS: Final = 8

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
 from gateway.cli.kit.columns import align, narrow
+from gateway.cli.kit.paint import badness
 
 W = TypeVar("W")
 Row = TypeVar("Row")
@@ -18,7 +19,10 @@ _FLEXIBLE: Final = frozenset(
 
 @dataclass(frozen=True)
 class Table(Generic[W, Row]):
-    """A table: its title, how its `rows` are found in the whole answer, and its columns by their headings."""
+    """A table: its title, how its `rows` are found in the whole answer, and its columns by their headings.
+
+    Rows with a cell in red stand above the others, and below them those with one in yellow.
+    """
 
     title: str
     rows: Callable[[W], Iterable[Row]]
@@ -29,6 +33,7 @@ class Table(Generic[W, Row]):
         cells = [[str(cell(row)) for cell in self.columns.values()] for row in self.rows(whole)]
         if not cells:
             return ""
+        cells.sort(key=lambda row: -max(map(badness, row)))
         flexible = [place for place, heading in enumerate(self.columns) if heading in _FLEXIBLE]
         rows = narrow([tuple(self.columns), *cells], flexible, width - len(_INDENT))
         return f"{self.title}\n{align(rows, _INDENT)}"

@@ -2,7 +2,6 @@
 
 import shutil
 import sys
-import textwrap
 import time
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr
@@ -11,8 +10,9 @@ from io import StringIO
 from threading import Event, Thread
 from typing import Final, Generic, TypeVar
 
+from gateway.cli.kit.cells import cut, padded, wrapped
 from gateway.cli.kit.keyboard import Keyboard, whole_screen
-from gateway.cli.kit.paint import cut, dim, padded, red, reverse
+from gateway.cli.kit.paint import dim, red, reverse
 from gateway.cli.kit.scrolling import Scrolling
 from gateway.cli.kit.terminal import drawable, takes_codes, write_codes
 from gateway.errors import GatewayError
@@ -181,7 +181,7 @@ class _Watch(Generic[A]):
             return []
         ago = time.monotonic() - self._looking.since
         text = f"{self._looking.trouble}; it is tried again, and what is shown is {ago:.0f} s old"
-        return [red(line) for line in textwrap.wrap(text, columns, break_on_hyphens=False)]
+        return [red(line) for line in wrapped(text, columns)]
 
     def _body(self) -> Sequence[str]:
         if self._page == "help":

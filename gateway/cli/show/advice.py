@@ -2,17 +2,17 @@
 
 from collections.abc import Iterator, Mapping
 from math import ceil
-from typing import Final
+from typing import Final, Literal, NamedTuple
 
 from gateway.config.values.duration import show_age, show_duration
 from gateway.devices.moved import how_to_forget
 from gateway.lines.counts import RESULTS, Counts
 from gateway.operator.answers.status import LineStatus, MovedStatus, ServerStatus, Status, UnitStatus, UpstreamStatus
+from gateway.operator.answers.trouble import FULL
 from gateway.timing.verdict import verdict
 
-#: A row gets a note from this share of a line's time on, and below this share of answers.
-BUSY: Final = 0.9
-ANSWERED: Final = 0.95
+#: A unit gets a note below this share of answers.
+_ANSWERED: Final = 0.95
 
 #: Results of requests that are nothing against their unit: the gateway answers for it, or nobody waits any more.
 _WITHOUT_ITS_FAULT: Final = frozenset({"refused", "unwanted"})
@@ -36,23 +36,36 @@ _NOT_FITTING: Final = "what came did not fit the request: modbus-gateway doctor 
 _MORE_TIME: Final = "modbus-gateway doctor says how to give it more time"
 
 
-def notes(status: Status) -> Iterator[tuple[str, str]]:
-    """Give each note with the name of the part that it is about."""
+class Note(NamedTuple):
+    """What to do about a part: a line or a unit of this `name`, `called` as the user knows it."""
+
+    page: Literal["lines", "units"]
+    name: str
+    called: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.called}: {self.text}"
+
+
+def notes(status: Status) -> Iterator[Note]:
+    """Give all notes."""
     for line in status.lines:
-        yield from ((line.name, note) for note in _for_line(line))
+        yield from (Note("lines", line.name, line.name, text) for text in _for_line(line))
     for server in status.servers:
-        yield from ((server.name, note) for note in _for_part(server))
+        yield from (Note("lines", server.name, server.name, text) for text in _for_part(server))
     for upstream in status.upstreams:
-        yield from ((upstream.name, note) for note in _for_upstream(upstream))
+        yield from (Note("lines", upstream.name, upstream.name, text) for text in _for_upstream(upstream))
     lines = {line.name for line in status.lines}
     for unit in status.units:
         found = _for_unit(unit, is_on_line=unit.line in lines)
-        yield from ((_called(unit), note) for note in found)
+        yield from (Note("units", unit.name, called(unit), text) for text in found)
     for moved in status.moved:
-        yield from ((_called(moved), note) for note in _for_moved(moved))
+        yield from (Note("units", moved.name, called(moved), text) for text in _for_moved(moved))
 
 
-def _called(unit: UnitStatus | MovedStatus) -> str:
+def called(unit: UnitStatus | MovedStatus) -> str:
+    """Name a unit as the user knows it."""
     return unit.name if unit.unit is None else f"unit {unit.unit}, {unit.name}"
 
 
@@ -79,7 +92,7 @@ def _for_line(line: LineStatus) -> Iterator[str]:
     """Give the notes about a client line."""
     yield from _for_part(line)
     busy = line.busy_share
-    if busy is not None and busy >= BUSY:
+    if busy is not None and busy >= FULL:
         yield f"busy for {busy:.0%} of the time{_mostly(line)}: poll less often or raise the baud rate"
     echoes = line.counts.echoes
     if echoes:
@@ -90,7 +103,7 @@ def _for_upstream(upstream: UpstreamStatus) -> Iterator[str]:
     """Give the notes about an upstream."""
     yield from _for_part(upstream)
     busy = upstream.busy_share
-    if busy is not None and busy >= BUSY:
+    if busy is not None and busy >= FULL:
         yield f"busy for {busy:.0%} of the time: poll less often"
 
 
@@ -137,7 +150,7 @@ def _about_failures(unit: UnitStatus, *, is_on_line: bool) -> Iterator[str]:
         yield f"rests, next try in {show_duration(ceil(unit.rests_ms / 1000))}; {error}: {cause}"
     elif unit.state == "failing":
         yield f"{error}, {unit.failures} in a row: {cause}"
-    elif failed > (1 - ANSWERED) * (ok + failed) and error in causes:
+    elif failed > (1 - _ANSWERED) * (ok + failed) and error in causes:
         requests = "1 request" if failed == 1 else f"{failed} requests"
         yield f"{requests} failed; last was {error}{_ago(unit.last_error_ms)}: {cause}"
 

@@ -3,6 +3,7 @@
 from typing import Final
 
 from gateway.cli.kit.table import Table
+from gateway.cli.show.status_tables import painted
 from gateway.config.values.duration import show_age
 from gateway.fleet.status import SiteStatus
 from gateway.operator.answers.status import Sites
@@ -12,7 +13,7 @@ SITES: Final = Table[Sites, SiteStatus](
     lambda sites: sites.sites,
     {
         "SITE": lambda site: site.site,
-        "STATE": lambda site: site.state,
+        "STATE": lambda site: painted(site.state),
         "FOR": lambda site: show_age(1000 * site.for_s),
         "HOST": lambda site: site.host,
         "LINES UP": lambda site: site.lines,

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from math import ceil
 from typing import Any, Final, NamedTuple
 
+from gateway.cli.kit.paint import red, yellow
 from gateway.cli.kit.table import Table
 from gateway.cli.show.advice import count_failed, count_ok
 from gateway.config.values.duration import show_age, show_duration
@@ -25,10 +26,13 @@ from gateway.operator.answers.status import (
 )
 from gateway.plant.status import BrokerStatus
 from gateway.state.status import StateFileStatus
-from gateway.tls.status import CertificateStatus
+from gateway.tls.status import EARLY, CertificateStatus
 
 #: The text of an empty cell.
 _NOTHING: Final = "-"
+#: States in red and in yellow.
+_BROKEN: Final = frozenset({"down", "resting", "line down", "lost"})
+_DOUBTFUL: Final = frozenset({"failing", "silent"})
 #: At most this many users of each line are shown.
 _USERS_SHOWN: Final = 3
 
@@ -64,10 +68,20 @@ def _speed(line: LineStatus | ServerStatus) -> str:
     return f"{line.baud} {line.format}"
 
 
+def painted(state: str) -> str:
+    """Paint the state of anything."""
+    return red(state) if state in _BROKEN else yellow(state) if state in _DOUBTFUL else state
+
+
 def _state(unit: UnitStatus) -> str:
     """Give the state; one that was asked and has never answered in time is not `fine`."""
     has_failed = unit.state == "fine" and count_failed(unit.counts) and not count_ok(unit.counts)
-    return "failing" if has_failed else unit.state
+    return painted("failing" if has_failed else unit.state)
+
+
+def _until(certificate: CertificateStatus) -> str:
+    left = certificate.days_left
+    return red(certificate.until) if left <= 0 else yellow(certificate.until) if left < EARLY else certificate.until
 
 
 def _answered(unit: UnitStatus) -> str:
@@ -81,7 +95,8 @@ def _ages(mirror: MirrorStatus) -> str:
 
 
 def _sources(virtual: VirtualStatus) -> str:
-    return f"{virtual.fresh_sources} of {len(virtual.sources)} fresh"
+    text = f"{virtual.fresh_sources} of {len(virtual.sources)} fresh"
+    return text if virtual.fresh_sources == len(virtual.sources) else yellow(text)
 
 
 def _age_of_values(age: float | None) -> str:
@@ -108,7 +123,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
     Table[Status, StateFileStatus](
         "State directory",
         lambda status: status.state_files,
-        {"FILE": lambda file: file.file, "STATE": lambda file: file.state, "REASON": lambda file: file.reason},
+        {"FILE": lambda file: file.file, "STATE": lambda file: red(file.state), "REASON": lambda file: file.reason},
     ),
     Table[Status, LineStatus](
         "Lines (busy and requests/s: of the last minute)",
@@ -117,7 +132,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "NAME": lambda line: line.name,
             "PORT": lambda line: line.port,
             "SPEED": _speed,
-            "STATE": lambda line: line.state,
+            "STATE": lambda line: painted(line.state),
             "BUSY": lambda line: _share(line.busy_share),
             "REQ/S": lambda line: _per_second(line.requests_per_s),
             "WAITING": lambda line: line.queue,
@@ -161,7 +176,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "KEY": lambda one: one.key,
             "FILE": lambda one: one.file,
             "SUBJECT": lambda one: one.subject,
-            "UNTIL": lambda one: one.until,
+            "UNTIL": _until,
         },
     ),
     Table[Status, UpstreamStatus](
@@ -170,7 +185,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
         {
             "NAME": lambda upstream: upstream.name,
             "ADDRESS": lambda upstream: upstream.to,
-            "STATE": lambda upstream: upstream.state,
+            "STATE": lambda upstream: painted(upstream.state),
             "BUSY": lambda upstream: _share(upstream.busy_share),
             "REQ/S": lambda upstream: _per_second(upstream.requests_per_s),
             "WAITING": lambda upstream: upstream.queue,
@@ -183,7 +198,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
         lambda status: status.brokers,
         {
             "ADDRESS": lambda broker: broker.broker,
-            "STATE": lambda broker: broker.state,
+            "STATE": lambda broker: painted(broker.state),
             "DOWN FOR": lambda broker: _age(broker.down_ms),
             "REASON": lambda broker: broker.reason or broker.unsteady,
             "DEVICES": lambda broker: f"{broker.available} of {broker.devices}",
@@ -203,7 +218,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "HELD HERE": lambda lease: "yes" if lease.is_held else "no",
             "HOLDER": lambda lease: lease.holder,
             "TAKEN": lambda lease: lease.taken,
-            "NATS": lambda lease: lease.trouble or "answers",
+            "NATS": lambda lease: yellow(lease.trouble) or "answers",
         },
     ),
     Table[Status, FleetStatus](
@@ -212,7 +227,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
         {
             "NATS": lambda fleet: fleet.server,
             "SITE": lambda fleet: fleet.site,
-            "STATE": lambda fleet: fleet.state,
+            "STATE": lambda fleet: painted(fleet.state),
             "DOWN FOR": lambda fleet: _age(fleet.down_ms),
             "REASON": lambda fleet: fleet.reason,
             "REQUESTS": lambda fleet: fleet.requests,
@@ -227,7 +242,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "NAME": lambda server: server.name,
             "PORT": lambda server: server.port,
             "SPEED": _speed,
-            "STATE": lambda server: server.state,
+            "STATE": lambda server: painted(server.state),
             "ANSWERED": lambda server: server.counts.responses,
         },
     ),

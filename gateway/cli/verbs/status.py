@@ -6,24 +6,23 @@ import os
 import shutil
 import sys
 import time
-from typing import Final
+from typing import Any
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
-from gateway.cli.kit.terminal import redrawn, unescaped
+from gateway.cli.kit.watching import EVERY, Screen, watch
 from gateway.cli.main import FINE
 from gateway.cli.show.fleet import SITES
-from gateway.cli.show.status import show_status
+from gateway.cli.show.status import show_status, status_screen
+from gateway.operator.answers.status import Sites, Status
 from gateway.operator.operation import Nothing
 from gateway.operator.operations import FLEET, STATUS
-
-#: The interval of `-w`, in seconds.
-_WATCH_STEP: Final = 1.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `status`."""
     add_control_argument(parser)
-    parser.add_argument("-w", "--watch", action="store_true", help="show it again every second, until Ctrl-C")
+    watch_help = "show it again every second, on the whole screen of a terminal; ? there explains the keys"
+    parser.add_argument("-w", "--watch", action="store_true", help=watch_help)
     parser.add_argument("--fleet", action="store_true", help="show all sites of the fleet instead of this gateway")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
@@ -34,27 +33,40 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         DaemonError: no gateway answers.
     """
-    in_place = args.watch and not args.json and sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-    while True:
-        columns, rows = shutil.get_terminal_size()
-        text = _look(args, columns)
-        if in_place:
-            print(end=redrawn(text, rows), file=unescaped(sys.stdout), flush=True)
-        else:
-            print(text, end="\n\n" if args.watch and not args.json else "\n", flush=True)
-        if not args.watch:
-            return FINE
-        time.sleep(_WATCH_STEP)
+    if args.json:
+        while True:
+            print(json.dumps(_ask_for_json(args), indent=None if args.watch else 2), flush=True)
+            if not args.watch:
+                return FINE
+            time.sleep(EVERY)
+    if args.watch:
+        watch(lambda: _ask(args), _screen)
+    else:
+        print(_text(_ask(args)))
+    return FINE
 
 
-def _look(args: argparse.Namespace, width: int) -> str:
-    """Ask for the status, or that of all sites, as it is printed."""
+def _ask(args: argparse.Namespace) -> Status | Sites:
     with Conversation(which_gateway(args)) as daemon:
-        if args.json:
-            answer = daemon.ask_for_json(FLEET if args.fleet else STATUS, Nothing())
-            told = {"sites": answer["sites"]} if args.fleet else answer["status"]
-            return json.dumps(told, indent=None if args.watch else 2)
-        if args.fleet:
-            return SITES.show(daemon.ask(FLEET, Nothing()), width)
-        is_cut = sys.stdout.isatty() or "COLUMNS" in os.environ
-        return show_status(daemon.ask(STATUS, Nothing()), width, is_cut=is_cut)
+        return daemon.ask(FLEET, Nothing()) if args.fleet else daemon.ask(STATUS, Nothing())
+
+
+def _ask_for_json(args: argparse.Namespace) -> Any:
+    with Conversation(which_gateway(args)) as daemon:
+        answer = daemon.ask_for_json(FLEET if args.fleet else STATUS, Nothing())
+        return {"sites": answer["sites"]} if args.fleet else answer["status"]
+
+
+def _text(told: Status | Sites) -> str:
+    """Show it below what was printed before; names are whole where nobody sees the edge of the terminal."""
+    columns = shutil.get_terminal_size().columns
+    if isinstance(told, Sites):
+        return SITES.show(told, columns)
+    return show_status(told, columns, is_cut=sys.stdout.isatty() or "COLUMNS" in os.environ)
+
+
+def _screen(told: Status | Sites, width: int, part: str) -> Screen:
+    """Make the screen of `-w`."""
+    if isinstance(told, Sites):
+        return Screen(SITES.show(told, width).splitlines())
+    return status_screen(told, width, part)

@@ -7,6 +7,7 @@ from typing import Literal
 from gateway.fleet.status import FleetStatus, SiteStatus
 from gateway.lines.counts import Counts
 from gateway.listeners.sessions.server_counts import ServerCounts
+from gateway.operator.answers.trouble import Trouble
 from gateway.plant.status import BrokerStatus
 from gateway.ports.port import Wire
 from gateway.state.status import StateFileStatus
@@ -344,6 +345,7 @@ class Status:
     leases: tuple[LeaseStatus, ...] = ()
     moved: tuple[MovedStatus, ...] = ()
     state_files: tuple[StateFileStatus, ...] = ()
+    troubles: tuple[Trouble, ...] = ()
     #: The name of the plant, and the address of the web page; empty if there is none.
     site: str = ""
     page: str = ""

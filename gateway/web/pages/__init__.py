@@ -6,7 +6,7 @@
 - writing, questions, fields    forms, and writes that wait to be confirmed
 - problem      errors as pages
 - renderer, addresses, assets    templates, paths of pages, and static files
-- head, situation, troubles, tiles    how the gateway is doing: above every page, and on the first one
+- head, situation, tiles    how the gateway is doing: above every page, and on the first one
 - heat_map, busy, histogram, line_past, trend, sparkline    pictures
-- shown_lines, unit_states, transactions, times, function_names    lines, units, records, times and names as shown
+- shown_lines, transactions, times, function_names    lines, units, records, times and names as shown
 """

@@ -16,7 +16,7 @@ from gateway.operator.rights import Verdict, rights_in_words, routers, verdict
 from gateway.operator.status import recent_status
 from gateway.operator.trace_reader import latest
 from gateway.operator.units import units_of
-from gateway.readconfig.expiry import EARLY
+from gateway.tls.status import EARLY
 from gateway.trace.pdus import FUNCTIONS
 from gateway.web.access.guard import VISITOR, Need
 from gateway.web.front.problems import Handler

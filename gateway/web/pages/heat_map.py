@@ -10,9 +10,9 @@ from datetime import datetime
 from time import sleep
 from typing import Any, Final
 
-from gateway.operator.past import mean_share, together
-from gateway.timing.history import STEP, Past, Slot, UnitUse
-from gateway.web.pages.unit_states import ShownState, is_failing
+from gateway.operator.past import mean_share
+from gateway.operator.unit_states import ShownState, is_failing
+from gateway.timing.history import STEP, Past, Slot, UnitUse, together
 
 #: The height of the picture, and of each kind of column; the kinds in the order of the legend.
 HEIGHT: Final = 12

@@ -13,6 +13,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.past import past_of
 from gateway.operator.status import recent_status
 from gateway.operator.trace_reader import latest
+from gateway.operator.unit_states import states_of
 from gateway.operator.units import units_of
 from gateway.timing.history import UNIT_SLOTS
 from gateway.web.access.guard import VISITOR, Need
@@ -24,7 +25,6 @@ from gateway.web.pages.line_past import SPANS, drawn, past_for
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.pages.transactions import asked, outcome, row
-from gateway.web.pages.unit_states import states_of
 
 #: The table without JavaScript: this many transactions at most, found among this many records of the line.
 MOST_FACTS: Final = 20

@@ -8,7 +8,9 @@ from typing import Any, Final
 from aiohttp import web
 
 from gateway.operator.answers.status import Status, UnitStatus
+from gateway.operator.answers.trouble import worst_first
 from gateway.operator.operator import Operator
+from gateway.operator.unit_states import ShownState
 from gateway.operator.units import units_of
 from gateway.timing.history import Past
 from gateway.web.access.guard import Need
@@ -20,8 +22,6 @@ from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.shown_lines import ShownLine, shown_lines
 from gateway.web.pages.situation import Situations
 from gateway.web.pages.tiles import tiles_of
-from gateway.web.pages.troubles import worst_first
-from gateway.web.pages.unit_states import ShownState
 
 #: With more units than this, those not asked in the last day are not listed: a line may pass all through.
 ALL_SHOWN: Final = 32

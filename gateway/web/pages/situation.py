@@ -2,17 +2,18 @@
 
 import asyncio
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+from gateway.diagnosis.finding import Finding
 from gateway.operator.answers.status import Status
+from gateway.operator.answers.trouble import Trouble
 from gateway.operator.operator import Operator
 from gateway.operator.past import past_of
 from gateway.operator.status import recent_status
+from gateway.operator.unit_states import ShownState, states_of
 from gateway.timing.history import UNIT_SLOTS, Past
 from gateway.tools.examinations import Examinations, Report
-from gateway.web.pages.troubles import Trouble, troubles, with_findings
-from gateway.web.pages.unit_states import ShownState, states_of
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Situation:
     @cached_property
     def troubles(self) -> Sequence[Trouble]:
         """What is wrong, lines and the broker first."""
-        return with_findings(list(troubles(self.status, self.states)), self.report)
+        return with_findings(self.status.troubles, self.report)
 
 
 class Situations:
@@ -54,3 +55,26 @@ class Situations:
             up = asyncio.get_running_loop().time() - self._operator.running.started
             last = self._last = Situation(status, past_of(self._operator, UNIT_SLOTS), report, up)
         return last
+
+
+def with_findings(known: Sequence[Trouble], report: Report) -> list[Trouble]:
+    """Add what doctor says must be fixed to the troubles, and append what is wrong besides."""
+    fixes: dict[tuple[str, str], Trouble] = {}
+    for line, findings in report.groups:
+        for each in findings:
+            if each.level == "fix":
+                one = _trouble(each, line)
+                before = fixes.setdefault((one.page, one.name), one)
+                fixes[one.page, one.name] = replace(one, found=(*before.found, each.what))
+    told = []
+    for trouble in known:
+        fix = fixes.pop((trouble.page, trouble.name), None)
+        # If it is down, its row says already what doctor would add.
+        told.append(trouble if fix is None or trouble.kind == "down" else replace(trouble, found=fix.found))
+    return [*told, *fixes.values()]
+
+
+def _trouble(finding: Finding, line: str) -> Trouble:
+    if finding.unit:
+        return Trouble("fix", "units", finding.unit, line)
+    return Trouble("fix", "lines", line) if line else Trouble("fix", "", finding.about)

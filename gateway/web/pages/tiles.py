@@ -6,7 +6,7 @@ from typing import Literal
 from urllib.parse import quote
 
 from gateway.operator.answers.status import AnyLine, LineStatus, Status, UpstreamStatus
-from gateway.web.pages.unit_states import ShownState
+from gateway.operator.unit_states import ShownState
 
 #: Where the page of the clients explains them.
 _CONNECTIONS = "/clients#connections"

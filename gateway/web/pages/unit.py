@@ -27,6 +27,7 @@ from gateway.operator.past import past_of
 from gateway.operator.reached import may
 from gateway.operator.requests import ask_for
 from gateway.operator.status import recent_status
+from gateway.operator.unit_states import SLOTS, rests_ms, states_of
 from gateway.operator.unit_values import read, values_at
 from gateway.operator.values import Outcome
 from gateway.profiles.point import NO_VALUE, Point
@@ -42,7 +43,6 @@ from gateway.web.pages.histogram import plotted
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
 from gateway.web.pages.trend import trend_shown
-from gateway.web.pages.unit_states import SLOTS, rests_ms, states_of
 from gateway.web.pages.writing import WriteRights
 
 #: Points are read at most once in this many seconds, by any number of readers.

@@ -22,6 +22,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.reached import may, target
 from gateway.operator.requests import Ask, ask_for
 from gateway.operator.status import recent_status
+from gateway.operator.unit_states import rests_ms
 from gateway.operator.unit_values import assigned, carried_out, point_named, read, values_at
 from gateway.operator.units import picture
 from gateway.operator.values import Failure, writing
@@ -39,7 +40,6 @@ from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.questions import PATIENCE, Question, Questions, Result
 from gateway.web.pages.renderer import Renderer
-from gateway.web.pages.unit_states import rests_ms
 
 #: If a user confirms a write and closes the page at once, the write is still sent within this time, in seconds.
 GRACE: Final = 2.0

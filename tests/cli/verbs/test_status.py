@@ -1,13 +1,13 @@
 """`status`: what it prints of the daemon's answer, also of one of another version."""
 
 import json
-import os
 from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
 
-from gateway.cli.main import FINE, INTERRUPTED, PROBLEM_FOUND, main
+from gateway.cli.kit.paint import plain
+from gateway.cli.main import FINE, PROBLEM_FOUND, main
 from gateway.cli.show.status import show_status
 from gateway.lines.counts import Counts
 from gateway.operator.answers.status import (
@@ -223,7 +223,7 @@ def test_names_are_whole_in_a_pipe(monkeypatch, capsys) -> None:
 def test_a_unit_that_has_never_answered_in_time_is_not_fine() -> None:
     def row(**counts: int) -> str:
         unit = replace(UNIT, state="fine", counts=Counts(**counts))
-        return show_status(replace(STATUS, units=(unit,))).partition("MAX-WAIT\n")[2].partition("\n")[0]
+        return plain(show_status(replace(STATUS, units=(unit,)))).partition("MAX-WAIT\n")[2].partition("\n")[0]
 
     assert "  failing  " in row(sent=4, timeout=2, line_lost=2)
     assert "  fine  " in row(sent=4, timeout=3, ok=1)
@@ -323,64 +323,10 @@ def test_one_request_that_failed_is_one_request() -> None:
 def test_a_line_says_why_it_is_down_and_that_it_is_too_busy(monkeypatch, capsys) -> None:
     down = replace(LINE, state="down", reason="/dev/ttyUSB0 does not exist", busy_share=None, requests_per_s=None)
     busy = replace(LINE, name="hall-b", busy_share=0.97)
-    text = show_status((replace(STATUS, lines=(down, busy), units=())), 100)
+    text = plain(show_status(replace(STATUS, lines=(down, busy), units=()), 100))
     assert "hall-a: down: /dev/ttyUSB0 does not exist" in text
     assert "hall-b: busy for 97% of the time: poll less often or raise the baud rate" in text
     assert "  down   -     -  " in text
-
-
-class Terminal:
-    """Standard output that is a terminal."""
-
-    def __init__(self) -> None:
-        self.text = ""
-
-    def isatty(self) -> bool:
-        return True
-
-    def write(self, text: str) -> int:
-        self.text += text
-        return len(text)
-
-    def flush(self) -> None:
-        pass
-
-
-def watched(monkeypatch: pytest.MonkeyPatch, rows: int) -> str:
-    """What two looks put on a terminal of so many rows."""
-    terminal, looks = Terminal(), iter([None])
-
-    def look_twice(seconds: float) -> None:
-        try:
-            next(looks)
-        except StopIteration:
-            raise KeyboardInterrupt from None
-
-    monkeypatch.setattr("gateway.cli.verbs.status.Conversation", telling({"status": STATUS}))
-    monkeypatch.setattr("time.sleep", look_twice)
-    monkeypatch.setattr("sys.stdout", terminal)
-    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((80, rows)))
-    assert main(["status", "-w"]) == INTERRUPTED
-    return terminal.text
-
-
-def test_watching_redraws_in_place(monkeypatch) -> None:
-    text = watched(monkeypatch, 50)
-    first, second = text.split("\x1b[H")[1:]
-    assert first == second
-    assert first.startswith("Lines (busy and requests/s: of the last minute)\x1b[K\n")
-    assert first.endswith("\x1b[J")
-
-
-def test_watching_never_scrolls(monkeypatch) -> None:
-    first = watched(monkeypatch, 10).split("\x1b[H")[1]
-    assert first.count("\n") == 9
-    assert "more lines: make the window higher" in first
-
-
-def test_watching_without_colour_or_terminal_has_no_codes(monkeypatch) -> None:
-    monkeypatch.setenv("NO_COLOR", "1")
-    assert "\x1b" not in watched(monkeypatch, 50)
 
 
 USER = LineUserStatus("10.2.0.7", 1, "silo", 3, 0.6214, 10.5)

@@ -4,9 +4,11 @@ from types import SimpleNamespace
 
 from gateway.diagnosis.finding import Finding
 from gateway.lines.counts import Counts
+from gateway.operator.answers.trouble import Trouble, worst_first
+from gateway.operator.troubles import troubles
+from gateway.operator.unit_states import ShownState
 from gateway.timing.history import UnitUse
-from gateway.web.pages.troubles import Trouble, troubles, with_findings, worst_first
-from gateway.web.pages.unit_states import ShownState
+from gateway.web.pages.situation import with_findings
 
 
 def test_a_panel_names_what_must_be_fixed_before_what_fails_now_and_then():

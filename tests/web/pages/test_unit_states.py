@@ -7,11 +7,12 @@ import pytest
 
 from gateway.diagnosis.evidence import PortEvidence
 from gateway.diagnosis.finding import Finding
+from gateway.operator.answers.trouble import Trouble
+from gateway.operator.unit_states import states_of
 from gateway.timing.history import STEP, History, UnitUse
 from gateway.tools.examinations import Report
 from gateway.web.pages.heat_map import kind_of
-from gateway.web.pages.troubles import Trouble, with_findings
-from gateway.web.pages.unit_states import states_of
+from gateway.web.pages.situation import with_findings
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.markup import Markup

@@ -1,13 +1,12 @@
-"""The state of a unit as pages show it: that of the last minutes; one failure among many does not change it."""
+"""The state of a unit in the last minutes, as pages and `status` show it: one failure among many does not change it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from gateway.operator.answers.status import Status
 from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.past import together
-from gateway.timing.history import Past, UnitUse
+from gateway.timing.history import Past, UnitUse, together
 
 #: This many slots of the history count, the present one among them: 10 to 20 minutes.
 SLOTS: Final = 2
@@ -36,8 +35,14 @@ def rests_ms(unit: UnitPicture, status: Status) -> float:
 
 def states_of(units: Iterable[Any], past: Past) -> Mapping[str, ShownState]:
     """Find the states of units, by name."""
+    return dict(each_state(units, past))
+
+
+def each_state(units: Iterable[Any], past: Past) -> Iterator[tuple[str, ShownState]]:
+    """Find the states of units one by one, each with the name of its unit."""
     slots = [slot for slot in past.slots[-SLOTS:] if slot is not None]
-    return {unit.name: _state(unit, [slot.units.get(unit.name, UnitUse()) for slot in slots]) for unit in units}
+    for unit in units:
+        yield unit.name, _state(unit, [slot.units.get(unit.name, UnitUse()) for slot in slots])
 
 
 def _state(unit: Any, uses: Sequence[UnitUse]) -> ShownState:

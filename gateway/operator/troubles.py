@@ -1,0 +1,48 @@
+"""What is wrong now: lines that are down or full, the broker, and units that rest or fail."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final, Literal
+
+from gateway.operator.answers.status import AnyLine, LineStatus, Status, UpstreamStatus
+from gateway.operator.answers.trouble import FULL, Trouble
+from gateway.operator.unit_states import ShownState
+
+#: Results of requests that were not sent to their unit.
+_UNSENT: Final = ("overdue", "resting", "queue_full", "expired", "line_down", "echo_suspected", "refused", "unwanted")
+
+
+def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Trouble]:
+    """Yield what is wrong now, lines and the broker first."""
+    known: tuple[AnyLine, ...] = (*status.lines, *status.servers, *status.upstreams)
+    for each in known:
+        if each.state == "down":
+            yield Trouble("down", "lines", each.name, reason=each.reason)
+    for broker in status.brokers:
+        if broker.state == "down":
+            yield Trouble("down", "", f"broker {broker.broker}", reason=broker.reason)
+    busy: tuple[LineStatus | UpstreamStatus, ...] = (*status.lines, *status.upstreams)
+    for line in busy:
+        share = line.busy_share or 0.0
+        if share >= FULL:
+            yield Trouble("full", "lines", line.name, share=share)
+    down = {each.name for each in known if each.state in ("down", "standby")}
+    for kind in ("resting", "failing"):
+        for unit in status.units:
+            state = states[unit.name]
+            if state.word == kind and unit.line not in down:
+                yield _of_unit(unit, kind, state)
+
+
+def _of_unit(unit: Any, kind: Literal["resting", "failing"], state: ShownState) -> Trouble:
+    return Trouble(
+        kind,
+        "units",
+        unit.name,
+        unit.line,
+        unit.last_error,
+        state.use.unanswered_share,
+        state.use.requests,
+        unit.rests_ms,
+        state.use.unsent,
+        max(_UNSENT, key=lambda result: getattr(unit.counts, result)) if state.use.unsent else "",
+    )
