@@ -20,7 +20,8 @@ from typing import Any, Final
 
 from gateway import __version__
 from gateway.cli.kit.examples import examples_text
-from gateway.cli.kit.terminal import no_control_characters
+from gateway.cli.kit.paint import red
+from gateway.cli.kit.terminal import COLOURS, no_control_characters
 from gateway.config.problem import did_you_mean
 from gateway.errors import GatewayError
 
@@ -29,6 +30,8 @@ PROBLEM_FOUND: Final = 1
 WRONG_USAGE: Final = 2
 INTERRUPTED: Final = 130
 
+_ERROR: Final = f"modbus-gateway: {red('error')}:"
+_COLOUR_HELP: Final = "colour: auto (the default: on a terminal, unless NO_COLOR is set), always, or never"
 #: The default config file.
 DEFAULT_CONFIG: Final = "/etc/modbus-gateway/gateway.toml"
 
@@ -72,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not words:
         return _tell_first_steps()
     args = _parser(words).parse_args(words)
-    with no_control_characters():
+    with no_control_characters(args.color):
         return _run(args)
 
 
@@ -91,7 +94,7 @@ def _run(args: argparse.Namespace) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
     except GatewayError as error:
-        print("\n  note: ".join([f"modbus-gateway: error: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
+        print("\n  note: ".join([f"{_ERROR} {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
         return PROBLEM_FOUND
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -99,7 +102,7 @@ def _run(args: argparse.Namespace) -> int:
         # The reader of the output has gone; Python would report an error when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
-            print(f"modbus-gateway: error: {error}", file=sys.stderr)
+            print(f"{_ERROR} {error}", file=sys.stderr)
         return PROBLEM_FOUND
     return code
 
@@ -156,6 +159,7 @@ def _parsers(
         )
         if verb in with_arguments:
             module_of(verb).add_arguments(verb_parser)
+            verb_parser.add_argument("--color", choices=COLOURS, default="auto", help=_COLOUR_HELP)
     return parser, verbs.choices
 
 

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from gateway.cli.kit.paint import red
 from gateway.cli.main import WRONG_USAGE
 from gateway.config.problem import WrongValue
 
@@ -19,7 +20,7 @@ class WrongUsageError(Exception):
 
 def tell_wrong_usage(wrong: WrongUsageError) -> int:
     """Print the error; returns the exit code."""
-    print(f"modbus-gateway: error: {wrong}", file=sys.stderr)
+    print(f"modbus-gateway: {red('error')}: {wrong}", file=sys.stderr)
     if wrong.remedy:
         print(f"  help: {wrong.remedy}", file=sys.stderr)
     return WRONG_USAGE

@@ -1,6 +1,6 @@
 """All that `check` prints of a config: its problems, and its effect."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import zip_longest
 from typing import Any, Final
@@ -34,9 +34,9 @@ The longest wait is valid for up to in_flight requests at once per connection;
 further requests are read later."""
 
 
-def check_as_text(loaded: Loaded, plan: Plan | None) -> str:
-    """Show problems and effect for people; `plan` is None if there are errors."""
-    parts = ["\n".join(map(str, _with_help_once(loaded.problems)))] if loaded.problems else []
+def check_as_text(loaded: Loaded, plan: Plan | None, in_words: Callable[[Problem], str] = str) -> str:
+    """Show problems, each `in_words`, and the effect for people; `plan` is None if there are errors."""
+    parts = ["\n".join(map(in_words, _with_help_once(loaded.problems)))] if loaded.problems else []
     if plan is None:
         return "\n".join([*parts, _verdict(loaded.problems)])
     parts += [listeners_as_text(plan.listeners), rights_as_text(plan)]

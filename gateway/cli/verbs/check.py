@@ -2,9 +2,11 @@
 
 import argparse
 import json
+import shutil
 
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.show.check import check_as_json, check_as_text
+from gateway.cli.show.quotes import Quotes
 from gateway.config.documents.json_schema import json_schema
 from gateway.config.load import Loaded, load
 from gateway.config.machine.address_trouble import address_trouble
@@ -32,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(check_as_json(loaded, plan), indent=2, ensure_ascii=False))
     else:
-        print(check_as_text(loaded, plan))
+        print(check_as_text(loaded, plan, Quotes(args.config, loaded.text, shutil.get_terminal_size().columns).told))
     return PROBLEM_FOUND if plan is None else FINE
 
 

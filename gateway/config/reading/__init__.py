@@ -4,6 +4,6 @@
 - profile_file     the file of a profile
 - positions, source    where keys and values stand, and where a table does once it is read
 - syntax, wording    what is wrong with text that is no TOML, and with values, in words
-- masking, comparing    a file without its secrets, and two of them line by line
+- masking, excerpt, comparing    a file without its secrets, single lines of it, and two files line by line
 - toml_text    TOML, written
 """

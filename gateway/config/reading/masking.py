@@ -57,7 +57,7 @@ def find_masks(value: object, path: Path = ()) -> Iterator[Path]:
 def secrets_in(text: str) -> set[str]:
     """List what `masked` hides, to hide it elsewhere too; of a text that is no TOML what looks like a secret."""
     try:
-        hidden = [text[start:end] for path, start, end in find_scalars(text) if _is_hidden(path, text[start:end])]
+        hidden = [text[start:end] for start, end in hidden_spans(text)]
         values = [str(tomllib.loads(f"value = {written}")["value"]) for written in hidden]
     except (ValueError, RecursionError):
         return {found[2] for found in _LIKE_A_SECRET.finditer(text) if is_secret(found[1])}
@@ -65,8 +65,17 @@ def secrets_in(text: str) -> set[str]:
     return {part for each in (values, users, [user.rpartition(":")[2] for user in users]) for part in each if part}
 
 
-def _is_hidden(path: Path, written: str) -> bool:
-    return _masked(path, written) != written
+def hidden_spans(text: str) -> list[tuple[int, int]]:
+    """Find where what `masked` hides begins and ends.
+
+    Raises:
+        ValueError: it is no TOML, so where its secrets are is not known.
+        RecursionError: it is nested too deeply.
+    """
+    tomllib.loads(text)
+    return [
+        (start, end) for path, start, end in find_scalars(text) if _masked(path, text[start:end]) != text[start:end]
+    ]
 
 
 @lru_cache(maxsize=1024)

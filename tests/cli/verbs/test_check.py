@@ -336,8 +336,12 @@ def test_errors_are_all_that_is_shown_and_make_the_status_1(config, capsys):
     assert main(["check", path]) == 1
     assert capsys.readouterr().out == (
         f"{path}:3:8: error: line[0].baud: must be a whole number\n"
+        '    3 | baud = "9600"\n'
+        "      |        ^\n"
         "  help: write it without quotes: baud = 9600\n"
         f'{path}:4:8: error: line[0].mode: must be "rtu" or "ascii"\n'
+        '    4 | mode = "RTU"\n'
+        "      |        ^\n"
         '  help: did you mean "rtu"?\n'
         "2 errors, no warnings\n"
     )
@@ -858,6 +862,8 @@ def test_an_address_that_this_machine_does_not_have_is_a_warning(config, capsys)
     assert main(["check", path]) == 0
     assert capsys.readouterr().out.startswith(
         f"{path}:2:8: warning: listen[0].bind: this machine has no address 192.0.2.1 at the moment\n"
+        '    2 | bind = "tcp://192.0.2.1:502"\n'
+        "      |        ^\n"
         "  help: ip -brief address lists those that it has\n"
     )
 
