@@ -37,7 +37,7 @@ def test_lines_with_secrets_are_not_quoted() -> None:
         'pwd = """\nfine = 1\nhunter2 """ = x',
         "token = '''\nfine = 1\nhunter2",
         '[mqtt.secret]\na = 1\nvalue = "hunter2',
-        'x = {password = "a", y = 1,\nz = "hunter2',
+        'x = {password =\n"hunter2',
         'broker = "mqtt://a:hunter2@b',
         '"api key" = 1\nkennwort: "hunter2"',
     ],
