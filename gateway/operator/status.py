@@ -39,7 +39,7 @@ from gateway.operator.mapped import SourceState, source_states
 from gateway.operator.operation import Asker, Nothing
 from gateway.operator.operator import Operator
 from gateway.operator.troubles import troubles
-from gateway.operator.unit_states import SLOTS, each_state
+from gateway.operator.unit_states import SLOTS, each_state, each_state_now
 from gateway.ports.reconnector import Reconnector
 from gateway.readconfig.expiry import certificates
 from gateway.runtime.gateway import Gateway, Listener, Owner
@@ -48,7 +48,6 @@ from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.recent import LineUser, Recent
 from gateway.timing.histogram import SECONDS, SHARES, merged
-from gateway.timing.history import Past
 from gateway.timing.measured import NEVER, Phases, Times
 
 if TYPE_CHECKING:
@@ -94,9 +93,11 @@ async def recent_status(operator: Operator) -> Status:
 async def _with_troubles(operator: Operator) -> Status:
     """Make the status and find what is wrong in it; without a history, what is wrong with units at this moment."""
     whole = await status_in_slices(operator.running)
-    history = operator.history
-    past = Past(0, ()) if history is None else history.last(operator.clock(), SLOTS)
-    states = dict(await in_slices(each_state(whole.units, past)))
+    if operator.history is None:
+        found = each_state_now(whole.units)
+    else:
+        found = each_state(whole.units, operator.history.last(operator.clock(), SLOTS))
+    states = dict(await in_slices(found))
     return replace(whole, troubles=tuple(troubles(whole, states)))
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from gateway.operator.answers.status import Status
+from gateway.operator.answers.status import Status, UnitStatus
 from gateway.operator.answers.unit import UnitPicture
 from gateway.timing.history import Past, UnitUse, together
 
@@ -43,6 +43,14 @@ def each_state(units: Iterable[Any], past: Past) -> Iterator[tuple[str, ShownSta
     slots = [slot for slot in past.slots[-SLOTS:] if slot is not None]
     for unit in units:
         yield unit.name, _state(unit, [slot.units.get(unit.name, UnitUse()) for slot in slots])
+
+
+def each_state_now(units: Iterable[UnitStatus]) -> Iterator[tuple[str, ShownState]]:
+    """Find the states of units where no history is kept: one that has ever answered fails only when it rests."""
+    for unit in units:
+        state = _state(unit, [])
+        is_lasting = state.word != "failing" or unit.last_answer_ms is None
+        yield unit.name, state if is_lasting else ShownState("fine", state.use)
 
 
 def _state(unit: Any, uses: Sequence[UnitUse]) -> ShownState:

@@ -46,9 +46,15 @@ def wrapped(text: str, width: int, indent: str = "", further: str = "") -> list[
             line, is_empty = further, True
         lines[-1] += word if is_empty else f" {word}"
         while width_of(lines[-1]) > max(width, width_of(further) + 2):
-            line = lines[-1]
-            lines[-1:] = [cut(line, width), further + cut(line, width_of(line), width)]
+            head, tail = _broken(lines[-1], width)
+            lines[-1:] = [head, further + tail]
     return lines
+
+
+def _broken(text: str, width: int) -> tuple[str, str]:
+    """Break a text after so many cells, or one less, so that no character is cut in half."""
+    parts = [(cut(text, end), cut(text, width_of(text), end)) for end in (width, width - 1)]
+    return next(each for each in parts if plain("".join(each)) == plain(text))
 
 
 def _cells(character: str) -> int:

@@ -6,6 +6,7 @@ from io import StringIO
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
+from gateway.cli.kit.paint import yellow
 from gateway.cli.show.ages import Ages
 from gateway.cli.show.register_map import MapRow, RegisterMap
 from gateway.cli.show.virtual import line_as_json
@@ -34,7 +35,7 @@ def map_as_text(found: RegisterMap, ages: Ages | None = None) -> str:
             line.meaning,
             " ".join(filter(None, (line.device or "its own", line.place_there))),
             "" if line.every is None else show_duration(line.every),
-            *([ages.as_text(line)] if ages else []),
+            *([_painted(ages.as_text(line))] if ages else []),
             "yes" if line.write else "-",
         )
         for row in found.rows
@@ -42,6 +43,11 @@ def map_as_text(found: RegisterMap, ages: Ages | None = None) -> str:
     ]
     headings = (*_HEADINGS, *(["AGE"] if ages else []), "WRITE")
     return f"Unit {found.unit}, {found.name}\n{align([headings, *rows], '  ')}"
+
+
+def _painted(age: str) -> str:
+    """Paint the age of a value that is not fresh, whose state stands before it."""
+    return yellow(age) if age[:1].isalpha() else age
 
 
 def map_as_csv(found: RegisterMap) -> str:

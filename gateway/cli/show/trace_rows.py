@@ -1,8 +1,9 @@
 """Facts of the gateway's ring as rows: one for each frame, and one for each request that got no answer."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
+from gateway.cli.kit.paint import dim, red, yellow
 from gateway.operator.stories import clock
 from gateway.trace.pdus import exception_in_words, frame_in_words, request_in_words, response_in_words
 
@@ -24,7 +25,14 @@ class TraceRow(NamedTuple):
     def show(self, widths: tuple[int, int]) -> str:
         """Show the row, with so much room for line and unit."""
         line, unit = widths
-        return f"{clock(self.time)}  {self.line:{line}}  {self.way} {self.unit:>{unit}}  {self.text}"
+        return f"{dim(clock(self.time))}  {self.line:{line}}  {self.way} {self.unit:>{unit}}  {self._paint(self.text)}"
+
+    @property
+    def _paint(self) -> Callable[[str], str]:
+        """What was not answered is red, as a lost port is; exceptions, and what nobody asked for, are yellow."""
+        if self.way in "x-" or self.text.startswith("port lost"):
+            return red
+        return yellow if self.unit == "?" or self.text.startswith("exception") else str
 
 
 def rows(fact: Fact) -> Iterator[TraceRow]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
+from gateway.cli.kit.paint import red
 from gateway.cli.units.unit import Unit
 from gateway.errors import ExceptionCode
 from gateway.modbus.codes import Area, FunctionCode
@@ -47,7 +48,7 @@ def failure_in_words(unit: Unit, failure: Failure) -> str:
     """Tell a failure in one sentence, and what else to try on a second line."""
     span, answer = failure.span, failure.answer
     last = "" if span.count == 1 else f"-{span.end - 1}"
-    what = f"{_called(unit)}, {span.area} {span.start}{last}: {answer.complaint}"
+    what = f"{_called(unit)}, {span.area} {span.start}{last}: {red(str(answer.complaint))}"
     advice = _advice_after_write(answer, failure.function) or advice_after(answer, span)
     return f"{what}\n  help: {advice}" if advice else what
 

@@ -6,13 +6,14 @@ import os
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
 from gateway.cli.doctor.report_arguments import add_report_arguments
 from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, add_control_argument, which_gateway
+from gateway.cli.kit.paint import red, yellow
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import with_ports
@@ -21,6 +22,7 @@ from gateway.operator.asked import ToExamine
 from gateway.operator.operations import DOCTOR
 from gateway.tools.outside import findings_about
 
+_PAINTS: Final[Mapping[str, Callable[[str], str]]] = {"fix": red, "note": yellow}
 #: How long the gateway may take, in seconds: it asks units, and may try other rates and formats on several lines.
 _PATIENCE: Final = 120.0
 
@@ -83,6 +85,8 @@ def table(findings: Iterable[Finding], width: int) -> str:
 def _row(finding: Finding, width: int) -> list[str]:
     text = f"{finding.level:4}  {finding.about}: {finding.what}"
     lines = textwrap.wrap(text, max(width, 40), subsequent_indent=" " * 6, break_long_words=False)
+    paint = _PAINTS.get(finding.level, str)
+    lines[0] = paint(finding.level) + lines[0].removeprefix(finding.level)
     return [*lines, f"      -> {finding.remedy}"] if finding.remedy else lines
 
 

@@ -2,9 +2,10 @@
 
 import argparse
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 
+from gateway.cli.kit.columns import align
+from gateway.cli.kit.paint import red
 from gateway.hardware.listing import ListedPort, list_serial_ports
 
 _HEADINGS = ("PORT", "DEVICE", "ADAPTER", "DRIVER", "STATE")
@@ -21,7 +22,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps([asdict(port) for port in ports], indent=2, ensure_ascii=False))
     elif ports:
-        print(_table([_HEADINGS, *(_row(port) for port in ports)]))
+        print(align([_HEADINGS, *(_row(port) for port in ports)]))
         print(f'\nUse the path in the first column in the config: port = "{ports[0].path}"')
     else:
         print("No serial port found. Is the adapter plugged in? `dmesg` shows whether the kernel has found it.")
@@ -39,9 +40,4 @@ def _state(port: ListedPort) -> str:
         case "in use":
             return f"in use {port.remark}"
         case "no permission":
-            return f"no permission: {port.remark}"
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+            return red(f"no permission: {port.remark}")

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Final
 
+from gateway.cli.kit.paint import red
 from gateway.cli.kit.usage import count, let_options_stand_anywhere, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.units.mbpoll import add_habits
@@ -95,7 +96,7 @@ def _show_repeatedly(unit: Unit, points: Sequence[Point], args: argparse.Namespa
         try:
             outcome = read_points(unit, points)
         except NoResponseError as error:
-            print(f"{now:%H:%M:%S}  {error}", file=sys.stderr, flush=True)
+            print(f"{now:%H:%M:%S}  {red(str(error))}", file=sys.stderr, flush=True)
             code = PROBLEM_FOUND
             continue
         code = PROBLEM_FOUND if outcome.failures else code

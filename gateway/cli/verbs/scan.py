@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from gateway.cli.kit.columns import align
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
+from gateway.cli.kit.paint import red, yellow
 from gateway.cli.kit.progress import progress
 from gateway.cli.kit.usage import (
     WrongUsageError,
@@ -166,9 +167,10 @@ def _cells(each: Found, *, several_rates: bool) -> tuple[str, ...]:
     result = f"exception {each.code:02X}" if each.code is not None and each.result == "exception" else each.result
     if each.answers_from is not None:
         result += f" as {each.answers_from}"
+    paint = {"garbled": red, "exception": yellow}.get(each.result, str)
     answer = "-" if each.answer_ms is None else f"{each.answer_ms:.1f} ms"
     rate = (str(each.baud),) if several_rates else ()
-    return (str(each.unit), result, answer, _kind(each), *rate)
+    return (str(each.unit), paint(result), answer, _kind(each), *rate)
 
 
 def _kind(each: Found) -> str:

@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
+from gateway.cli.kit.cells import width_of
 from gateway.cli.kit.paint import plain
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
-from gateway.cli.show.status import show_status
+from gateway.cli.show.status import show_status, status_screen
 from gateway.lines.counts import Counts
 from gateway.operator.answers.status import (
     ClientStatus,
@@ -24,6 +25,7 @@ from gateway.operator.answers.status import (
     UnitStatus,
     VirtualStatus,
 )
+from gateway.operator.answers.trouble import Trouble
 from gateway.plant.status import BrokerStatus
 from gateway.timing.measured import Phases
 from kit.control import telling
@@ -345,3 +347,70 @@ def test_a_line_that_is_full_says_by_whom():
     full = replace(LINE, busy_share=0.95, users=(USER,))
     said = " ".join(show_status(replace(STATUS, lines=(full,))).split())
     assert "busy for 95% of the time (62% by 10.2.0.7: silo, function 3): poll less often" in said
+
+
+DOWN = replace(LINE, name="hall-b", state="down", reason="/dev/ttyUSB1 does not exist", busy_share=None)
+TROUBLES = (
+    Trouble("failing", "units", "silo", "hall-a", "timeout", 0.43, 7),
+    Trouble("down", "", "broker mqtt://plant", reason="Connection refused"),
+    Trouble("down", "lines", "hall-b", reason="/dev/ttyUSB1 does not exist"),
+    Trouble("failing", "units", "press", "hall-a", "timeout", 0.43, 7),
+    Trouble("full", "lines", "hall-a", share=0.86),
+)
+BAD = replace(STATUS, lines=(LINE, DOWN), troubles=TROUBLES)
+
+
+def test_what_is_wrong_stands_first_and_the_worst_of_it_above(monkeypatch, capsys) -> None:
+    rows = shown(as_told(BAD), monkeypatch, capsys)
+    assert rows[:12] == [
+        "What is wrong",
+        "  broker mqtt://plant: down: Connection refused",
+        "  hall-b: down: /dev/ttyUSB1 does not exist",
+        "  hall-a: busy for 86% of the time",
+        "  unit 41, silo: rests, next try in 2 s; timeout: check its power, wiring and",
+        "    address",
+        "  unit 42, press: 43% of 7 requests without an answer in the last minutes; last",
+        "    was timeout",
+        "",
+        "Lines (busy and requests/s: of the last minute)",
+        "  NAME    PORT          SPEED      STATE  BUSY  REQ/S  WAITING  ERRORS",
+        "  hall-b  /dev/ttyUSB0  19200 8E1  down   -     12.4   2        3",
+    ]
+    assert "Notes" not in rows
+
+
+def test_what_is_told_of_a_trouble_is_no_note_besides() -> None:
+    assert "Notes" in show_status(STATUS)
+    text = plain(show_status(replace(STATUS, troubles=TROUBLES[:1])))
+    assert text.startswith("What is wrong\n  unit 41, silo: rests, next try in 2 s; ")
+    assert "Notes" not in text
+
+
+def test_one_line_has_its_units_and_what_shows_their_values() -> None:
+    other = replace(UNIT, line="hall-b", name="mixer", unit=43)
+    whole = replace(BAD, units=(*BAD.units, other), mirrors=(*BAD.mirrors,))
+    screen = status_screen(whole, 80, "hall-b")
+    text = plain("\n".join(screen.lines))
+    assert screen.parts == ["hall-a", "hall-b"]
+    assert "mixer" in text
+    assert "silo" not in text
+    assert "scada" not in text
+    assert "silo" in plain("\n".join(status_screen(whole, 80, "hall-a").lines))
+    assert plain(screen.wrong[2]) == "  hall-b: down: /dev/ttyUSB1 does not exist"
+    assert status_screen(whole, 80, "gone") == status_screen(whole, 80)
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_no_line_of_what_is_wrong_is_longer_than_the_screen(width: int) -> None:
+    path = Trouble("down", "", "broker " + 90 * "x", reason="a reason " + 30 * "\u5bbd")
+    for line in status_screen(replace(BAD, troubles=(*TROUBLES, path)), width).wrong:
+        assert width_of(line) <= width
+
+
+def test_states_have_colours(monkeypatch, capsys) -> None:
+    monkeypatch.setattr("gateway.cli.verbs.status.Conversation", telling({"status": as_told(BAD)}))
+    assert main(["status", "--color", "always"]) == FINE
+    out = capsys.readouterr().out
+    assert "\x1b[31mdown\x1b[0m" in out
+    assert "\x1b[31mresting\x1b[0m" in out
+    assert "\x1b[31mhall-b\x1b[0m: down: " in out
