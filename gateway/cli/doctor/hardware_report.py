@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from typing import Final
 
+from gateway.cli.kit.progress import working
 from gateway.cli.main import FINE
 from gateway.clock.exact_loop import run_exactly
 from gateway.errors import GatewayError, PortError
@@ -45,7 +46,8 @@ def make_report(args: argparse.Namespace) -> int:
     asks = sys.stdin.isatty() and sys.stderr.isatty() and not args.json
     try:
         _say(f"Trying {settings.port}, which takes half a minute.")
-        sections = run_exactly(look_at(make_opener, settings, args.unit))
+        with working("trying"):
+            sections = run_exactly(look_at(make_opener, settings, args.unit))
         sections.append(Section(_BY_HAND, list(_by_hand(settings, args.unit, asks=asks))))
     except PortError as error:
         remedy = "if a gateway uses this port: systemctl stop modbus-gateway"

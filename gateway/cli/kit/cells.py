@@ -38,14 +38,14 @@ def wrapped(text: str, width: int, indent: str = "", further: str = "") -> list[
 
     The first line begins with `indent`, the others with `further`.
     """
-    lines = [indent]
+    lines, width = [indent], max(width, width_of(further) + 2)
     for word in text.split():
         line, is_empty = lines[-1], lines[-1] in (indent, further)
         if not is_empty and width_of(line) + 1 + width_of(word) > width:
             lines.append(further)
             line, is_empty = further, True
         lines[-1] += word if is_empty else f" {word}"
-        while width_of(lines[-1]) > max(width, width_of(further) + 2):
+        while width_of(lines[-1]) > width:
             head, tail = _broken(lines[-1], width)
             lines[-1:] = [head, further + tail]
     return lines

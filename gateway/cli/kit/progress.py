@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Event, Thread
 from time import monotonic
 from typing import Final
 
@@ -12,6 +13,8 @@ from gateway.cli.kit.terminal import drawable, write_codes
 #: It is written at most once in so many seconds, and has so many cells.
 _EVERY: Final = 0.1
 _WIDEST: Final = 78
+#: Who waits for something of unknown length is told so after this many seconds, and after as many again.
+_PATIENCE: Final = 1.0
 
 
 class Progress:
@@ -36,6 +39,26 @@ class Progress:
         if self._width:
             write_codes(sys.stderr, "\r" + " " * self._width + "\r")
             self._width = 0
+
+
+@contextmanager
+def working(what: str) -> Iterator[None]:
+    """Show `what` is being done and for how long, where the work in the context takes longer than a second."""
+    ended = Event()
+
+    def tell() -> None:
+        with progress() as line:
+            began = monotonic()
+            while not ended.wait(_PATIENCE):
+                line.show(f"{what} ... {monotonic() - began:.0f} s")
+
+    teller = Thread(target=tell, daemon=True, name="progress")
+    teller.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        teller.join()
 
 
 @contextmanager

@@ -4,12 +4,14 @@ import argparse
 import json
 import shutil
 
+from gateway.cli.kit.progress import working
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.show.check import check_as_json, check_as_text
 from gateway.cli.show.quotes import Quotes
 from gateway.config.documents.json_schema import json_schema
 from gateway.config.load import Loaded, load
 from gateway.config.machine.address_trouble import address_trouble
+from gateway.config.plan.settings import Plan
 from gateway.config.resolve import resolve
 from gateway.readconfig.file_troubles import with_file_troubles
 
@@ -29,13 +31,19 @@ def run(args: argparse.Namespace) -> int:
     if args.schema:
         print(json.dumps(json_schema(), indent=1, ensure_ascii=False))
         return FINE
-    loaded = _load_and_look(args.config)
-    plan = None if loaded.config is None else resolve(loaded.config)
-    if args.json:
-        print(json.dumps(check_as_json(loaded, plan), indent=2, ensure_ascii=False))
-    else:
-        print(check_as_text(loaded, plan, Quotes(args.config, loaded.text, shutil.get_terminal_size().columns).told))
+    with working(f"checking {args.config}"):
+        loaded = _load_and_look(args.config)
+        plan = None if loaded.config is None else resolve(loaded.config)
+        text = _told(loaded, plan, args)
+    print(text)
     return PROBLEM_FOUND if plan is None else FINE
+
+
+def _told(loaded: Loaded, plan: Plan | None, args: argparse.Namespace) -> str:
+    if args.json:
+        return json.dumps(check_as_json(loaded, plan), indent=2, ensure_ascii=False)
+    quotes = Quotes(args.config, loaded.text, shutil.get_terminal_size().columns)
+    return check_as_text(loaded, plan, quotes.told)
 
 
 def _load_and_look(file: str) -> Loaded:

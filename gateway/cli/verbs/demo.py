@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Iterable, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -35,6 +35,7 @@ from gateway.cli.demo.tls import PORT as TLS_PORT
 from gateway.cli.demo.tls import invitation, make_certificates, tls_config
 from gateway.cli.demo.traffic import traffic
 from gateway.cli.kit.daemon import usual_socket
+from gateway.cli.kit.progress import working
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.clock.exact_loop import run_exactly
 from gateway.config.load import load
@@ -102,6 +103,8 @@ async def _until_signal(*, once: bool, tls: bool) -> int:
 async def _demo(*, once: bool, tls: bool) -> int:
     print("modbus-gateway demo: a gateway with simulated serial lines\n", flush=True)
     async with AsyncExitStack() as parts:
+        starting = parts.enter_context(ExitStack())
+        starting.enter_context(working("starting"))
         folder = Path(parts.enter_context(tempfile.TemporaryDirectory(prefix="modbus-gateway-demo.")))
         lines = LINES if once else (*LINES, *LIVE_LINES)
         await parts.enter_async_context(_simulators(lines, folder))
@@ -117,6 +120,7 @@ async def _demo(*, once: bool, tls: bool) -> int:
             answers.history.load(made_up_day(plan, now))
             answers.events.load(made_up_events(plan, now))
         await parts.enter_async_context(stage.connected(running.gateway))
+        starting.close()
         wrong = await _play(stage, panel)
         if not once:
             control = _control(folder)

@@ -14,6 +14,7 @@ from typing import Final
 from gateway.cli.doctor.report_arguments import add_report_arguments
 from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.paint import red, yellow
+from gateway.cli.kit.progress import working
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import with_ports
@@ -101,7 +102,8 @@ def _findings(args: argparse.Namespace) -> list[Finding]:
         if not args.passive and not args.json and sys.stderr.isatty():
             print("The gateway may ask units now, which can take a minute; --passive sends nothing.", file=sys.stderr)
         daemon.wait_for(_PATIENCE)
-        examination = daemon.ask(DOCTOR, ToExamine(args.line, not args.passive))
+        with working("examining"):
+            examination = daemon.ask(DOCTOR, ToExamine(args.line, not args.passive))
         return with_ports(findings_about(examination.ports, daemon.pid), examination.findings)
 
 

@@ -6,6 +6,8 @@ import sys
 from collections.abc import Sequence
 from typing import Final
 
+from gateway.cli.kit.paint import red, yellow
+from gateway.cli.kit.progress import working
 from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.importing.from_csv.profile import profile_from_csv
@@ -37,12 +39,13 @@ def run(args: argparse.Namespace) -> int:
         _check_usage(args)
     except WrongUsageError as wrong:
         return tell_wrong_usage(wrong)
-    imported = _imported(args)
+    with working("reading"):
+        imported = _imported(args)
     print(imported.text, end="")
     for each in imported.notes:
-        print(f"modbus-gateway: note: {each}", file=sys.stderr)
+        print(f"modbus-gateway: {yellow('note')}: {each}", file=sys.stderr)
     for each in imported.left_out:
-        print(f"modbus-gateway: error: left out: {each}", file=sys.stderr)
+        print(f"modbus-gateway: {red('error')}: left out: {each}", file=sys.stderr)
     return PROBLEM_FOUND if imported.left_out else FINE
 
 

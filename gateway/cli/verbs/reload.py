@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_which, which_gateway
+from gateway.cli.kit.progress import working
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.control.messages import result_in
 from gateway.operator.answers.running import Reloaded
@@ -30,7 +31,8 @@ def run(args: argparse.Namespace) -> int:
     """
     with Conversation(which_gateway(args)) as daemon:
         tell_which(daemon.gateway)
-        answer = daemon.ask_for_json(RELOAD, Nothing())
+        with working("the gateway reads its config"):
+            answer = daemon.ask_for_json(RELOAD, Nothing())
         reloaded = result_in(RELOAD, answer)
     if args.json:
         print(json.dumps({**answer, "through": str(daemon.gateway)}, indent=2, ensure_ascii=False))

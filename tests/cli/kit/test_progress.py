@@ -1,13 +1,16 @@
 """How far a long command is, as its terminal shows it."""
 
 import io
+import sys
+import time
 
 import pytest
 
-from gateway.cli.kit.progress import progress
+from gateway.cli.kit.progress import progress, working
 from gateway.cli.main import FINE, main
 from gateway.cli.verbs import bench
 from kit.control import telling
+from kit.process import PATIENCE
 
 RESULT = {
     "line": "hall",
@@ -72,3 +75,24 @@ def test_what_is_no_terminal_gets_no_progress(
     monkeypatch.setattr(bench, "Conversation", telling(*STEPS))
     assert main(["bench", "hall"]) == FINE
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_who_waits_for_long_is_told_for_what_and_how_long(monkeypatch: pytest.MonkeyPatch, is_terminal: bool) -> None:
+    terminal = Terminal() if is_terminal else io.StringIO()
+    monkeypatch.setattr("sys.stderr", terminal)
+    monkeypatch.setattr("gateway.cli.kit.progress._PATIENCE", 0.05)
+    with working("checking gateway.toml"):
+        end = time.monotonic() + PATIENCE
+        while is_terminal and not terminal.getvalue() and time.monotonic() < end:
+            time.sleep(0.01)
+    text = terminal.getvalue()
+    assert text.startswith("\rchecking gateway.toml ... 0 s") if is_terminal else text == ""
+    assert text.endswith(" \r") if is_terminal else True
+
+
+def test_short_work_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stderr", Terminal())
+    with working("checking gateway.toml"):
+        pass
+    assert sys.stderr.getvalue() == ""
