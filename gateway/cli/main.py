@@ -31,7 +31,9 @@ WRONG_USAGE: Final = 2
 INTERRUPTED: Final = 130
 
 _ERROR: Final = f"modbus-gateway: {red('error')}:"
-_COLOUR_HELP: Final = "colour: auto (the default: on a terminal, unless NO_COLOR is set), always, or never"
+#: One prints a log, and these have commands of their own.
+_WITHOUT_COLOUR: Final = frozenset({"run", "user", "certificates"})
+_COLOUR_HELP: Final = "when to use colour (default auto: on a terminal, unless NO_COLOR is set)"
 #: The default config file.
 DEFAULT_CONFIG: Final = "/etc/modbus-gateway/gateway.toml"
 
@@ -75,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not words:
         return _tell_first_steps()
     args = _parser(words).parse_args(words)
-    with no_control_characters(args.color):
+    with no_control_characters(getattr(args, "color", "auto")):
         return _run(args)
 
 
@@ -159,7 +161,8 @@ def _parsers(
         )
         if verb in with_arguments:
             module_of(verb).add_arguments(verb_parser)
-            verb_parser.add_argument("--color", choices=COLOURS, default="auto", help=_COLOUR_HELP)
+            if verb not in _WITHOUT_COLOUR:
+                verb_parser.add_argument("--color", choices=COLOURS, default="auto", help=_COLOUR_HELP)
     return parser, verbs.choices
 
 

@@ -21,6 +21,7 @@ A = TypeVar("A")
 
 #: How often it is looked again, in seconds.
 EVERY: Final = 1.0
+WATCH_HELP: Final = "show it again every second, on the whole screen of a terminal; ? there explains the keys"
 #: At least this share of the rows is for what can be scrolled; else what is wrong is scrolled with it.
 _SCROLLED: Final = 1 / 3
 
@@ -45,6 +46,14 @@ class Screen:
     lines: Sequence[str]
     wrong: Sequence[str] = ()
     parts: Sequence[str] = ()
+
+
+def repeat(tell: Callable[[], str], *, is_watched: bool) -> None:
+    """Print text for programs, and again each second if it `is_watched`."""
+    print(tell(), flush=True)
+    while is_watched:
+        time.sleep(EVERY)
+        print(tell(), flush=True)
 
 
 def watch(look: Callable[[], A], show: Callable[[A, int, str], Screen]) -> None:

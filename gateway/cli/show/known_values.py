@@ -3,6 +3,7 @@
 from typing import Final
 
 from gateway.cli.kit.columns import align, narrow
+from gateway.cli.kit.paint import dim, red, yellow
 from gateway.config.values.duration import show_age
 from gateway.operator.answers.known_values import KnownValue, KnownValues
 
@@ -21,7 +22,19 @@ def values_as_text(known: KnownValues, width: int) -> str:
 
 
 def _row(each: KnownValue) -> tuple[str, ...]:
-    return (each.name, each.point, each.text, each.measure or "", each.state, _age(each.age_ms), each.source or "")
+    return (
+        each.name,
+        each.point,
+        each.text,
+        each.measure or "",
+        _painted(each.state),
+        _age(each.age_ms),
+        each.source or "",
+    )
+
+
+def _painted(state: str) -> str:
+    return {"invalid": red, "stale": yellow, "never": dim}.get(state, str)(state)
 
 
 def _age(age_ms: float | None) -> str:

@@ -10,6 +10,7 @@ from datetime import datetime
 from typing import Final
 
 from gateway.cli.kit.daemon import Conversation, GatewayGoneError, add_control_argument, which_gateway
+from gateway.cli.kit.paint import red, yellow
 from gateway.cli.kit.usage import parsed_by
 from gateway.cli.main import FINE
 from gateway.config.values.duration import parse_duration
@@ -98,7 +99,8 @@ def _print(event: Told, *, as_json: bool) -> None:
 
 def _row(event: Told) -> str:
     more = f"  ({event['times']} times since {_clock(event['since'])})" if event["times"] > 1 else ""
-    return f"{_clock(event['timestamp'])}  {event['level']:7}  {event['event']:17}  {event['text']}{more}"
+    level = {"error": red, "warning": yellow}.get(event["level"], str)(f"{event['level']:7}")
+    return f"{_clock(event['timestamp'])}  {level}  {event['event']:17}  {event['text']}{more}"
 
 
 def _clock(text: str) -> str:

@@ -5,11 +5,10 @@ import json
 import os
 import shutil
 import sys
-import time
 from typing import Any
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
-from gateway.cli.kit.watching import EVERY, Screen, watch
+from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
 from gateway.cli.show.fleet import SITES
 from gateway.cli.show.status import show_status, status_screen
@@ -21,8 +20,7 @@ from gateway.operator.operations import FLEET, STATUS
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `status`."""
     add_control_argument(parser)
-    watch_help = "show it again every second, on the whole screen of a terminal; ? there explains the keys"
-    parser.add_argument("-w", "--watch", action="store_true", help=watch_help)
+    parser.add_argument("-w", "--watch", action="store_true", help=WATCH_HELP)
     parser.add_argument("--fleet", action="store_true", help="show all sites of the fleet instead of this gateway")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
@@ -34,12 +32,8 @@ def run(args: argparse.Namespace) -> int:
         DaemonError: no gateway answers.
     """
     if args.json:
-        while True:
-            print(json.dumps(_ask_for_json(args), indent=None if args.watch else 2), flush=True)
-            if not args.watch:
-                return FINE
-            time.sleep(EVERY)
-    if args.watch:
+        repeat(lambda: json.dumps(_ask_for_json(args), indent=None if args.watch else 2), is_watched=args.watch)
+    elif args.watch:
         watch(lambda: _ask(args), _screen)
     else:
         print(_text(_ask(args)))

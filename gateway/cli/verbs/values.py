@@ -2,23 +2,18 @@
 
 import argparse
 import json
-import os
 import shutil
-import sys
-import time
-from typing import Final
+from dataclasses import replace
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
-from gateway.cli.kit.terminal import redrawn, unescaped
 from gateway.cli.kit.usage import let_options_stand_anywhere
+from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
 from gateway.cli.show.known_values import values_as_text
+from gateway.operator.answers.known_values import KnownValues
 from gateway.operator.asked import KnownOf
 from gateway.operator.operations import VALUES
 from gateway.operator.values_csv import values_as_csv
-
-#: The interval of `-w`, in seconds.
-_WATCH_STEP: Final = 1.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     let_options_stand_anywhere(parser)
     add_control_argument(parser)
     parser.add_argument("unit", nargs="?", metavar="UNIT|NAME", help="only those of this device: its number or name")
-    parser.add_argument("-w", "--watch", action="store_true", help="show them again every second, until Ctrl-C")
+    parser.add_argument("-w", "--watch", action="store_true", help=WATCH_HELP)
     output = parser.add_mutually_exclusive_group()
     output.add_argument("--json", action="store_true", help="print JSON instead of a table")
     output.add_argument("--csv", action="store_true", help="print CSV; its columns are always the same")
@@ -38,26 +33,35 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         DaemonError: no gateway answers, or it has no such device.
     """
-    in_place = args.watch and not (args.json or args.csv) and sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-    while True:
-        columns, rows = shutil.get_terminal_size()
-        text = _look(args, columns)
-        if in_place:
-            print(end=redrawn(text, rows), file=unescaped(sys.stdout), flush=True)
-        else:
-            print(text, flush=True)
-        if not args.watch:
-            return FINE
-        time.sleep(_WATCH_STEP)
+    if args.json or args.csv:
+        repeat(lambda: _for_programs(args), is_watched=args.watch)
+    elif args.watch:
+        watch(lambda: _ask(args), _screen)
+    else:
+        print(values_as_text(_ask(args), shutil.get_terminal_size().columns))
+    return FINE
 
 
-def _look(args: argparse.Namespace, width: int) -> str:
-    """Ask for the values, as they are printed."""
-    asked = KnownOf(int(args.unit) if args.unit and args.unit.isdecimal() else args.unit)
+def _wanted(args: argparse.Namespace) -> KnownOf:
+    return KnownOf(int(args.unit) if args.unit and args.unit.isdecimal() else args.unit)
+
+
+def _ask(args: argparse.Namespace) -> KnownValues:
     with Conversation(which_gateway(args)) as daemon:
-        if args.json:
-            answer = daemon.ask_for_json(VALUES, asked)
-            told = {name: answer[name] for name in ("values", "hint")}
-            return json.dumps(told, indent=None if args.watch else 2, ensure_ascii=False)
-        known = daemon.ask(VALUES, asked)
-        return values_as_csv(known.values).rstrip("\n") if args.csv else values_as_text(known, width)
+        return daemon.ask(VALUES, _wanted(args))
+
+
+def _for_programs(args: argparse.Namespace) -> str:
+    if args.csv:
+        return values_as_csv(_ask(args).values).rstrip("\n")
+    with Conversation(which_gateway(args)) as daemon:
+        answer = daemon.ask_for_json(VALUES, _wanted(args))
+        told = {name: answer[name] for name in ("values", "hint")}
+        return json.dumps(told, indent=None if args.watch else 2, ensure_ascii=False)
+
+
+def _screen(known: KnownValues, width: int, device: str) -> Screen:
+    """Make the screen of `-w`, of all devices or of one."""
+    devices = list(dict.fromkeys(each.name for each in known.values))
+    shown = [each for each in known.values if device in ("", each.name)]
+    return Screen(values_as_text(replace(known, values=shown), width).splitlines(), parts=devices)

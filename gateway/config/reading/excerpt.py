@@ -4,7 +4,7 @@ import re
 from functools import cached_property
 from typing import Final
 
-from gateway.config.reading.masking import is_secret, hidden_spans
+from gateway.config.reading.masking import hidden_spans, is_secret
 
 _WORD: Final = re.compile(r"[\w.-]+")
 _LOGIN: Final = re.compile(r"://[^\s\"']*@")

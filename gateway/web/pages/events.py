@@ -13,10 +13,12 @@ from gateway.errors import Malformed, WrongQuestion
 from gateway.events import Level
 from gateway.listeners.sockets import split_host
 from gateway.observe.last_events import LastEvent
+from gateway.operator.answers.trouble import FULL, Trouble, worst_first
 from gateway.operator.asked import ToList
 from gateway.operator.happened import last_events, rfc_3339
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import read_parameters
+from gateway.operator.unit_states import is_failing
 from gateway.operator.units import names, units_of
 from gateway.timing.history import STEP, Slot
 from gateway.web.access.guard import Need
@@ -25,8 +27,6 @@ from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.situation import Situation, Situations
 from gateway.web.pages.times import day_and_time
 from gateway.web.pages.traffic import choice
-from gateway.web.pages.troubles import FULL, Trouble, worst_first
-from gateway.web.pages.unit_states import is_failing
 
 #: This many events are on the page.
 MOST_ROWS: Final = 200
