@@ -28,7 +28,7 @@ from gateway.web.pages.addresses import path_of
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.sparkline import Sparkline, Sparklines, sparklines
 
-#: So many points are shown at first, device by device as they fit; and of the devices that the address opens.
+#: So many points are shown at first, of the smallest devices; and of those that the address opens.
 FIRST_SHOWN: Final = 200
 MOST_SHOWN: Final = 1000
 #: No address names more devices: they would not fit into its length.
@@ -206,7 +206,7 @@ def _opened(found: Sequence[Found], wanted: Wanted) -> list[str]:
     if wanted.opened is not None:
         return [each.sign for each in found if each.sign in wanted.opened]
     opened, room = [], FIRST_SHOWN
-    for each in found:
+    for each in sorted(found, key=lambda each: len(each.known)):
         if len(each.known) <= room:
             opened.append(each.sign)
             room -= len(each.known)
