@@ -3,13 +3,19 @@
 import asyncio
 import csv
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from io import StringIO
+from typing import Any
 
 import pytest
 
+from gateway.cli.kit.paint import red
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
-from kit.asking import ControlSocket
+from gateway.cli.verbs.values import _screen
+from gateway.errors import DaemonError
+from gateway.operator.answers.known_values import KnownValues
+from kit.asking import ControlSocket, ask
+from kit.control import Question
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 
@@ -127,3 +133,29 @@ async def test_a_narrow_terminal_shortens_names_and_no_value(capsys, monkeypatch
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) <= 56
     assert "4999.66" in printed
+
+
+async def test_on_a_screen_one_device_can_be_chosen_and_what_is_not_fresh_has_a_colour(bench) -> None:
+    await heard(bench)
+    answer = await ask(bench.running, "values")
+    known = KnownValues(answer["values"], answer["hint"])
+    screen = _screen(known, 80, "")
+    assert screen.parts == ["silo 1"]
+    assert [red("invalid") in line for line in screen.lines] == [False, False, False, True]
+    assert _screen(known, 80, "silo 1").lines == screen.lines
+    assert "silo 1" not in "".join(_screen(known, 80, "other").lines)
+
+
+async def test_w_shows_them_again_and_again(control, monkeypatch, capsys) -> None:
+    def asked_twice(question: Question) -> list[Mapping[str, Any]]:
+        if len(control.questions) > 2:
+            raise DaemonError("the gateway closed the connection")
+        return told(question)
+
+    told = control._answers
+    monkeypatch.setattr(control, "_answers", asked_twice)
+    monkeypatch.setattr("gateway.cli.kit.watching.EVERY", 0.0)
+    assert main(["values", "-w"]) == PROBLEM_FOUND
+    printed = capsys.readouterr()
+    assert printed.out.count("weight") == 2
+    assert "the gateway closed the connection" in printed.err
