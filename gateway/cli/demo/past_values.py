@@ -102,8 +102,6 @@ def _minutes(trends: KeptTrends, pasts: list[_Past], now: float) -> Iterator[Non
         slots = slot_at(now) - slot_at(now - ago)
         if not STOPPED.is_at(slots):
             there = [past for past in pasts if past.line != UNPLUGGED.unit or not UNPLUGGED.is_at(slots)]
-            trends.add_past(
-                now - ago,
-                ((past.trend, round(number, 3)) for past in there for number in past.course.band(ago, load, work)),
-            )
+            for past in there:
+                trends.add_past(now - ago, past.trend, [round(each, 3) for each in past.course.band(ago, load, work)])
         yield

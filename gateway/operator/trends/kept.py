@@ -5,7 +5,7 @@ since the last write.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -55,12 +55,9 @@ class KeptTrends:
         self._recent: tuple[int, Mapping[int, list[Slot]]] = (0, {})
         self._one_reader_at_a_time = asyncio.Lock()
 
-    def add_past(self, time: float, numbers: Iterable[tuple[int, float]]) -> None:
-        """Add what was heard at a `time` before now, in seconds since 1970: values by the numbers of their trends."""
-        for _ in self._trends.at(time):
-            pass
-        for trend, number in numbers:
-            self._trends.add(trend, number)
+    def add_past(self, time: float, trend: int, numbers: Sequence[float]) -> None:
+        """Add values that were heard of a trend at a `time` before now, in seconds since 1970."""
+        self._trends.add_past(time, trend, numbers)
 
     async def slots(self, trend: int, since: float, until: float) -> list[Slot]:
         """Read the slots of a trend that begin from `since` on and before `until`, in seconds since 1970."""

@@ -50,6 +50,12 @@ class Trends:
         values[2] += number
         values[3] += 1
 
+    def add_past(self, time: float, key: int, numbers: Sequence[float]) -> None:
+        """Add values that were heard of a trend in the slot at a `time` before now, in seconds since 1970."""
+        piece = self._fresh.setdefault((self.layout.block_at(time), key), self.layout.piece())
+        mean = sum(numbers) / len(numbers)
+        put(piece, self.layout.place(self.layout.slot_at(time)), (min(numbers), mean, max(numbers)))
+
     def end(self) -> None:
         """Put all that was heard into its pieces, to be written."""
         for slot in tuple(self._heard):
