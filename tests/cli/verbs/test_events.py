@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from gateway.cli.kit.daemon import GatewayGoneError
+from gateway.cli.kit.paint import red, yellow
 from gateway.cli.main import FINE, INTERRUPTED, PROBLEM_FOUND, WRONG_USAGE, main
 from gateway.cli.verbs import events
 from gateway.errors import DaemonError
@@ -138,3 +139,9 @@ def test_what_a_device_says_does_not_steer_the_terminal(monkeypatch, capsys):
     monkeypatch.setattr(events, "Conversation", telling({"events": [OTHER], "next": 7}))
     main(["events"])
     assert "\x1b" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("level", "paint"), [("error", red), ("warning", yellow), ("info", str)])
+def test_a_severity_has_its_colour(level, paint):
+    row = events._row({**LOST, "level": level})
+    assert f"  {paint(f'{level:7}')}  line_lost" in row
