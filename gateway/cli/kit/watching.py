@@ -166,7 +166,8 @@ class _Watch(Generic[A]):
 
     def _draw(self, columns: int, rows: int) -> None:
         self._make(columns)
-        pinned, body = [*self._trouble(columns), *self._screen.wrong], self._body()
+        trouble, wrong, body = self._trouble(columns), self._screen.wrong, self._body()
+        pinned = [*trouble, *([""] if trouble and wrong else []), *wrong]
         if pinned and body:
             pinned.append("")
         if len(pinned) + 1 + max(1, rows * _SCROLLED) > rows:
