@@ -349,3 +349,29 @@ async def test_over_http_it_may_be_a_second_old_and_at_the_control_socket_it_is_
         assert (await tell_status(operator, Nothing(), at_control)).at == pytest.approx(first.at + 0.5)
         await asyncio.sleep(0.5)
         assert (await tell_status(operator, Nothing(), over_http)).at == pytest.approx(first.at + 1.0)
+
+
+async def test_what_is_wrong_is_told_and_one_failure_of_a_unit_that_answers_is_not() -> None:
+    async with gateway_bench(CONFIG) as bench:
+        operator, client = Operator(bench.running, None), bench.client()
+
+        async def wrong() -> list[tuple[str, str]]:
+            told = await tell_status(operator, Nothing(), Asker(AT_CONTROL, lambda: True))
+            return [(each.kind, each.name) for each in told.troubles]
+
+        device = attach(bench)
+        await client.asks(41, READ)
+        assert await wrong() == []
+        device.silent = True
+        assert await client.asks(41, READ) == "83 0B"
+        assert unit(bench).state == "failing"
+        assert await wrong() == []
+        await client.asks(6, READ)
+        assert await wrong() == [("failing", "press")]
+        await asyncio.sleep(1.0)
+        for _ in range(2):
+            await client.asks(41, READ)
+            await asyncio.sleep(1.0)
+        bench.lines["hall-b"].pull("it was pulled")
+        await asyncio.sleep(1.0)
+        assert await wrong() == [("down", "hall-b"), ("resting", "silo"), ("failing", "press")]

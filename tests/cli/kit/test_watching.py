@@ -17,7 +17,7 @@ from gateway.cli.kit.paint import red
 from gateway.cli.kit.terminal import no_control_characters
 from gateway.errors import DaemonError
 
-watching.EVERY = 0.05
+watching.EVERY = float(sys.argv[2])
 
 def look():
     try:
@@ -49,7 +49,7 @@ def seen(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def terminal(seen: Path) -> Iterator[Terminal]:
-    with Terminal(["-c", PROGRAM, str(seen)]) as terminal:
+    with Terminal(["-c", PROGRAM, str(seen), "0.05"]) as terminal:
         terminal.wait_for("q end")
         yield terminal
 
@@ -116,12 +116,14 @@ def test_the_keys_are_explained(terminal: Terminal) -> None:
     terminal.wait_for("line 1")
 
 
-def test_another_size_is_another_screen(terminal: Terminal) -> None:
-    terminal.resize(60, 10)
-    assert "1-7 of 61" in terminal.wait_for("60 wide")
-    assert terminal.screen.rows[0] == "wrong: plc is down"
-    terminal.resize(20, 2)
-    terminal.wait_for("wrong: plc is down")
+def test_another_size_is_another_screen_at_once(seen: Path) -> None:
+    with Terminal(["-c", PROGRAM, str(seen), "1000"]) as terminal:
+        terminal.wait_for("q end")
+        terminal.resize(60, 10)
+        assert "1-7 of 61" in terminal.wait_for("60 wide")
+        assert terminal.screen.rows[0] == "wrong: plc is down"
+        terminal.resize(20, 2)
+        terminal.wait_for("wrong: plc is down")
 
 
 def test_a_gateway_that_has_gone_is_told_and_looked_for_again(terminal: Terminal, seen: Path) -> None:
@@ -162,13 +164,13 @@ def test_control_characters_are_escaped_and_no_colour_is_anybody_elses(terminal:
 
 
 def test_without_a_gateway_at_the_first_look_there_is_no_screen(tmp_path: Path) -> None:
-    with Terminal(["-c", PROGRAM, str(tmp_path / "none")]) as terminal:
+    with Terminal(["-c", PROGRAM, str(tmp_path / "none"), "1"]) as terminal:
         assert terminal.wait_for_end() == 1
         assert "DaemonError: no running gateway found" in terminal.screen.text
 
 
 def test_a_terminal_without_codes_gets_screen_after_screen(seen: Path) -> None:
     seen.write_text("wrong: plc is down\nfine")
-    with Terminal(["-c", PROGRAM, str(seen)], TERM="dumb") as terminal:
+    with Terminal(["-c", PROGRAM, str(seen), "0.05"], TERM="dumb") as terminal:
         terminal.wait_for("wrong: plc is down\n80 wide\nfine\n\nwrong: plc is down\n80 wide\nfine")
         assert terminal.screen.colours("wrong") == {""}
