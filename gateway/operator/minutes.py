@@ -2,8 +2,11 @@
 
 import asyncio
 from collections import Counter
+from collections.abc import Sequence
+from time import sleep
 from typing import Final, NamedTuple
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.operator.operator import Operator
 from gateway.timing.history import LineUse, Past, Slot, UnitUse
 from gateway.trace.records import Incident, Record, Refused, Sent
@@ -13,6 +16,11 @@ MINUTE: Final = 60
 MINUTES: Final = 60
 #: The most records that are gone through: with more, the history has to do.
 MOST_RECORDS: Final = 100_000
+#: How old what is shown may be, in seconds: any number of readers costs no more than one.
+KEPT: Final = 8.0
+#: After so many records the thread rests for so long, in seconds.
+_SLICE: Final = 64
+_PAUSE: Final = 0.001
 #: Why requests were not sent although their unit was meant.
 _UNSENT: Final = frozenset({"line_down", "resting", "overdue", "echo_suspected", "queue_full", "expired"})
 
@@ -24,10 +32,33 @@ class LastHour(NamedTuple):
     clients: dict[int, Counter[str]]
 
 
+class _Kept:
+    """The last hours that somebody has looked at, by line, each with when that was."""
+
+    def __init__(self) -> None:
+        self.hours: dict[str, tuple[float, LastHour | None]] = {}
+        self.one_at_a_time = asyncio.Lock()
+
+
 async def last_hour(operator: Operator, line: str) -> LastHour | None:
-    """Add up what a line did in the minutes of the last hour; None if the ring does not reach back so far."""
-    running, now = operator.running, asyncio.get_running_loop().time()
-    ring, offset = running.ring, operator.clock() - now
+    """Return what a line did in the minutes of the last hour, as it was at most KEPT seconds ago.
+
+    None if the ring does not reach back so far. Records are added up in a thread, which leaves the lines their time.
+    """
+    kept, loop = operator.kept(_Kept), asyncio.get_running_loop()
+    async with kept.one_at_a_time:
+        at, hour = kept.hours.get(line, (-KEPT, None))
+        if loop.time() - at >= KEPT:
+            hour = await _look(operator, line)
+            kept.hours = {name: one for name, one in kept.hours.items() if loop.time() - one[0] < KEPT}
+            kept.hours[line] = loop.time(), hour
+        return hour
+
+
+async def _look(operator: Operator, line: str) -> LastHour | None:
+    running, loop = operator.running, asyncio.get_running_loop()
+    ring, now = running.ring, loop.time()
+    offset = operator.clock() - now
     last = int((now + offset) // MINUTE)
     first = last - MINUTES + 1
     begin = max(first * MINUTE - offset, running.started)
@@ -35,20 +66,29 @@ async def last_hour(operator: Operator, line: str) -> LastHour | None:
     has_lost_some = ring.first > 0 and (ring.begins_at is None or ring.begins_at > begin)
     if not ring.is_on or has_lost_some or ring.added - number > MOST_RECORDS:
         return None
-    slots = _empty(first, line, begin + offset, now + offset)
-    clients: dict[int, Counter[str]] = {}
+    found: list[Record] = []
     while number < ring.added:
         records = ring.after(number)
         number = max(number, ring.first) + len(records)
-        for record in records:
-            minute = int((record.at + offset) // MINUTE)
-            slot = slots.get(minute)
-            if slot is not None and record.line == line:
-                _add(slot, record)
-                if isinstance(record, Sent):
-                    clients.setdefault(minute, Counter())[record.client] += 1
+        found += (record for record in records if record.line == line)
         await asyncio.sleep(0)
-    return LastHour(Past(first, [slots.get(each) for each in range(first, last + 1)], MINUTE), clients)
+    slots = _empty(first, line, begin + offset, now + offset)
+    return await loop.run_in_executor(ThreadPerCall("last hour"), _added_up, first, slots, found, offset)
+
+
+def _added_up(first: int, slots: dict[int, Slot], records: Sequence[Record], offset: float) -> LastHour:
+    """Add up the records of a line, with pauses for the lines."""
+    clients: dict[int, Counter[str]] = {}
+    for count, record in enumerate(records):
+        if not count % _SLICE:
+            sleep(_PAUSE)
+        minute = int((record.at + offset) // MINUTE)
+        slot = slots.get(minute)
+        if slot is not None:
+            _add(slot, record)
+            if isinstance(record, Sent):
+                clients.setdefault(minute, Counter())[record.client] += 1
+    return LastHour(Past(first, [slots.get(each) for each in range(first, first + MINUTES)], MINUTE), clients)
 
 
 def _empty(first: int, line: str, begin: float, end: float) -> dict[int, Slot]:

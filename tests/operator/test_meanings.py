@@ -6,7 +6,11 @@ import pytest
 
 from gateway.cli.show.trace_rows import rows
 from gateway.errors import WrongQuestion
+from gateway.operator.asked import Traced
+from gateway.operator.operator import Operator
+from gateway.operator.trace_reader import Texts, TraceReader
 from kit.asking import answers
+from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -170,3 +174,25 @@ async def test_nobody_pays_for_it_who_does_not_ask(bench):
     await told(bench, "03 00 00 00 02")
     (page,) = await answers(bench.running, {"verb": "trace", "since": 60})
     assert [fact for fact in page["facts"] if "points" in fact] == []
+
+
+LIMITED = f"{CONFIG}\n[[access]]\nlisten = ['web']\nunits = [6]\nallow = ['read']\n"
+
+
+async def test_who_may_not_see_the_bytes_does_not_see_what_they_mean(tmp_path):
+    async with web_bench(LIMITED, tmp_path) as web:
+        attach(web.inner)
+        await answers(web.running, {"verb": "request", "unit": 1, "pdu": "03 00 00 00 03"})
+        for path in ("/traffic", "/lines/hall"):
+            page = await web.browser().get(path)
+            assert page.status == 200
+            assert "123.4" not in page.text
+            assert "running" not in page.text.partition("<tbody>")[2]
+        reader = TraceReader(Operator(web.running, None), Traced(since=60, points=True), "127.0.0.1", Texts())
+        assert "123.4" not in "".join(await reader.next(0.1))
+    async with web_bench(CONFIG, tmp_path) as web:
+        attach(web.inner)
+        await answers(web.running, {"verb": "request", "unit": 1, "pdu": "03 00 00 00 03"})
+        assert "<b>power 123.4 kW, state running, limit 1</b>" in (await web.browser().get("/traffic")).text
+        reader = TraceReader(Operator(web.running, None), Traced(since=60, points=True), "127.0.0.1", Texts())
+        assert "123.4 kW" in "".join(await reader.next(0.1))

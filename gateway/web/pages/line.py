@@ -2,11 +2,12 @@
 
 import asyncio
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
+from gateway.operator.answers.trace import Fact
 from gateway.operator.asked import Traced
 from gateway.operator.meanings import points_of
 from gateway.operator.operator import Operator
@@ -55,9 +56,10 @@ class LinePage:
         if line is None:
             raise ProblemError(404, f"there is no line {name}")
         try:
-            rows, why = await self._last_rows(name, request[VISITOR].host), ""
+            facts, why = await self._last_facts(name, request[VISITOR].host), ""
         except WrongQuestion as wrong:
-            rows, why = (), str(wrong)
+            facts, why = (), str(wrong)
+        points = points_of(self._operator)
         past, now = past_of(self._operator, UNIT_SLOTS), asyncio.get_running_loop().time()
         with_page = frozenset(unit.name for unit in units_of(self._operator))
         units = tuple(unit for unit in status.units if unit.line == name)
@@ -68,7 +70,6 @@ class LinePage:
             request,
             line=line,
             status=line.status,
-            rows=rows,
             asked=asked,
             outcome=outcome,
             function_name=function_name,
@@ -78,6 +79,7 @@ class LinePage:
             spans=SPANS if has_past else (),
             span=span if wanted else "",
             # The template calls these in the thread that makes the page.
+            rows=lambda: [row(fact, points) for fact in facts],
             busy_outline=lambda: busy_outline(past, name),
             line_past=lambda: wanted and drawn(span, *wanted, name, [unit.name for unit in units]),
             hours=lambda: hours(past, name),
@@ -86,9 +88,8 @@ class LinePage:
             ),
         )
 
-    async def _last_rows(self, line: str, host: str) -> Sequence[dict[str, Any]]:
+    async def _last_facts(self, line: str, host: str) -> Sequence[Fact]:
         """List the last transactions on a line that a reader at this address may see, newest first."""
         facts = await latest(self._operator.running, Traced(line=line), host, _LOOKED_AT)
         shown = [fact for fact in facts if fact["kind"] in ("exchange", "answered", "refused")]
-        points = points_of(self._operator)
-        return [row(fact, points) for fact in shown[:MOST_FACTS]]
+        return shown[:MOST_FACTS]
