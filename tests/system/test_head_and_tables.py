@@ -50,7 +50,7 @@ def test_a_clock_that_differs_from_the_browsers_is_told(browser, address):
 
 def test_a_tile_leads_to_where_it_is_explained(page, address):
     shown(page, address)
-    until(page, lambda: re.match(r"\d+/12\n", page.locator("a.tile", has_text="units answering").inner_text()))
+    until(page, lambda: re.match(r"\d+/\d+\n", page.locator("a.tile", has_text="units answering").inner_text()))
     page.locator("a.tile", has_text="clients").click()
     page.wait_for_url("**/clients")
 
@@ -85,6 +85,7 @@ def test_numbers_are_sorted_as_numbers_the_largest_first(page, address):
 def test_rows_are_found_and_the_table_is_renewed_while_somebody_types(page, address):
     shown(page, address)
     table, field = page.locator("table.heat"), page.get_by_role("searchbox")
+    count = len(column(table, 0))
     field.fill("drive")
     names = column(table, 0)
     assert [name.split("-")[0] for name in names] == ["drive"] * 3
@@ -93,7 +94,7 @@ def test_rows_are_found_and_the_table_is_renewed_while_somebody_types(page, addr
     assert sorted(column(table, 0)) == sorted(names)
     assert field.evaluate("(each) => each === document.activeElement")
     field.fill("")
-    assert len(column(table, 0)) == 12
+    assert len(column(table, 0)) == count > 3
     assert "find" not in page.url
 
 
