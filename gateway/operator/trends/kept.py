@@ -9,8 +9,9 @@ from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.events import Emit
 from gateway.operator.operator import Operator
 from gateway.operator.trends.sampler import Sampler
@@ -19,6 +20,8 @@ from gateway.operator.trends.trends import Trends
 from gateway.state.database import Database
 from gateway.state.row_file import Changes, RowFile, growing
 from gateway.timing.trend import Layout, Slot
+
+T = TypeVar("T")
 
 FILE_NAME: Final = "trends.sqlite"
 #: The file is written so often, so many seconds after the clock has come to a multiple of it.
@@ -61,20 +64,23 @@ class KeptTrends:
 
     async def slots(self, trend: int, since: float, until: float) -> list[Slot]:
         """Read the slots of a trend that begin from `since` on and before `until`, in seconds since 1970."""
-        newest = self._trends.newest()
-        look = partial(newest.slots, key=trend, since=since, until=until)
-        return look(None) if self._file is None else await self._file.look(look)
+        return await self._look(partial(self._trends.newest().slots, key=trend, since=since, until=until))
 
     async def recent(self, now: float) -> Mapping[int, list[Slot]]:
-        """Read the last RECENT_SLOTS of all trends; this is done once in a slot for all who ask."""
-        slot = self.layout.slot_at(now)
+        """Read the last RECENT_SLOTS of all trends; this is done once a minute for all who ask."""
+        minute, step = int(now // 60), self.layout.step
+        until = self.layout.slot_at(now) + step
         async with self._one_reader_at_a_time:
-            if self._recent[0] != slot:
+            if self._recent[0] != minute:
                 newest = self._trends.newest()
-                since = slot - RECENT_SLOTS * self.layout.step
-                look = partial(newest.all_slots, since=since, until=slot + self.layout.step)
-                self._recent = slot, look(None) if self._file is None else await self._file.look(look)
+                look = partial(newest.all_slots, since=until - RECENT_SLOTS * step, until=until)
+                self._recent = minute, await self._look(look)
         return self._recent[1]
+
+    async def _look(self, look: Callable[[Database | None], T]) -> T:
+        if self._file is not None:
+            return await self._file.look(look)
+        return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("trends"), look, None)
 
 
 class _Place:

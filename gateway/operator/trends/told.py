@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from itertools import groupby
 from math import ceil
 
+from gateway.clock.slices import in_slices
 from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration
 from gateway.errors import ExceptionCode, Malformed, NotPermitted, WrongQuestion
@@ -38,7 +39,7 @@ async def tell_trend(operator: Operator, asked: TrendOfPoint, asker: Asker) -> P
     since = now - trends.layout.kept if asked.since is None else _time(asked.since, "since", now)
     until = now if asked.until is None else _time(asked.until, "until", now)
     slots = joined(await slots_of(operator, unit, point, since, until), step)
-    told = [TrendSlot(_rfc3339(slot.time), slot.least, slot.mean, slot.greatest) for slot in slots]
+    told = await in_slices(TrendSlot(_rfc3339(slot.time), slot.least, slot.mean, slot.greatest) for slot in slots)
     return PointTrend(device=unit.name, point=point.name, measure=point.unit or None, step_s=step, slots=told)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from math import floor, log10
 from typing import Any, Final, NamedTuple
 from urllib.parse import urlencode
@@ -73,15 +74,20 @@ class ShownTrend:
     rows: Sequence[Row]
 
 
-async def trend_shown(operator: Operator, unit: UnitPicture, asker: Asker, query: Any) -> ShownTrend | None:
-    """Show the trend that the query of an address asks for, or that of the first point over a day, or the first hour.
+#: Makes what the page shows of a trend.
+ToShow = Callable[[], ShownTrend | None]
 
-    None if no trends are kept, or no point has one that the asker may see.
+
+async def trend_to_show(operator: Operator, unit: UnitPicture, asker: Asker, query: Any) -> ToShow:
+    """Read the trend that the query of an address asks for, or that of the first point over a day, or the first hour.
+
+    Return what shows it, to be called in the thread that makes the page: nothing if no trends are kept, or no point has
+    one that the asker may see.
     """
     trends = kept_trends(operator)
     points = [each.point for each in known_points(operator, unit, asker) if has_trend(each.point)]
     if trends is None or not points:
-        return None
+        return lambda: None
     point = next((each for each in points if each.name == query.get("trend")), points[0])
     spans = [each for each in SPANS if each.hours * 3600 <= trends.layout.kept] or [SPANS[0]]
     now = operator.clock()
@@ -93,7 +99,7 @@ async def trend_shown(operator: Operator, unit: UnitPicture, asker: Asker, query
     column = max(span.column, trends.layout.step)
     first = int(now // column + 1) * column - span.hours * 3600
     slots = [slot for slot in slots if slot.time >= first]
-    return _shown(point, points, span, spans, slots, first, column, path_of("units", unit))
+    return partial(_shown, point, points, span, spans, slots, first, column, path_of("units", unit))
 
 
 def number_format(point: Point, least: float, greatest: float) -> Callable[[float], str]:

@@ -42,7 +42,7 @@ from gateway.web.pages.function_names import function_name
 from gateway.web.pages.histogram import plotted
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
-from gateway.web.pages.trend import trend_shown
+from gateway.web.pages.trend import trend_to_show
 from gateway.web.pages.writing import WriteRights
 
 #: Points are read at most once in this many seconds, by any number of readers.
@@ -99,9 +99,11 @@ class UnitPage:
             failed, why = (), str(wrong)
         times = answer_times(self._operator.gateway, unit)
         status = await self._status(unit)
+        trend = await trend_to_show(self._operator, unit, asker_of(request), request.query)
         return await self._renderer.page(
             "unit.html",
             request,
+            in_thread=lambda: {"trend": trend()},
             unit=unit,
             status=status,
             state=None if status is None else states_of([status], past_of(self._operator, SLOTS))[status.name],
@@ -119,7 +121,6 @@ class UnitPage:
             maps=maps_of(self._operator.gateway, unit.name),
             passed=() if unit.points else await passed(self._operator, unit, asker_of(request)),
             registers=_registers,
-            trend=await trend_shown(self._operator, unit, asker_of(request), request.query),
             **self.values_shown(unit, request),
             **_form(_USUAL),
         )
