@@ -13,10 +13,9 @@ import re
 import secrets
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Final, Literal
-from urllib.parse import parse_qsl, quote, urlsplit
+from urllib.parse import quote, urlsplit
 
 from aiohttp import web
 from aiohttp.typedefs import Middleware
@@ -26,6 +25,7 @@ from gateway.readconfig.page_users import Role, is_user_name
 from gateway.request import Caller
 from gateway.web.access.sessions import Sessions
 from gateway.web.access.user_table import UserTable
+from gateway.web.front.forms import MOST_FIELDS, read_form
 from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.front.settings import WebSettings
 from gateway.web.text.cookies import cookie
@@ -40,10 +40,6 @@ _HOST: Final = re.compile(r"(?:\[([0-9A-Fa-f:.]{2,45})\]|([0-9A-Za-z._-]{1,253})
 _BODY_TIME: Final = 10.0
 _LONG_BODY_TIME: Final = 60.0
 LONGEST_BODY: Final = 3 * 1024 * 1024 + 1024
-#: Forms up to this size are parsed at once, in bytes: others in a thread. The lines would wait for it.
-_SHORT_FORM: Final = 32 * 1024
-#: The most fields of a form.
-_MOST_FIELDS: Final = 64
 _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 #: What an address may choose for any page: its language and its theme.
 _CHOICES: Final = ("lang", "theme")
@@ -199,44 +195,37 @@ class Guard:
 async def _with_long_body(request: web.Request) -> web.Request:
     """Take the body of a request for which more is allowed than for others."""
     request = request.clone(client_max_size=LONGEST_BODY)
-    _check_kind(request)
-    try:
-        async with asyncio.timeout(_LONG_BODY_TIME):
-            body = await request.read()
-        if request.content_type == _FORM:
-            request[FORM] = await _parsed(body)
-    except TimeoutError:
-        raise ProblemError(408, f"the request has not arrived within {_LONG_BODY_TIME:g} s") from None
-    except ValueError:
-        raise ProblemError(400, f"the form is not UTF-8, or has more than {_MOST_FIELDS} fields") from None
+    body = await _read_body(request, _LONG_BODY_TIME)
+    if request.content_type == _FORM:
+        try:
+            read = ThreadPerCall("web form")
+            request[FORM] = await asyncio.get_running_loop().run_in_executor(read, read_form, body)
+        except ValueError:
+            raise ProblemError(400, f"the form is not UTF-8, or has more than {MOST_FIELDS} fields") from None
     return request
 
 
-async def _parsed(body: bytes) -> dict[str, str]:
-    parse = partial(parse_qsl, body.decode(), keep_blank_values=True, errors="strict", max_num_fields=_MOST_FIELDS)
-    if len(body) <= _SHORT_FORM:
-        return dict(parse())
-    return dict(await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web form"), parse))
+async def _take_body(request: web.Request) -> None:
+    await _read_body(request, _BODY_TIME)
+    if request.content_type == _FORM:
+        try:
+            await request.post()
+        except ValueError:
+            raise ProblemError(400, "the form is not UTF-8") from None
 
 
-def _check_kind(request: web.Request) -> None:
+async def _read_body(request: web.Request, limit: float) -> bytes:
     if request.content_type.startswith("multipart/"):
         raise ProblemError(415, f"forms are {_FORM}")
     if (request.charset or "utf-8").lower() not in _CHARSETS:  # some codecs take seconds for 32 KiB
         raise ProblemError(415, "what is sent must be UTF-8")
-
-
-async def _take_body(request: web.Request) -> None:
-    _check_kind(request)
     try:
-        async with asyncio.timeout(_BODY_TIME):
-            await request.read()
-        if request.content_type == _FORM:
-            await request.post()
+        async with asyncio.timeout(limit):
+            return await request.read()
     except TimeoutError:
-        raise ProblemError(408, f"the request has not arrived within {_BODY_TIME:g} s") from None
-    except ValueError:
-        raise ProblemError(400, "the form is not UTF-8") from None
+        raise ProblemError(408, f"the request has not arrived within {limit:g} s") from None
+    except ConnectionError:
+        raise ProblemError(400, "the client has gone") from None
 
 
 async def _check_csrf(request: web.Request, visitor: Visitor) -> None:

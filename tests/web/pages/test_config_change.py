@@ -239,3 +239,25 @@ async def test_a_text_that_takes_too_long_is_a_problem(anna, monkeypatch):
     monkeypatch.setattr(config_check, "check_text", hang)
     told = (await ask(anna, "")).json
     assert (told["ok"], told["problems"][0]["message"]) == (False, "the text: cannot be read within 30 s")
+
+
+async def test_whoever_leaves_in_the_middle_of_a_long_body_does_no_harm(bench, anna, checked):
+    head = {"Origin": "http://127.0.0.1:8502", "Content-Type": "application/json", "X-CSRF-Token": anna.csrf}
+    wires = [
+        anna.open(API, method="POST", body=b'{"text": "' + b"#" * 50_000, headers={**head, "Content-Length": str(MIB)})
+        for _ in range(3)
+    ]
+    await asyncio.sleep(1)
+    for wire in wires:
+        wire.close()
+    assert (await ask(anna, "")).status == 200
+    assert bench.events("part_failed") == []
+    assert checked == [""]
+
+
+async def test_a_long_body_that_takes_too_long_gives_way_to_others(anna):
+    head = {"Origin": "http://127.0.0.1:8502", "Content-Type": "application/json", "X-CSRF-Token": anna.csrf}
+    wire = anna.open(API, method="POST", body=b'{"text": "', headers={**head, "Content-Length": str(MIB)})
+    await asyncio.sleep(61)
+    assert wire.received.startswith(b"HTTP/1.1 408")
+    assert (await ask(anna, "")).status == 200
