@@ -16,7 +16,8 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.config.reading.masking import secrets_in
 from gateway.errors import ConfigError, WrongQuestion
 from gateway.operator.answers.support import Document
-from gateway.operator.asked import ToExamine, ToSupport
+from gateway.operator.asked import ToExamine, ToList, ToSupport
+from gateway.operator.happened import last_events, told
 from gateway.operator.inventory import tell_inventory
 from gateway.operator.metrics import read
 from gateway.operator.operation import Asker, Nothing
@@ -110,6 +111,14 @@ async def _doctor(operator: Operator, asker: Asker) -> _Text:
         yield part
 
 
+async def _events(operator: Operator, _asker: Asker) -> _Text:
+    events = last_events(operator, ToList())
+    for at in range(0, len(events), _STEP):
+        told_events = (told(each, sees_bytes=False) for each in events[at : at + _STEP])
+        yield "".join(f"{json.dumps(each, ensure_ascii=False)}\n" for each in told_events)
+        await asyncio.sleep(0)
+
+
 async def _metrics(operator: Operator, _asker: Asker) -> _Text:
     from gateway.observe.metrics import exposition  # noqa: PLC0415 - its library may not be installed
 
@@ -149,8 +158,8 @@ def _teller(operator: Operator, asker: Asker) -> Callable[[Record], str]:
     may_see = (lambda _: True) if asker.door == "control" else what_is_seen(operator.running, asker.host)
 
     def tell(record: Record) -> str:
-        told = fact(record, clock, names)
-        return json.dumps(told if may_see(record) else without_values(told), ensure_ascii=False) + "\n"
+        shown = fact(record, clock, names)
+        return json.dumps(shown if may_see(record) else without_values(shown), ensure_ascii=False) + "\n"
 
     return tell
 
@@ -173,6 +182,7 @@ _DOCUMENTS: Final[dict[str, Callable[[Operator, Asker], _Text]]] = {
     "status.json": _status,
     "inventory.json": _inventory,
     "doctor.json": _doctor,
+    "events.jsonl": _events,
     "metrics.txt": _metrics,
     "failures.jsonl": _failures,
     "trace.jsonl": _trace,

@@ -39,6 +39,7 @@ async def test_all_documents_are_there_and_nothing_is_sent_for_them():
         assert json.loads(found["status.json"])["lines"][0]["name"] == "hall"
         assert json.loads(found["inventory.json"])["devices"][0]["name"] == "press"
         assert json.loads(found["doctor.json"])["findings"]
+        assert "events.jsonl" in found
         assert "modbus_gateway_requests_total" in found["metrics.txt"]
         assert json.loads(found["trace.jsonl"].splitlines()[-1])["request"] == "03 00 00 00 01"
 

@@ -6,6 +6,7 @@ import tarfile
 
 import pytest
 
+from gateway.events import LineLost
 from kit.browser import web_bench
 from kit.bundles import documents_in
 from kit.device import SimulatedDevice, SimulatedLine
@@ -84,6 +85,15 @@ async def test_values_of_units_that_the_door_does_not_let_read_are_not_in_it(ben
         "press": "03 00 00 00 01",
         "oven": None,
     }
+
+
+async def test_the_last_events_are_in_it(bench):
+    bench.running.emit(LineLost("hall", "/dev/hall", "/dev/hall does not exist"))
+    anna = bench.browser()
+    await anna.log_in("anna")
+    _, _, content = await fetched(anna)
+    events = [json.loads(each) for each in documents_in(content)["events.jsonl"].splitlines()]
+    assert "line_lost" in {each["event"] for each in events}
 
 
 async def test_it_can_be_without_the_trace(bench):
