@@ -144,7 +144,6 @@ def _application(
     renderer = Renderer(assets, Heads(operator, situations), is_encrypted=settings.is_encrypted)
     heat_map = HeatMap()
     rights = WriteRights(operator, may_write=settings.write)
-    units = UnitPage(operator, renderer, rights)
     applied = AppliedPage(operator, renderer)
     pages: tuple[Page, ...] = (
         OverviewPage(operator, situations, renderer, heat_map),
@@ -152,8 +151,8 @@ def _application(
         LinePage(operator, renderer, heat_map),
         EventsPage(operator, situations, renderer),
         TrafficPage(operator, renderer),
-        units,
-        ImagePage(operator, renderer, units, rights),
+        UnitPage(operator, renderer, rights),
+        ImagePage(operator, renderer, rights),
         WritePages(operator, renderer, rights),
         ClientsPage(operator, renderer),
         HealthPage(doctor, renderer),

@@ -3,6 +3,7 @@
 - overview, values, line, unit, image, events, traffic, health, clients, config, login    a page each
 - config_change, applied    a text that might become the config; configs from before
 - add_line, new_line    a line that is searched for units and written as text for the config
+- points       the points of a unit, on its page and on that of an image
 - writing, questions, fields    forms, and writes that wait to be confirmed
 - problem      errors as pages
 - renderer, addresses, assets    templates, paths of pages, and static files

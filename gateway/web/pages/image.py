@@ -30,8 +30,8 @@ from gateway.web.api.asking import asker_of, unit_in
 from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
+from gateway.web.pages.points import points_shown
 from gateway.web.pages.renderer import Renderer
-from gateway.web.pages.unit import UnitPage
 from gateway.web.pages.writing import WriteRights
 
 _FIRST_SHOWN: Final = (Area.HOLDING, Area.INPUT, Area.COILS, Area.DISCRETE)
@@ -42,10 +42,9 @@ _MOST_WRITES: Final = 20
 class ImagePage:
     """The handler of `/images/NAME`. NAME is a name or a number."""
 
-    def __init__(self, operator: Operator, renderer: Renderer, units: UnitPage, rights: WriteRights) -> None:
+    def __init__(self, operator: Operator, renderer: Renderer, rights: WriteRights) -> None:
         self._operator = operator
         self._renderer = renderer
-        self._units = units
         self._rights = rights
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
@@ -107,7 +106,7 @@ class ImagePage:
         """Collect what the template shows of points; those of a virtual unit are among its mapped values."""
         if unit.kind == "virtual":
             return {"no_value": NO_VALUE, **self._rights.of(unit, request[VISITOR]).as_content()}
-        return self._units.values_shown(unit, request)
+        return points_shown(self._operator, self._rights, unit, request)
 
     def _window(self, unit: UnitPicture, span: Span) -> ImageWindow | None:
         return window(self._operator.gateway, unit.key, span, asyncio.get_running_loop().time())

@@ -1,30 +1,23 @@
 """The page of a unit: its values, how fast it answers against its limit, what failed and why."""
 
-import asyncio
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from shlex import quote
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.lines.counts import RESULTS
 from gateway.modbus.codes import Area
-from gateway.modbus.functions import READERS
 from gateway.operator.answer_times import answer_times
-from gateway.operator.answers.known_values import ValueState
 from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.complaint import Complaint, complaint_of, exception_name
+from gateway.operator.complaint import complaint_of, exception_name
 from gateway.operator.failures import failures
-from gateway.operator.kept import Kept, kept, maps_of, mirrors_of
-from gateway.operator.known_values import Known, known_points, state_of
-from gateway.operator.last_values import last_read, read_all, readable
-from gateway.operator.operation import Asker
+from gateway.operator.kept import maps_of, mirrors_of
+from gateway.operator.last_values import read_all
 from gateway.operator.operator import Operator
 from gateway.operator.passed import Passed, passed
 from gateway.operator.past import past_of
-from gateway.operator.reached import may
 from gateway.operator.requests import ask_for
 from gateway.operator.status import recent_status
 from gateway.operator.unit_states import SLOTS, rests_ms, states_of
@@ -32,7 +25,6 @@ from gateway.operator.unit_values import read, values_at
 from gateway.operator.values import Outcome
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
-from gateway.registers.items import reference
 from gateway.web.access.guard import VISITOR, Need
 from gateway.web.api.asking import asker_of, unit_in
 from gateway.web.front.problems import Handler, ProblemError
@@ -40,6 +32,7 @@ from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.histogram import plotted
+from gateway.web.pages.points import points_shown, reference_of
 from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
 from gateway.web.pages.trend import trend_to_show
@@ -50,22 +43,6 @@ READ_EVERY: Final = 1.0
 #: What the form for reading says at first, by its fields.
 _USUAL: Final[Mapping[str, str]] = {"area": "holding", "start": "0", "count": "10", "type": "", "swap": "none"}
 _FAILED: Final = frozenset(RESULTS) - {"ok", "exception", "broadcast"}
-
-
-@dataclass(frozen=True, slots=True)
-class ShownPoint:
-    """A point and its value as text; empty if it is not known. `source` is the client that asked a device for it.
-
-    If it could not be read since, `trouble` says why.
-    """
-
-    point: Point
-    reference: str
-    value: str
-    age_ms: float | None = None
-    state: ValueState | Literal[""] = ""
-    source: str = ""
-    trouble: Complaint | None = None
 
 
 class UnitPage:
@@ -121,7 +98,7 @@ class UnitPage:
             maps=maps_of(self._operator.gateway, unit.name),
             passed=() if unit.points else await passed(self._operator, unit, asker_of(request)),
             registers=_registers,
-            **self.values_shown(unit, request),
+            **points_shown(self._operator, self._rights, unit, request),
             **_form(_USUAL),
         )
 
@@ -152,7 +129,7 @@ class UnitPage:
             outcome = await read(unit, points, ask_for(self._operator, unit.key, asker_of(request)))
         except WrongQuestion as wrong:
             why = complaint_of(wrong)
-        values = [ShownPoint(each.point, _reference(each.point), each.text) for each in outcome.readings]
+        values = [(each, reference_of(each.point)) for each in outcome.readings]
         return await self._renderer.page(
             "values.html",
             request,
@@ -167,34 +144,6 @@ class UnitPage:
             **self._rights.of(unit, visitor).as_content(),
         )
 
-    def values_shown(self, unit: UnitPicture, request: web.Request) -> dict[str, Any]:
-        """Collect what the template `points.html` shows."""
-        asker, is_device = asker_of(request), unit.kind in ("device", "upstream")
-        last = last_read(self._operator, unit, asker) if is_device else None
-        return {
-            "points": self._heard(unit, asker, last) if is_device else self._held(unit, asker),
-            "no_value": NO_VALUE,
-            "can_be_read": bool(readable(unit)),
-            "was_read_ago": None if last is None else last[1],
-            **self._rights.of(unit, request[VISITOR]).as_content(),
-        }
-
-    def _heard(self, unit: UnitPicture, asker: Asker, last: tuple[Outcome, float] | None) -> list[ShownPoint]:
-        """List the points of a device with their latest known values, as far as the asker may read them."""
-        now = asyncio.get_running_loop().time()
-        known = {each.point.name: each for each in known_points(self._operator, unit, asker)}
-        return [_known(point, known.get(point.name), last, now) for point in unit.points]
-
-    def _held(self, unit: UnitPicture, asker: Asker) -> list[ShownPoint]:
-        """List the points of an image or a mirror with the values that it has, as far as the asker may read them."""
-        router, now = self._operator.router("web"), asyncio.get_running_loop().time()
-        spans = [point.read_span for point in unit.points]
-        may_read = {area: may(router, asker.host, unit.key, READERS[area][0]) for area in {span.area for span in spans}}
-        there = kept(self._operator.gateway, unit.key, spans, now)
-        return [
-            _kept(point, each if may_read[point.area] else None) for point, each in zip(unit.points, there, strict=True)
-        ]
-
     async def _status(self, unit: UnitPicture) -> Any:
         units = (await recent_status(self._operator)).units
         return next((each for each in units if each.unit == unit.unit and each.name == unit.name), None)
@@ -208,38 +157,11 @@ def _kinds(status: Any) -> list[tuple[str, int]]:
     return sorted(((name, count) for name, count in counts.items() if count), key=lambda each: (-each[1], each[0]))
 
 
-def _known(point: Point, known: Known | None, last: tuple[Outcome, float] | None, now: float) -> ShownPoint:
-    """Show what is known of a point, or why the `last` read of it failed, if nothing was heard since."""
-    read, reading = (None, None) if known is None else (known.read, known.reading)
-    age = None if read is None else now - read.asked_at
-    return ShownPoint(
-        point,
-        _reference(point),
-        "" if reading is None else reading.text,
-        None if age is None else 1000 * age,
-        "" if known is None else state_of(known, reading, now),
-        "" if read is None else read.caller.client,
-        last[0].trouble_of(point) if last is not None and (age is None or last[1] < age) else None,
-    )
-
-
-def _kept(point: Point, kept: Kept | None) -> ShownPoint:
-    """Show what an image or a mirror has of a point."""
-    if kept is None or kept.age_ms is None:
-        return ShownPoint(point, _reference(point), "", state="never")
-    text = point.show(point.value(kept.items))
-    return ShownPoint(point, _reference(point), text, kept.age_ms, "stale" if kept.is_stale else "fresh")
-
-
 def _registers(passed: Passed) -> str:
     """Write the coils or registers that passed as numbers."""
     width = len(passed.items) // passed.span.count
     items = (passed.items[at : at + width] for at in range(0, len(passed.items), width))
     return " ".join(str(int.from_bytes(item, "big")) for item in items)
-
-
-def _reference(point: Point) -> str:
-    return reference(point.area, point.address) + point.bits_shown
 
 
 def _blocked(status: Any) -> int:
