@@ -41,10 +41,13 @@ class Read(NamedTuple):
         return cls(span, width, tuple(places))
 
     def numbers(self, response: bytes) -> Iterable[tuple[int, float]]:
-        """Yield the numbers in a response, by the numbers of their trends."""
+        """Yield the numbers in a response, by the numbers of their trends; none if its length is another one."""
         if not self.points:
             return
-        items = items_read(self.span, response, self.width)
+        try:
+            items = items_read(self.span, response, self.width)
+        except ValueError:
+            return
         for key, place, number_in in self.points:
             number = number_in(items[place])
             if number is not None:

@@ -1,0 +1,80 @@
+"""The numbers that trends take out of a response are the values of its points."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
+from gateway.operator.trends.numbers import Read, has_trend, to_number
+from gateway.profiles.point import Point
+from gateway.registers.datatypes import registers_of
+from gateway.registers.items import pack_bits
+
+TYPES = ("uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64", "bcd16", "bcd32")
+_POINTS = st.builds(
+    lambda kind, swap, scale, offset, decimals, labels, invalid: Point(
+        "level",
+        Area.HOLDING,
+        7,
+        kind,
+        swap,
+        registers_of(kind),
+        scale=scale,
+        offset=offset,
+        decimals=decimals,
+        labels=labels,
+        invalid=invalid,
+    ),
+    st.sampled_from(TYPES),
+    st.sampled_from(("none", "words", "bytes", "both")),
+    st.sampled_from((1.0, 0.1, 0.001, 2.5, 100.0)),
+    st.sampled_from((0.0, -40.0, 273.15)),
+    st.sampled_from((None, 0, 1, 3)),
+    st.sampled_from(({}, {0: "off", 7: "on"})),
+    st.sampled_from(((), (0x8000, 0xFFFF))),
+)
+
+
+@given(_POINTS, st.binary(min_size=8, max_size=8))
+def test_they_are_those_that_the_point_itself_finds(point, data):
+    items = data[: 2 * point.count]
+    try:
+        value = point.value(items)
+    except ValueError:  # no BCD
+        value = None
+    if isinstance(value, str) or value is None or abs(value) > 1e37:
+        assert to_number(point)(items) is None
+    else:
+        assert to_number(point)(items) == pytest.approx(value, rel=1e-12, abs=1e-9)
+
+
+def test_points_that_a_read_has_whole_are_found_in_it():
+    points = [
+        (1, Point("a", Area.HOLDING, 10)),
+        (2, Point("b", Area.HOLDING, 12, "uint32", count=2)),
+        (3, Point("cut", Area.HOLDING, 13, "uint32", count=2)),
+        (4, Point("scaled", Area.HOLDING, 11, "int16", scale_at=13)),
+        (5, Point("far", Area.HOLDING, 11, "int16", scale_at=14)),
+        (6, Point("text", Area.HOLDING, 10, "string", count=2)),
+        (7, Point("bit", Area.HOLDING, 11, bits=(3, 3))),
+        (8, Point("wide bits", Area.HOLDING, 11, bits=(0, 3))),
+    ]
+    read = Read.of(Span(Area.HOLDING, 10, 4), points)
+    response = bytes.fromhex("03 08 00 05 00 0C 00 01 FF FF")
+    assert dict(read.numbers(response)) == {1: 5, 2: 0x1FFFF, 4: 1.2, 7: 1, 8: 12}
+    assert dict(read.numbers(response[:-2])) == {}
+
+
+def test_bits_and_wide_registers():
+    coils = Read.of(Span(Area.COILS, 3, 10), [(1, Point("on", Area.COILS, 5)), (2, Point("off", Area.COILS, 12))])
+    assert dict(coils.numbers(b"\1\2" + pack_bits(bytes([0, 0, 1, *bytes(7)])))) == {1: 1, 2: 0}
+    labelled = Read.of(Span(Area.COILS, 0, 1), [(1, Point("on", Area.COILS, 0, labels={1: "open"}))])
+    assert dict(labelled.numbers(b"\1\1\1")) == {}
+    wide = Read.of(Span(Area.HOLDING, 0, 2), [(1, Point("wide", Area.HOLDING, 1, "float32", count=1, width=4))])
+    assert dict(wide.numbers(bytes.fromhex("03 08 00000000 3F800000"))) == {1: 1.0}
+
+
+def test_what_is_only_written_has_no_trend():
+    assert not has_trend(Point("start", Area.HOLDING, 0, write="only"))
+    assert has_trend(Point("level", Area.HOLDING, 0, write="yes"))
