@@ -19,8 +19,10 @@ from gateway.operator.trends import kept as kept_module
 from gateway.operator.trends import table as table_module
 from gateway.operator.trends.kept import FILE_NAME, WRITE_EVERY, kept_trends, trends_kept
 from gateway.operator.trends.told import slots_of
+from gateway.operator.trends.trends import Trends
 from gateway.operator.unit_values import point_named
 from gateway.operator.units import picture
+from gateway.timing.trend import Layout
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -390,3 +392,27 @@ async def test_the_last_hour_of_all_points_is_read_once_a_slot(bench, monkeypatc
     ((slot, *_),) = [slots for slots in (await kept.recent(bench.time())).values() if slots[0].greatest == 20.0]
     assert (slot.least, slot.greatest) == (10.0, 20.0)
     assert kept_module.RECENT_SLOTS == 60
+
+
+def test_what_is_being_written_can_be_read_and_comes_back_if_it_could_not_be():
+    trends = Trends(Layout.of(DAY))
+
+    def heard(at: float, number: float) -> None:
+        for _ in trends.at(at):
+            pass
+        trends.add(7, number)
+
+    def slots():
+        return [
+            (slot.time - NOON, slot.least, slot.greatest) for slot in trends.newest().slots(None, 7, NOON, NOON + 900)
+        ]
+
+    heard(NOON, 1.0)
+    heard(NOON + 60, 2.0)
+    taken = trends.changes()
+    heard(NOON + 61, 3.0)
+    heard(NOON + 120, 4.0)
+    assert slots() == [(0, 1.0, 1.0), (60, 2.0, 3.0), (120, 4.0, 4.0)]
+    trends.put_back(taken)
+    assert slots() == [(0, 1.0, 1.0), (60, 2.0, 3.0), (120, 4.0, 4.0)]
+    assert len(trends.changes().written) == 1
