@@ -13,6 +13,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.reached import device_of
 from gateway.operator.trends.kept import KeptTrends, kept_trends
 from gateway.operator.trends.told import trend_of
+from gateway.profiles.point import Point
 from gateway.timing.history import slot_at
 
 #: Values are made up for each minute of a day, in seconds.
@@ -26,11 +27,13 @@ _AT_NIGHT: Final = 0.25
 #: How far others are moved by the full load, and by how much they tremble.
 _MOVES: Final = {"°C": 2.4, "%": -6.0, "V": -1.5}
 _TREMBLES: Final = {"°C": 0.1, "%": 0.4, "V": 0.8, "Hz": 0.02, "kg": 1.5}
+#: How things tremble: the shares and the paces, in seconds, of waves that never meet again.
+_WAVES: Final = ((0.5, 2311.0), (0.3, 613.0), (0.2, 131.0))
 #: The band of a load around its mean.
 _BAND: Final = 0.03
-#: It always shows the weight of the printed example.
+#: The point of the scales, which tell no unit of measure; one of them always shows the weight of the printed example.
+_WEIGHT: Final = "weight"
 _STEADY: Final = "silo-1"
-#: The end of the names of points that show the most since somebody has reset them.
 _MOST: Final = "-max"
 
 
@@ -50,7 +53,7 @@ class Course(NamedTuple):
         if self.measure in _COUNTS:
             mean = self.value - _COUNTS[self.measure] * work
             return mean, mean, mean
-        wave = sin(ago / 1700 + self.phase) * sin(ago / 290 + self.phase)
+        wave = sum(share * sin(ago / pace + self.phase * pace) for share, pace in _WAVES)
         if self.measure in _LOADS:
             mean = self.value * load / self.load * (1 + _BAND * wave)
             return mean * (1 - _BAND), mean, mean * (1 + _BAND)
@@ -68,7 +71,7 @@ class _Past(NamedTuple):
 
 
 async def make_up_values(operator: Operator, asker: Asker) -> None:
-    """Add a day to the trends of all points with a unit of measure that are known, if trends are kept."""
+    """Add a day to the trends of all points with a unit of measure that move and are known, if trends are kept."""
     trends = kept_trends(operator)
     if trends is not None:
         await in_slices(_minutes(trends, list(_pasts(operator, asker)), operator.clock()))
@@ -87,10 +90,16 @@ def _pasts(operator: Operator, asker: Asker) -> Iterator[_Past]:
         for known in known_points(operator, unit, asker):
             value = None if known.reading is None else known.reading.value
             trend, point = trend_of(operator, unit, known.point), known.point
-            if trend is None or not isinstance(value, int | float) or not point.unit or point.name.endswith(_MOST):
+            measure = "kg" if point.name == _WEIGHT else point.unit
+            if trend is None or not isinstance(value, int | float) or not measure or _stands_still(point):
                 continue
-            measure = "" if unit.name == _STEADY else point.unit
+            measure = "" if unit.name == _STEADY else measure
             yield _Past(line, trend, Course(float(value), measure, load, 6 * dice.random()))
+
+
+def _stands_still(point: Point) -> bool:
+    """Tell whether a point is a setting, or the most since somebody has reset it."""
+    return point.write != "no" or point.name.endswith(_MOST)
 
 
 def _minutes(trends: KeptTrends, pasts: list[_Past], now: float) -> Iterator[None]:
