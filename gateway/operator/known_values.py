@@ -57,6 +57,10 @@ class Known(NamedTuple):
         size = len(items) // self.read.span.count
         return Reading(self.point, items[first * size : (first + count) * size])
 
+    def age(self, now: float) -> float | None:
+        """Return how long ago it was asked for, in seconds; None if it never was. It may have been after `now`."""
+        return None if self.read is None else max(0.0, now - self.read.asked_at)
+
     def is_stale(self, now: float) -> bool:
         """Return whether it is known, and too old, or from before a write."""
         return self.read is not None and (self.read.outdated or now - self.read.asked_at > self.stale_after)
@@ -159,7 +163,7 @@ def _shortest(operator: Operator, unit: UnitPicture, polls: Iterable[Poll]) -> M
 def told(unit: UnitPicture, known: Known, now: float, day: float) -> KnownValue:
     """Convert it to the result type; `now` is the time of the event loop, `day` the same in seconds since 1970."""
     point, read, reading = known.point, known.read, known.reading
-    age = None if read is None else now - read.asked_at
+    age = known.age(now)
     return KnownValue(
         unit=unit.unit,
         name=unit.name,

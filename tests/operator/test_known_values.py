@@ -6,6 +6,7 @@ from dataclasses import asdict
 import pytest
 
 from gateway.modbus.codes import Area
+from gateway.operator.known_values import known_points
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.passed import passed
@@ -215,3 +216,12 @@ async def test_of_a_device_without_points_the_registers_that_passed_last_are_fou
         ]
         assert found[0].span.area is Area.HOLDING
         assert found[0].age < found[1].age
+
+
+async def test_a_read_that_came_while_values_are_told_is_not_younger_than_now():
+    async with gateway_bench(CONFIG) as bench:
+        attached(bench)
+        await asked(bench, "03 00 00 00 03")
+        unit, operator = picture(bench.running.gateway, "meter"), Operator(bench.running, NO_FILE)
+        known, *_ = known_points(operator, unit, Asker(Caller.without_address("control"), lambda: True))
+        assert known.age(now=0.0) == 0.0

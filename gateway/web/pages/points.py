@@ -79,7 +79,7 @@ def _held(operator: Operator, unit: UnitPicture, asker: Asker) -> list[ShownPoin
 def _known(point: Point, known: Known | None, last: tuple[Outcome, float] | None, now: float) -> ShownPoint:
     """Show what is known of a point, or why the `last` read of it failed, if nothing was heard since."""
     read, reading = (None, None) if known is None else (known.read, known.reading)
-    age = None if read is None else now - read.asked_at
+    age = None if known is None else known.age(now)
     return ShownPoint(
         point,
         reference_of(point),

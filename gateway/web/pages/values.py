@@ -214,12 +214,12 @@ def _opened(found: Sequence[Found], wanted: Wanted) -> list[str]:
 
 
 def _row(unit: UnitPicture, now: float, trends: Sparklines, known: Known) -> Row:
-    reading, read, name = known.reading, known.read, known.point.name
+    reading, read, name, age = known.reading, known.read, known.point.name, known.age(now)
     return Row(
         known.point,
         "" if reading is None else reading.text,
         state_of(known, reading, now),
-        None if read is None else 1000 * (now - read.asked_at),
+        None if age is None else 1000 * age,
         "" if read is None else read.caller.client,
         f"{path_of('units', unit)}?trend={quote(name)}#trend",
         trends.of(unit, known.point),
