@@ -194,7 +194,7 @@ def renew(page: Any) -> None:
 
 
 def take_pictures(folder: Path) -> None:
-    """The page of a line with a transaction that is pointed at, and the overview."""
+    """The page of a line with a transaction that is pointed at, the overview, and the values of a unit."""
     folder.mkdir(parents=True, exist_ok=True)
     with demo_page() as address, chromium() as browser:
         page = browser.new_page(viewport={"width": 1120, "height": 1000}, color_scheme="light", **MOVING)
@@ -211,6 +211,10 @@ def take_pictures(folder: Path) -> None:
         page.goto(address)
         page.wait_for_timeout(11_000)
         _take(page, page.locator("section[data-keep=strips]"), folder / "overview.png")
+        page.goto(f"{address}/units/meter-hall?trend=active-power")
+        page.wait_for_timeout(3_000)
+        top = page.locator("h1").bounding_box()["y"] - 12
+        page.screenshot(path=folder / "values.png", clip={"x": 0, "y": top, "width": 1120, "height": 780})
 
 
 def _take(page: Any, part: Any, file: Path) -> None:
