@@ -1,7 +1,7 @@
 """Checks a text that is no file yet, in a process of its own.
 
 Nothing that the text names is opened, looked for or imported, and nothing that it says can delay the gateway: the
-process has a limit of time and of memory, and runs only when nobody else needs the processor.
+process has a limit of time and of memory, and gives way to others.
 """
 
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from typing import Final
 
 from gateway.config.machine.file_text import MOST_BYTES, plain_text
 from gateway.config.problem import Severity
-from gateway.readconfig.process import Reading
+from gateway.readconfig.process import READING_TIME, Reading
 
-#: How long checking a text may take, in seconds.
-CHECKING_TIME: Final = 30.0
+#: How long checking a text may take, in seconds: as long as reading the config.
+CHECKING_TIME: Final = READING_TIME
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,8 @@ from gateway.readconfig.text_check import TextChanges, TextCheck, TextProblem, u
 
 #: What checking a text may take of memory, in bytes: the service has 512 MiB for all. 10 000 rows need a third of it.
 MOST_MEMORY: Final = 256 * 1024 * 1024
-#: From any priority to the least one: on a small machine the lines have the processor.
-_NICE: Final = 40
+#: So much lower is its priority than that of the gateway. At the least one it would not end while others are busy.
+_NICE: Final = 10
 #: The most characters of what a problem says: it may quote the text.
 _MOST_SAID: Final = 400
 

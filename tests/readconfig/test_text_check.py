@@ -193,12 +193,12 @@ def test_line_ends_of_windows_are_none_of_the_difference(file):
 
 @pytest.mark.parametrize("text", ["a = " + "[" * 500_000, "a = " + "[" * 900 + "]" * 900, "a." * 5000 + "a = 1"])
 def test_deep_nesting_is_a_problem(file, text):
-    assert check_text(file, text, IN_USE).has_errors
+    assert look_at(text, IN_USE, file).has_errors
 
 
 def test_what_a_problem_quotes_is_short(file):
     text = f'[[line]]\nname = "{"x" * 500_000}"\n' + "".join(f"k{number} = 1\n" for number in range(2000))
-    found = check_text(file, text, IN_USE)
+    found = look_at(text, IN_USE, file)
     assert len(found.problems) == 1001
     assert len(str(found)) < 2_000_000
 
@@ -216,7 +216,7 @@ def test_a_text_that_takes_too_much_memory_is_given_up(file, monkeypatch):
     monkeypatch.setattr(
         process, "_PROGRAM", process._PROGRAM.replace("main()", f"import gateway.readconfig.text_reader\n{small}")
     )
-    text = "".join(f'[[line]]\nname = "a{each}"\nport = "/dev/x{each}"\n' for each in range(20_000))
+    text = "".join(f'[[line]]\nname = "a{each}"\nport = "/dev/x{each}"\n' for each in range(4_000))
     with pytest.raises(ConfigError, match=r"it needs more than 60 MiB of memory|SIGABRT; is memory short\?"):
         check_text(file, text, IN_USE)
 
@@ -227,7 +227,7 @@ def test_a_process_that_checks_gives_way_to_all_others():
         "check_given_text(Path('/x/gateway.toml'), b'0\\n')\nprint(os.nice(0))"
     )
     ended = subprocess.run([sys.executable, "-c", watch], capture_output=True, text=True, timeout=60, check=True)
-    assert ended.stdout == "19\n"
+    assert int(ended.stdout) == min(os.nice(0) + 10, 19)
 
 
 def test_paths_count_from_the_folder_of_the_config():
