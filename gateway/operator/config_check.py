@@ -20,7 +20,7 @@ MOST_WAITING: Final = 8
 
 
 class TextChecks:
-    """Checks one text at a time, and rests as long afterwards: half a processor at most, and that at a lower priority."""
+    """Checks one text at a time, and rests as long afterwards: half a processor at most, at a lower priority."""
 
     def __init__(self) -> None:
         self._turn = asyncio.Lock()
