@@ -92,6 +92,11 @@ class Layout:
             yield Slot(block + at // _NUMBERS * self.step, *piece[at : at + _NUMBERS])
 
 
+def mean_of(numbers: Sequence[float]) -> float:
+    """Compute the mean; rounding puts it neither below the least number nor above the greatest one."""
+    return min(max(sum(numbers) / len(numbers), min(numbers)), max(numbers))
+
+
 def put(piece: Piece, place: int, numbers: Sequence[float]) -> None:
     """Add least, mean and greatest value of what was heard later in a slot; if it had any, the new mean stays."""
     least, mean, greatest = numbers

@@ -21,7 +21,7 @@ from gateway.operator.trends.trends import key_of
 from gateway.operator.unit_values import point_named
 from gateway.operator.units import picture
 from gateway.profiles.point import Point
-from gateway.timing.trend import Slot
+from gateway.timing.trend import Slot, mean_of
 
 
 async def tell_trend(operator: Operator, asked: TrendOfPoint, asker: Asker) -> PointTrend:
@@ -82,8 +82,8 @@ def joined(slots: Sequence[Slot], step: int) -> Iterator[Slot]:
 
 
 def _together(begin: int, slots: Sequence[Slot]) -> Slot:
-    means = [slot.mean for slot in slots]
-    return Slot(begin, min(slot.least for slot in slots), sum(means) / len(means), max(slot.greatest for slot in slots))
+    mean = mean_of([slot.mean for slot in slots])
+    return Slot(begin, min(slot.least for slot in slots), mean, max(slot.greatest for slot in slots))
 
 
 def _step(text: str | None, slot: int) -> int:

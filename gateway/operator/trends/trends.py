@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from gateway.operator.trends.table import Entry, Key, Pieces, read
 from gateway.profiles.point import Point
 from gateway.state.database import Database
-from gateway.timing.trend import Layout, Piece, Slot, merge, put
+from gateway.timing.trend import Layout, Piece, Slot, mean_of, merge, put
 
 #: The most pieces in memory, while the disk fails or there is no file: the oldest blocks are dropped.
 MOST_PIECES: Final = 20_000
@@ -53,8 +53,7 @@ class Trends:
     def add_past(self, time: float, key: int, numbers: Sequence[float]) -> None:
         """Add values that were heard of a trend in the slot at a `time` before now, in seconds since 1970."""
         piece = self._fresh.setdefault((self.layout.block_at(time), key), self.layout.piece())
-        mean = sum(numbers) / len(numbers)
-        put(piece, self.layout.place(self.layout.slot_at(time)), (min(numbers), mean, max(numbers)))
+        put(piece, self.layout.place(self.layout.slot_at(time)), (min(numbers), mean_of(numbers), max(numbers)))
 
     def end(self) -> None:
         """Put all that was heard into its pieces, to be written."""
