@@ -41,6 +41,10 @@ class Span:
         """Tell whether both have an address."""
         return self.area == other.area and self.start < other.end and other.start < self.end
 
+    def has(self, other: "Span") -> bool:
+        """Tell whether it has all addresses of the other one."""
+        return self.area == other.area and self.start <= other.start and other.end <= self.end
+
     def up_to(self, address: int) -> "Span":
         """Make the span that reaches to another address too, before or behind it."""
         start = min(self.start, address)

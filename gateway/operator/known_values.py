@@ -129,14 +129,9 @@ def _newest(operator: Operator, unit: UnitPicture, device: Device) -> Mapping[st
     reads = () if device.last_reads is None else device.last_reads.of(device.unit)
     for read in sorted(reads, key=lambda each: each.asked_at):
         for point in points_within(operator, unit, read.span):
-            if _has_all(read, point):
+            if read.span.has(point.read_span):
                 found[point.name] = read
     return found
-
-
-def _has_all(read: LastRead, point: Point) -> bool:
-    span = point.read_span
-    return read.span.start <= span.start and span.end <= read.span.end
 
 
 def _intervals(operator: Operator) -> Mapping[str, Mapping[str, float]]:
@@ -155,7 +150,7 @@ def _shortest(operator: Operator, unit: UnitPicture, polls: Iterable[Poll]) -> M
     every: dict[str, float] = {}
     for poll in polls:
         for point in points_within(operator, unit, poll.span):
-            if poll.span.start <= point.read_span.start and point.read_span.end <= poll.span.end:
+            if poll.span.has(point.read_span):
                 every[point.name] = min(poll.every, every.get(point.name, poll.every))
     return every
 

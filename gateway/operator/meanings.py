@@ -86,7 +86,7 @@ class Points:
             there = _those_written if is_written else _those_read
             ordered = sorted(there(self._points[name]), key=lambda each: each[1].start)
             found = self._places[key] = [
-                _Place(point, place.start - span.start, place.count) for point, place in ordered if _is_in(place, span)
+                _Place(point, place.start - span.start, place.count) for point, place in ordered if span.has(place)
             ]
         return found
 
@@ -136,10 +136,6 @@ def _those_written(points: Sequence[Point]) -> Iterator[tuple[Point, Span]]:
     for point in points:
         if point.write != "no" and point.scale_at is None:
             yield replace(point, invalid=()), point.write_span
-
-
-def _is_in(inner: Span, outer: Span) -> bool:
-    return inner.area == outer.area and outer.start <= inner.start and inner.end <= outer.end
 
 
 def _meant(point: Point, items: bytes) -> Meant:

@@ -46,15 +46,16 @@ def sampling(points: int) -> float:
     for block in blocks:
         first = block[0].address
         span = Span(Area.HOLDING, first, 120)
-        reads.append(Read.of(span, [(key_of("hall", 1, "meter", point), point) for point in block]))
+        reads.append((Read.of(span, block), [key_of("hall", 1, "meter", point) for point in block]))
     responses = [bytes((3, 240)) + random.randbytes(240) for _ in range(10)]
     begun = time.process_time()
     for second in range(120):
         for _ in trends.at(NOON + second):
             pass
-        for read in reads:
-            for key, number in read.numbers(responses[second % 10]):
-                trends.add(key, number)
+        for read, keys in reads:
+            for key, number in zip(keys, read.numbers(responses[second % 10]), strict=True):
+                if number is not None:
+                    trends.add(key, number)
     return (time.process_time() - begun) / 120 / points * 1e6
 
 

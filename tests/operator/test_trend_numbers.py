@@ -51,28 +51,32 @@ def test_they_are_those_that_the_point_itself_finds(point, data):
 
 def test_points_that_a_read_has_whole_are_found_in_it():
     points = [
-        (1, Point("a", Area.HOLDING, 10)),
-        (2, Point("b", Area.HOLDING, 12, "uint32", count=2)),
-        (3, Point("cut", Area.HOLDING, 13, "uint32", count=2)),
-        (4, Point("scaled", Area.HOLDING, 11, "int16", scale_at=13)),
-        (5, Point("far", Area.HOLDING, 11, "int16", scale_at=14)),
-        (6, Point("text", Area.HOLDING, 10, "string", count=2)),
-        (7, Point("bit", Area.HOLDING, 11, bits=(3, 3))),
-        (8, Point("wide bits", Area.HOLDING, 11, bits=(0, 3))),
+        Point("a", Area.HOLDING, 10),
+        Point("b", Area.HOLDING, 12, "uint32", count=2),
+        Point("cut", Area.HOLDING, 13, "uint32", count=2),
+        Point("scaled", Area.HOLDING, 11, "int16", scale_at=13),
+        Point("far", Area.HOLDING, 11, "int16", scale_at=14),
+        Point("text", Area.HOLDING, 10, "string", count=2),
+        Point("bit", Area.HOLDING, 11, bits=(3, 3)),
+        Point("wide bits", Area.HOLDING, 11, bits=(0, 3)),
     ]
     read = Read.of(Span(Area.HOLDING, 10, 4), points)
     response = bytes.fromhex("03 08 00 05 00 0C 00 01 FF FF")
-    assert dict(read.numbers(response)) == {1: 5, 2: 0x1FFFF, 4: 1.2, 7: 1, 8: 12}
-    assert dict(read.numbers(response[:-2])) == {}
+    assert numbers(read, response) == {"a": 5, "b": 0x1FFFF, "scaled": 1.2, "bit": 1, "wide bits": 12}
+    assert list(read.numbers(response[:-2])) == []
 
 
 def test_bits_and_wide_registers():
-    coils = Read.of(Span(Area.COILS, 3, 10), [(1, Point("on", Area.COILS, 5)), (2, Point("off", Area.COILS, 12))])
-    assert dict(coils.numbers(b"\1\2" + pack_bits(bytes([0, 0, 1, *bytes(7)])))) == {1: 1, 2: 0}
-    labelled = Read.of(Span(Area.COILS, 0, 1), [(1, Point("on", Area.COILS, 0, labels={1: "open"}))])
-    assert dict(labelled.numbers(b"\1\1\1")) == {}
-    wide = Read.of(Span(Area.HOLDING, 0, 2), [(1, Point("wide", Area.HOLDING, 1, "float32", count=1, width=4))])
-    assert dict(wide.numbers(bytes.fromhex("03 08 00000000 3F800000"))) == {1: 1.0}
+    coils = Read.of(Span(Area.COILS, 3, 10), [Point("on", Area.COILS, 5), Point("off", Area.COILS, 12)])
+    assert numbers(coils, b"\1\2" + pack_bits(bytes([0, 0, 1, *bytes(7)]))) == {"on": 1, "off": 0}
+    labelled = Read.of(Span(Area.COILS, 0, 1), [Point("on", Area.COILS, 0, labels={1: "open"})])
+    assert numbers(labelled, b"\1\1\1") == {"on": None}
+    wide = Read.of(Span(Area.HOLDING, 0, 2), [Point("wide", Area.HOLDING, 1, "float32", count=1, width=4)])
+    assert numbers(wide, bytes.fromhex("03 08 00000000 3F800000")) == {"wide": 1.0}
+
+
+def numbers(read, response):
+    return {point.name: number for point, number in zip(read.points, read.numbers(response), strict=True)}
 
 
 def test_what_is_only_written_has_no_trend():

@@ -1,6 +1,6 @@
 """Numbers out of the responses to a read, by functions that are prepared for it once."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from decimal import Decimal
 from typing import Final, NamedTuple
 
@@ -18,40 +18,35 @@ _MOST_PLACES: Final = 15
 
 
 class Read(NamedTuple):
-    """A read: its span, the bytes of its registers, and of each point the number of its trend, its place and value."""
+    """A read: its span, the bytes of its registers, its points that have trends, and the place and value of each."""
 
     span: Span
     width: int
-    points: tuple[tuple[int, slice, ToNumber], ...]
+    points: tuple[Point, ...]
+    places: tuple[tuple[slice, ToNumber], ...]
 
     @classmethod
-    def of(cls, span: Span, points: Iterable[tuple[int, Point]]) -> "Read":
-        """Prepare the values of these points, by the numbers of their trends, as far as the read has all of them."""
-        covered = [
-            (key, point)
-            for key, point in points
-            if has_trend(point) and span.start <= point.read_span.start and point.read_span.end <= span.end
-        ]
-        width = covered[0][1].width if covered else 0
+    def of(cls, span: Span, points: Iterable[Point]) -> "Read":
+        """Prepare the values of these points, as far as the read has all of them."""
+        covered = tuple(point for point in points if has_trend(point) and span.has(point.read_span))
+        width = covered[0].width if covered else 0
         size = 1 if has_bits(span.area) else width
         places = []
-        for key, point in covered:
+        for point in covered:
             start = (point.read_span.start - span.start) * size
-            places.append((key, slice(start, start + point.read_span.count * size), to_number(point)))
-        return cls(span, width, tuple(places))
+            places.append((slice(start, start + point.read_span.count * size), to_number(point)))
+        return cls(span, width, covered, tuple(places))
 
-    def numbers(self, response: bytes) -> Iterable[tuple[int, float]]:
-        """Yield the numbers in a response, by the numbers of their trends; none if its length is another one."""
+    def numbers(self, response: bytes) -> Iterator[float | None]:
+        """Yield the number of each point in a response; none of all if its length is another one."""
         if not self.points:
             return
         try:
             items = items_read(self.span, response, self.width)
         except ValueError:
             return
-        for key, place, number_in in self.points:
-            number = number_in(items[place])
-            if number is not None:
-                yield key, number
+        for place, number_in in self.places:
+            yield number_in(items[place])
 
 
 def has_trend(point: Point) -> bool:

@@ -7,6 +7,7 @@ from typing import Final
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.lines.last_reads import LastRead
+from gateway.modbus.pdu import Span
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.known_values import devices_with_points
 from gateway.operator.operator import Operator
@@ -17,6 +18,11 @@ from gateway.operator.units import points_within
 
 #: How often it looks, in seconds: of responses that come faster the last one counts.
 LOOK_EVERY: Final = 1.0
+#: So many different reads are known by heart.
+_MOST_SHARED: Final = 1024
+
+#: A read, and the numbers of the trends of its points.
+Prepared = tuple[Read, tuple[int, ...]]
 
 
 class Sampler:
@@ -28,7 +34,9 @@ class Sampler:
         self._gateway: object = None
         #: When each read was asked for that was last looked at, and how its numbers are found.
         self._asked_at: dict[LastRead, float] = {}
-        self._prepared: dict[LastRead, Read] = {}
+        self._prepared: dict[LastRead, Prepared] = {}
+        #: The same reads of devices of one kind, by span and points: what is prepared for one is good for all of them.
+        self._shared: dict[tuple[Span, tuple[int, ...]], Read] = {}
 
     async def keep_looking(self) -> None:
         """Look once a second, until cancelled."""
@@ -43,7 +51,7 @@ class Sampler:
 
     def _look(self) -> Iterator[None]:
         if self._gateway is not self._operator.gateway:  # what a read means may have changed
-            self._gateway, self._prepared = self._operator.gateway, {}
+            self._gateway, self._prepared, self._shared = self._operator.gateway, {}, {}
         before, self._asked_at = self._asked_at, {}
         for unit in devices_with_points(self._operator):
             device = device_of(self._operator.gateway, unit.key)
@@ -57,14 +65,25 @@ class Sampler:
         self._prepared = {last: self._prepared[last] for last in self._asked_at if last in self._prepared}
 
     def _add(self, unit: UnitPicture, device: Device, last: LastRead) -> Iterator[None]:
-        read = self._prepared.get(last)
-        if read is None:
-            read = self._prepared[last] = self._prepare(unit, device, last)
-        for key, number in read.numbers(last.response):
-            self._trends.add(key, number)
+        prepared = self._prepared.get(last)
+        if prepared is None:
+            read = self._read(unit, last.span)
+            of_device, keys = (device.line_name, device.settings.unit, device.name), []
+            for point in read.points:
+                keys.append(key_of(*of_device, point))
+                yield
+            prepared = self._prepared[last] = read, tuple(keys)
+        read, trends = prepared
+        for key, number in zip(trends, read.numbers(last.response), strict=False):
+            if number is not None:
+                self._trends.add(key, number)
             yield
 
-    def _prepare(self, unit: UnitPicture, device: Device, last: LastRead) -> Read:
-        points = points_within(self._operator, unit, last.span)
-        of_device = device.line_name, device.settings.unit, device.name
-        return Read.of(last.span, [(key_of(*of_device, point), point) for point in points])
+    def _read(self, unit: UnitPicture, span: Span) -> Read:
+        points = points_within(self._operator, unit, span)
+        key = span, tuple(map(id, points))
+        if key not in self._shared:
+            if len(self._shared) >= _MOST_SHARED:
+                self._shared.clear()
+            self._shared[key] = Read.of(span, points)
+        return self._shared[key]
