@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
     Piece = array[float]
+    #: The mean of one slot after another; not a number where nothing was heard.
+    Means = array[float]
 else:  # it has no parameters before Python 3.12
-    Piece = array
+    Piece = Means = array
 
 #: A day is kept in slots of a minute, and more in slots of ten.
 SHORT: Final = 24 * 3600

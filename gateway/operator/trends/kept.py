@@ -19,7 +19,7 @@ from gateway.operator.trends.table import TABLE, Entry, entry, row_of, write
 from gateway.operator.trends.trends import Trends
 from gateway.state.database import Database
 from gateway.state.row_file import Changes, RowFile, growing
-from gateway.timing.trend import Layout, Slot
+from gateway.timing.trend import Layout, Means, Slot
 
 T = TypeVar("T")
 
@@ -55,7 +55,7 @@ class KeptTrends:
         self.layout = trends.layout
         self._trends = trends
         self._file = file
-        self._recent: tuple[int, Mapping[int, list[Slot]]] = (0, {})
+        self._recent: tuple[int, Mapping[int, Means]] = (0, {})
         self._one_reader_at_a_time = asyncio.Lock()
 
     def add_past(self, time: float, trend: int, numbers: Sequence[float]) -> None:
@@ -66,14 +66,12 @@ class KeptTrends:
         """Read the slots of a trend that begin from `since` on and before `until`, in seconds since 1970."""
         return await self._look(partial(self._trends.newest().slots, key=trend, since=since, until=until))
 
-    async def recent(self, now: float) -> Mapping[int, list[Slot]]:
+    async def recent(self, now: float) -> Mapping[int, Means]:
         """Read the last RECENT_SLOTS of all trends; this is done once a minute for all who ask."""
-        minute, step = int(now // 60), self.layout.step
-        until = self.layout.slot_at(now) + step
+        minute, since = int(now // 60), self.layout.slot_at(now) - (RECENT_SLOTS - 1) * self.layout.step
         async with self._one_reader_at_a_time:
             if self._recent[0] != minute:
-                newest = self._trends.newest()
-                look = partial(newest.all_slots, since=until - RECENT_SLOTS * step, until=until)
+                look = partial(self._trends.newest().means, since=since, count=RECENT_SLOTS)
                 self._recent = minute, await self._look(look)
         return self._recent[1]
 

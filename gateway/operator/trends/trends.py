@@ -1,13 +1,16 @@
 """The trends of all points: what is heard in the present slot, and the pieces that the file does not have yet."""
 
+from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from hashlib import blake2b
+from math import nan
 from typing import Final, NamedTuple
 
+from gateway.clock.slices import with_rests
 from gateway.operator.trends.table import Entry, Key, Pieces, read
 from gateway.profiles.point import Point
 from gateway.state.database import Database
-from gateway.timing.trend import Layout, Piece, Slot, mean_of, merge, put
+from gateway.timing.trend import Layout, Means, Piece, Slot, mean_of, merge, put
 
 #: The most pieces in memory, while the disk fails or there is no file: the oldest blocks are dropped.
 MOST_PIECES: Final = 20_000
@@ -119,28 +122,33 @@ class Newest(NamedTuple):
             sqlite3.Error: the disk or the file fails.
         """
         blocks = range(self.layout.block_at(since), int(until) + 1, self.layout.block)
-        return self._collected(database, [(block, key) for block in blocks], since, until).get(key, [])
+        pieces = sorted(self._pieces(database, [(block, key) for block in blocks]).items())
+        found = (slot for (block, _), piece in pieces for slot in self.layout.within(block, piece))
+        return [slot for slot in found if since <= slot.time < until]
 
-    def all_slots(self, database: Database | None, since: float, until: float) -> Mapping[int, list[Slot]]:
-        """Collect the same of all trends, by their numbers.
+    def means(self, database: Database | None, since: int, count: int) -> Mapping[int, Means]:
+        """Collect the means of `count` slots from `since` on of all trends; blocks, and rests.
+
+        They are no objects of their own: of 10 000 points there are 600 000 in an hour.
 
         Raises:
             sqlite3.Error: the disk or the file fails.
         """
-        blocks = range(self.layout.block_at(since), int(until) + 1, self.layout.block)
-        return self._collected(database, [(block,) for block in blocks], since, until)
-
-    def _collected(
-        self, database: Database | None, wanted: Sequence[tuple[int, ...]], since: float, until: float
-    ) -> dict[int, list[Slot]]:
-        pieces = {} if database is None else dict(read(database, self.layout, wanted))
-        for place, piece in self._not_written(wanted):
-            merge(pieces.setdefault(place, self.layout.piece()), piece)
-        found: dict[int, list[Slot]] = {}
-        for block, key in sorted(pieces):
-            inside = self.layout.within(block, pieces[block, key])
-            found.setdefault(key, []).extend(slot for slot in inside if since <= slot.time < until)
+        found: dict[int, Means] = {}
+        for block in range(self.layout.block_at(since), since + count * self.layout.step, self.layout.block):
+            for (_, key), piece in with_rests(self._pieces(database, [(block,)]).items()):
+                for slot in self.layout.within(block, piece):
+                    place = (slot.time - since) // self.layout.step
+                    if 0 <= place < count:
+                        found.setdefault(key, array("d", [nan]) * count)[place] = slot.mean
         return found
+
+    def _pieces(self, database: Database | None, wanted: Sequence[tuple[int, ...]]) -> dict[Key, Piece]:
+        """Collect the pieces with these keys or first parts of a key."""
+        pieces = {} if database is None else dict(read(database, self.layout, wanted))
+        for place, piece in with_rests(self._not_written(wanted)):
+            merge(pieces.setdefault(place, self.layout.piece()), piece)
+        return pieces
 
     def _not_written(self, wanted: Sequence[tuple[int, ...]]) -> Iterator[tuple[Key, Piece]]:
         """Yield the pieces with these keys or first parts of a key, earlier ones first."""
