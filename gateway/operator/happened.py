@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+from gateway.clock.slices import in_slices
 from gateway.config.plan.settings import Plan
 from gateway.errors import WrongQuestion
 from gateway.events import Level
@@ -31,7 +32,7 @@ async def tell_events(operator: Operator, asked: ToList, asker: Asker) -> Happen
         return Happened((), changed)
     sees_bytes = asker.door == "control" or may_see_all(operator.running, asker.host)
     found = last_events(operator, asked)
-    return Happened([told(each, sees_bytes=sees_bytes) for each in found], changed)
+    return Happened(await in_slices(told(each, sees_bytes=sees_bytes) for each in found), changed)
 
 
 def last_events(operator: Operator, asked: ToList) -> list[LastEvent]:

@@ -51,7 +51,7 @@ class Api:
         self._downloads = Downloads()
         self._turns = Turns()
         self._texts = Texts()
-        self._document = ""
+        self._document = b""
         self._may_write = may_write
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:

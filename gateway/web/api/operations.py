@@ -67,9 +67,9 @@ class _Handler:
         self._operator = operator
         self._may_write = may_write
         self._in_path = frozenset(NAMED.findall(operation.path or ""))
-        #: The status that was written last, and its text: it is the same for all who ask within a second.
+        #: The status that was written last, and its body: it is the same for all who ask within a second.
         self._status: Status | None = None
-        self._text = ""
+        self._body = b""
         self._one_status_at_a_time = asyncio.Lock()
 
     async def handle(self, request: web.Request) -> web.Response:
@@ -86,25 +86,26 @@ class _Handler:
             raise _not_reloaded(answer)
         return json_response(await (self._written_once(answer) if isinstance(answer, Status) else _written(answer)))
 
-    async def _written_once(self, status: Status) -> str:
+    async def _written_once(self, status: Status) -> bytes:
         async with self._one_status_at_a_time:
             if status is not self._status:
-                self._text = await _written(status)
+                self._body = await _written(status)
                 self._status = status
-            return self._text
+            return self._body
 
 
-def json_of(body: object) -> str:
-    """Write dataclasses and JSON values as JSON text."""
-    return json.dumps(body, default=fields_of, ensure_ascii=False)
+def json_of(body: object) -> bytes:
+    """Write dataclasses and JSON values as JSON in UTF-8."""
+    return json.dumps(body, default=fields_of, ensure_ascii=False).encode()
 
 
-def json_response(text: str) -> web.Response:
-    """Make a response from JSON text."""
-    return web.Response(text=text, content_type="application/json", headers={"Cache-Control": "no-store"})
+def json_response(body: bytes) -> web.Response:
+    """Make a response from JSON."""
+    headers = {"Cache-Control": "no-store"}
+    return web.Response(body=body, content_type="application/json", charset="utf-8", headers=headers)
 
 
-async def _written(answer: object) -> str:
+async def _written(answer: object) -> bytes:
     """Write an answer as JSON."""
     if not isinstance(answer, _LONG):
         return json_of(answer)

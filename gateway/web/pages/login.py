@@ -88,7 +88,7 @@ class LoginPage:
         self._emit(WebLogin(visitor.client, name))
         known = Visitor(visitor.host, True, name, user.role, session.csrf, token)
         response = (
-            web.json_response(text=json_of(session_of(known, may_write=self._settings.write)))
+            web.json_response(body=json_of(session_of(known, may_write=self._settings.write)))
             if _wants_json(request)
             else see_other(_local(str(form.get("next", ""))))
         )

@@ -160,9 +160,13 @@ class ValuesPage:
         values: list[KnownValue] = await in_slices(
             told(each.unit, known, now, day) for each in found for known in each.known
         )
-        text = await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web page"), values_as_csv, values)
+
+        def written() -> bytes:
+            return values_as_csv(values).encode("utf-8-sig")
+
+        body = await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web page"), written)
         headers = {"Content-Disposition": 'attachment; filename="values.csv"', "Cache-Control": "no-store"}
-        return web.Response(body=text.encode("utf-8-sig"), content_type="text/csv", charset="utf-8", headers=headers)
+        return web.Response(body=body, content_type="text/csv", charset="utf-8", headers=headers)
 
     async def _found(self, wanted: Wanted, asker: Asker, now: float) -> list[Found]:
         """Find the points, by device, with pauses for the lines."""
