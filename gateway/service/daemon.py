@@ -2,7 +2,8 @@
 
 import asyncio
 import signal
-from contextlib import AbstractAsyncContextManager, ExitStack, closing, nullcontext
+from collections.abc import AsyncIterator
+from contextlib import ExitStack, asynccontextmanager, closing, nullcontext
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -124,13 +125,16 @@ async def _run(
     pages = _web_pages(plan.web, operator, fan_out, folder)
     with usual_path_leads(control_path(source.file), control):
         async with events_kept(fan_out.last, folder, emit), control_open(control, operator, emit):
-            garbage.settle()
             await serve(running, stop, systemd, reloader, pages, control=str(control))
 
 
-def _web_pages(plan: WebPlan | None, *parts: Any) -> AbstractAsyncContextManager[None]:
-    """Make the context of the web pages. Without [web], nothing of them is imported."""
-    return nullcontext() if plan is None else import_module("gateway.web.front.opening").web_pages(plan, *parts)
+@asynccontextmanager
+async def _web_pages(plan: WebPlan | None, *parts: Any) -> AsyncIterator[None]:
+    """Open the web pages inside the context. Without [web], nothing of them is imported."""
+    pages = nullcontext() if plan is None else import_module("gateway.web.front.opening").web_pages(plan, *parts)
+    async with pages:
+        garbage.settle()
+        yield
 
 
 def _reload_or_stop(reloader: Reloader, stop: Stop, hang_up: HangUp) -> None:
