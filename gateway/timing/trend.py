@@ -135,15 +135,17 @@ def unpack(content: bytes, layout: Layout) -> Piece:
     """
     piece = layout.piece()
     try:
-        there, first = _HEAD.unpack_from(content)
-        places = [at for at in range(0, len(piece), _NUMBERS) if there >> at // _NUMBERS & 1]
+        slots, first = _HEAD.unpack_from(content)
+        places = [at for at in range(0, len(piece), _NUMBERS) if slots >> at // _NUMBERS & 1]
         numbers = Struct(f"<{_NUMBERS * len(places)}f")
         differences = numbers.unpack(content[_HEAD.size :].ljust(numbers.size, b"\0"))
     except error as wrong:
         raise ValueError(str(wrong)) from wrong
     for number, at in enumerate(places):
-        for more in range(_NUMBERS):
-            piece[at + more] = _sum(first, differences[_NUMBERS * number + more])
+        there = differences[_NUMBERS * number : _NUMBERS * (number + 1)]
+        least, mean, greatest = (_sum(first, each) for each in there)
+        least, greatest = min(least, greatest), max(least, greatest)  # each is rounded for itself
+        piece[at : at + _NUMBERS] = array("d", (least, min(max(mean, least), greatest), greatest))
     return piece
 
 

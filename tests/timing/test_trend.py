@@ -72,6 +72,13 @@ def test_any_whole_numbers_keep_seven_digits_of_what_they_differ(slots):
             assert after[0] <= after[1] <= after[2]
 
 
+def test_the_mean_is_between_least_and_greatest_whatever_is_rounded():
+    slots = [(2e-7,) * 3, (1.00000014, 1.00000026, 1.0000004)]
+    least, mean, greatest = there(unpack(pack(piece_of(*slots)), DAY))[1]
+    assert least <= mean <= greatest
+    assert (least, greatest) == pytest.approx((1.0, 1.0), abs=1e-6)
+
+
 def test_what_is_heard_later_is_added():
     piece = piece_of((1.0, 2.0, 3.0), None, (7.0, 7.0, 7.0))
     merge(piece, piece_of((2.0, 4.0, 8.0), (5.0, 5.0, 5.0)))
