@@ -1,6 +1,6 @@
 """The targets on a line: each of its devices, all of them for broadcasts, and units that a scan looks for."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol
 
@@ -10,7 +10,7 @@ from gateway.lines.bits import BitsTransaction
 from gateway.lines.transaction import BroadcastTransaction, Destination, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, HIGHEST_UNIT, FunctionCode
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import RequestPdu, parse_request
+from gateway.modbus.pdu import RequestPdu, Span, parse_request
 from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
 from gateway.request import Request
@@ -157,7 +157,14 @@ class EveryDevice(Destination):
 
     def __init__(self, line: TakesTransactions) -> None:
         super().__init__(BROADCAST_UNIT, "every device", _NEVER_ANSWERED)
+        #: The devices of the line, which hear it.
+        self.devices: Collection[Device] = ()
         self._line = line
+
+    def was_written(self, span: Span | None, now: float) -> None:
+        """Note it of each device."""
+        for device in self.devices:
+            device.was_written(span, now)
 
     def submit(self, request: Request, now: float) -> None:
         """Send the request to unit 0. It must be well formed and have a broadcast function."""

@@ -8,7 +8,7 @@ from gateway.lines.counts import UnitCounts
 from gateway.lines.last_reads import LastReads
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import RequestPdu
+from gateway.modbus.pdu import RequestPdu, Span
 from gateway.request import Request
 from gateway.timing.budget import AnswerTime, Budget
 
@@ -55,6 +55,11 @@ class Destination:
         self.counts = UnitCounts()
         #: What it has last answered; None unless something is known of what its registers mean.
         self.last_reads: LastReads | None = None
+
+    def was_written(self, span: Span | None, now: float) -> None:
+        """Note that a write to `span` (None: to any address) was sent, and may have been carried out."""
+        if self.last_reads is not None:
+            self.last_reads.written(span, now)
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
         """Note that a transaction has ended; `response` is None if none came. Must not answer requests.
@@ -226,8 +231,8 @@ class Transaction:
         self.times.limit = self.limit
         self.device.counts.record_error(error.result, now)
         self.device.counts.record(error.result, now)
-        if self.device.last_reads is not None and not self.asked.only_reads:
-            self.device.last_reads.written(self.asked.write, now)
+        if not self.asked.only_reads:
+            self.device.was_written(self.asked.write, now)
         for request in self.requests:
             self.times.request.add(now - request.received_at)
         self.fail(error)
@@ -247,6 +252,7 @@ class Transaction:
         """Finish all requests without a response: they were sent, and none is expected."""
         if self.is_broadcast:
             self.counts.broadcast += len(self.requests)
+            self.device.was_written(self.asked.write, self.ends_at)
         else:
             self.counts.ok += len(self.requests)
         for request in self.requests:

@@ -27,7 +27,7 @@ from gateway.operator.reached import device_of, may
 from gateway.operator.units import picture, points_within, units_of
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.profiles.reading import Reading
-from gateway.registers.items import items_read, reference
+from gateway.registers.items import has_bits, items_read, reference
 from gateway.runtime.gateway import Gateway
 
 #: How old a value may be that is polled, in intervals of its poll, and one that only clients read, in seconds.
@@ -129,9 +129,15 @@ def _newest(operator: Operator, unit: UnitPicture, device: Device) -> Mapping[st
     reads = () if device.last_reads is None else device.last_reads.of(device.unit)
     for read in sorted(reads, key=lambda each: each.asked_at):
         for point in points_within(operator, unit, read.span):
-            if read.span.has(point.read_span):
+            if _has_all(read, point):
                 found[point.name] = read
     return found
+
+
+def _has_all(read: LastRead, point: Point) -> bool:
+    """Tell whether a read has all of a point; not one from before a reload that gave the registers another width."""
+    fits = has_bits(read.span.area) or len(read.response) == 2 + read.span.count * point.width
+    return fits and read.span.has(point.read_span)
 
 
 def _intervals(operator: Operator) -> Mapping[str, Mapping[str, float]]:

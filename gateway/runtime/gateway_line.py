@@ -203,6 +203,7 @@ class GatewayLine:
         """Take over `plan`, which differs only in its place in the file or in passed-through units."""
         self.plan = plan
         self.devices = devices
+        self.every_device.devices = devices.values()
         self.longest_wait = longest_waits(plan)
         for each in plan.devices:
             devices[each.known_as].source = each.source

@@ -7,12 +7,13 @@ import pytest
 
 from gateway.modbus.codes import Area
 from gateway.operator.known_values import known_points
-from gateway.operator.operation import Asker
+from gateway.operator.operation import Asker as Door
 from gateway.operator.operator import Operator
 from gateway.operator.passed import passed
 from gateway.operator.units import picture
 from gateway.profiles.point import NO_VALUE
 from gateway.request import Caller
+from kit.asker import Asker
 from kit.asking import NO_FILE, answers
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
@@ -155,6 +156,23 @@ async def test_after_a_write_the_value_before_it_is_stale(silent):
         assert (await states(bench))["limit"] == "fresh"
 
 
+async def test_after_a_broadcast_and_a_write_by_another_name_the_value_before_it_is_stale():
+    twice = CONFIG.replace("  { unit = 2, ", "  { unit = 1, as = 101, name = \"again\" },\n  { unit = 2, ")
+    async with gateway_bench(twice) as bench:
+        attached(bench)
+        line, client = bench.gateway.lines[0], Asker()
+        await asked(bench, "03 00 00 00 03")
+        line.every_device.submit(client.ask("06 00 02 00 09", unit=0, now=line.now()), line.now())
+        await asyncio.sleep(1)
+        assert client.answers == [None]
+        assert (await states(bench))["state"] == "stale"
+        await asked(bench, "03 00 00 00 03")
+        assert (await values(bench))["limit"]["value"] == 9
+        assert (await states(bench))["state"] == "fresh"
+        await asked(bench, "06 00 02 00 08", unit=101)
+        assert (await states(bench))["state"] == "stale"
+
+
 async def test_an_exception_and_a_refused_read_tell_nothing():
     async with gateway_bench(CONFIG) as bench:
         attached(bench)[1].refuses[3] = 2
@@ -168,6 +186,15 @@ async def test_a_reload_keeps_what_is_the_same_device_and_decodes_it_anew():
         await asked(bench, "03 00 00 00 03")
         await bench.reload(CONFIG.replace("scale = 0.1", "scale = 0.01").replace("decimals = 1", "decimals = 2"))
         assert (await values(bench))["power"]["text"] == "12.34"
+
+
+async def test_a_reload_that_makes_the_registers_wider_drops_the_values():
+    async with gateway_bench(CONFIG) as bench:
+        attached(bench)
+        await asked(bench, "03 00 00 00 03")
+        wide = '[profile.meter]\nwide = "all"\npoints = [{ name = "power", holding = 0, type = "uint32" }]\n'
+        await bench.reload(wide + CONFIG[CONFIG.index("[[line]]") :])
+        assert (await values(bench))["power"]["state"] == "never"
 
 
 @pytest.mark.parametrize(
@@ -208,7 +235,7 @@ async def test_of_a_device_without_points_the_registers_that_passed_last_are_fou
             await asked(bench, pdu, unit=6)
             await asyncio.sleep(1)
         operator = Operator(bench.running, NO_FILE)
-        asker = Asker(Caller.without_address("web"), lambda: True)
+        asker = Door(Caller.without_address("web"), lambda: True)
         found = await passed(operator, picture(bench.running.gateway, "press"), asker)
         assert [(each.span.start, each.items.hex()) for each in found] == [
             (0, "000000000001"[:4] + "00000000"),
