@@ -157,7 +157,7 @@ async def test_after_a_write_the_value_before_it_is_stale(silent):
 
 
 async def test_after_a_broadcast_and_a_write_by_another_name_the_value_before_it_is_stale():
-    twice = CONFIG.replace("  { unit = 2, ", "  { unit = 1, as = 101, name = \"again\" },\n  { unit = 2, ")
+    twice = CONFIG.replace("  { unit = 2, ", '  { unit = 1, as = 101, name = "again" },\n  { unit = 2, ')
     async with gateway_bench(twice) as bench:
         attached(bench)
         line, client = bench.gateway.lines[0], Asker()
