@@ -14,7 +14,10 @@ from gateway.config.reading.toml_text import value_text
 MASK: Final = "•••"
 
 #: Parts of the names of keys that have secrets, and names that others may be a slip of.
-_SECRET: Final = re.compile(r"pass|pasw|passw|pwd|kennw|secret|token|psk|api_?key", re.IGNORECASE)
+_SECRET: Final = re.compile(
+    r"pass|pasw|pwd|\bpw\b|kennw|secret|token|psk|api_?key|\bauth\b|login|\bcreds?\b|\bpin\b|contras|geheim|密码|口令|密钥",
+    re.IGNORECASE,
+)
 _MEANT: Final = ("password", "passphrase", "token", "secret")
 #: What may stand below such a name: where the secret is.
 _PLACES: Final = frozenset({"file", "credential"})
