@@ -9,6 +9,8 @@ from gateway.operator.answers.known_values import KnownValue
 
 #: The columns: the age is in seconds, the time is RFC 3339 text. Where nothing is known the cell is empty.
 COLUMNS: Final = ("device", "point", "value", "unit", "state", "age", "source", "time")
+#: What a formula begins with in some spreadsheet.
+_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
 
 
 def values_as_csv(values: Iterable[KnownValue]) -> str:
@@ -24,10 +26,15 @@ def _cells(each: KnownValue) -> tuple[str, ...]:
     return (
         each.name,
         each.point,
-        "" if each.value is None else each.text,
+        "" if each.value is None else _cell(each.value, each.text),
         each.measure or "",
         each.state,
         "" if each.age_ms is None else f"{each.age_ms / 1000:.1f}",
         each.source or "",
         each.time or "",
     )
+
+
+def _cell(value: object, text: str) -> str:
+    """Put an apostrophe before text of a device that a spreadsheet would take for a formula."""
+    return f"'{text}" if isinstance(value, str) and text.startswith(_FORMULA) else text

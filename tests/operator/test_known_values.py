@@ -250,5 +250,5 @@ async def test_a_read_that_came_while_values_are_told_is_not_younger_than_now():
         attached(bench)
         await asked(bench, "03 00 00 00 03")
         unit, operator = picture(bench.running.gateway, "meter"), Operator(bench.running, NO_FILE)
-        known, *_ = known_points(operator, unit, Asker(Caller.without_address("control"), lambda: True))
+        known, *_ = known_points(operator, unit, Door(Caller.without_address("control"), lambda: True))
         assert known.age(now=0.0) == 0.0

@@ -81,7 +81,7 @@ def whole_screen() -> Iterator[Keyboard]:
     with ExitStack() as stack:
         keyboard = Keyboard()
         stack.callback(keyboard.close)
-        for number in (signal.SIGTERM, signal.SIGHUP):
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
             stack.callback(signal.signal, number, signal.signal(number, _end))
         stack.callback(signal.signal, signal.SIGWINCH, signal.signal(signal.SIGWINCH, keyboard.wake))
         stack.callback(_leave, keyboard, _set_keys(keyboard.keys))

@@ -56,8 +56,11 @@ def no_control_characters(colour: Colour = "auto", environment: Mapping[str, str
 
 
 def takes_codes(stream: TextIO, environment: Mapping[str, str] = os.environ) -> bool:
-    """Tell whether a stream is a terminal on which codes for colours and the cursor are welcome."""
-    return stream.isatty() and not environment.get("NO_COLOR") and environment.get("TERM") != "dumb"
+    """Tell whether a stream is a terminal on which codes for colours and the cursor are welcome.
+
+    Where TERM is not set nobody knows: they are not.
+    """
+    return stream.isatty() and not environment.get("NO_COLOR") and environment.get("TERM", "") not in ("", "dumb")
 
 
 def write_codes(stream: TextIO, text: str) -> None:

@@ -13,7 +13,7 @@ from gateway.config.reading.positions import Positions
 from gateway.config.reading.toml_text import Row, Rows, TableText, Value, value_text
 from gateway.modbus.codes import LAST_UNIT, Area
 from gateway.operator.answers.scan import Found
-from gateway.profiles import shipped_names, shipped_text
+from gateway.profiles import is_file_name, shipped_names, shipped_text
 from gateway.tools.signs import OTHERS
 
 #: The most devices of a form, and points that are shown of a profile.
@@ -162,7 +162,7 @@ def _shown(point: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _profile_text(profile: str, config: Path) -> str:
-    for folder in folders_of(config):
+    for folder in folders_of(config) if is_file_name(profile) else ():
         try:
             file = file_of(profile, folder)
             if file is not None:

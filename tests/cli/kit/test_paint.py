@@ -37,6 +37,7 @@ PLAIN = "down\\x1b[5m\n"
         (Terminal, "auto", {"NO_COLOR": "1"}, PLAIN),
         (Terminal, "auto", {"NO_COLOR": ""}, COLOURED),
         (Terminal, "auto", {"TERM": "dumb"}, PLAIN),
+        (Terminal, "auto", {"TERM": ""}, PLAIN),
         (Terminal, "never", {}, PLAIN),
         (Terminal, "always", {"NO_COLOR": "1"}, COLOURED),
         (io.StringIO, "auto", {}, PLAIN),

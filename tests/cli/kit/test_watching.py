@@ -141,8 +141,9 @@ def test_a_gateway_that_has_gone_is_told_and_looked_for_again(terminal: Terminal
         (lambda terminal: terminal.press("\x03"), -signal.SIGINT),
         (lambda terminal: terminal.end(), 143),
         (lambda terminal: terminal.end(signal.SIGHUP), 129),
+        (lambda terminal: terminal.press("\x1c"), 131),
     ],
-    ids=["q", "Ctrl-C", "SIGTERM", "SIGHUP"],
+    ids=["q", "Ctrl-C", "SIGTERM", "SIGHUP", "Ctrl-\\"],
 )
 def test_the_terminal_is_as_before_afterwards(terminal: Terminal, end, code) -> None:
     assert not terminal.is_as_before

@@ -13,7 +13,7 @@ from gateway.simulator.generic import Generic
 from gateway.simulator.weigher import Weigher
 from gateway.timing.characters import CharacterFormat
 from gateway.tools.page_scans import LEFT
-from gateway.web.pages.new_line import NewDevice, with_devices
+from gateway.web.pages.new_line import NewDevice, points_of, with_devices
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.markup import Markup
@@ -317,3 +317,13 @@ async def test_units_can_be_named_without_a_search(bench):
     assert [f"take-{unit}" in page.text for unit in (1, 3, 7, 8)] == [True, True, True, False]
     text = text_in(await anna.post("/config/line/text", fields_in(page)))
     assert [device["unit"] for device in tomllib.loads(text)["line"][0]["devices"]] == [1, 2, 3, 7]
+
+
+def test_no_file_is_read_but_those_of_own_profiles(tmp_path):
+    table = '[profile."{}"]\npoints = [{{ name = "flow", holding = 1 }}]\n'
+    (tmp_path / "profiles").mkdir()
+    (tmp_path / "profiles" / "own.toml").write_text(table.format("own"))
+    (tmp_path / "other.toml").write_text(table.format("../other"))
+    config = tmp_path / "gateway.toml"
+    assert [each["name"] for each in points_of("own", config, "")] == ["flow"]
+    assert points_of("../other", config, "") == []
