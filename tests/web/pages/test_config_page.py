@@ -103,7 +103,9 @@ async def test_another_space_changes_nothing_that_the_gateway_does(bench, file):
     assert "Nothing that the gateway does." in await shown(bench)
 
 
-@pytest.mark.parametrize("line", ["password hunter2", "password =\n'hunter2'", '"pass word" = hunter2', "name_ = hunter2"])
+@pytest.mark.parametrize(
+    "line", ["password hunter2", "password =\n'hunter2'", '"pass word" = hunter2', "name_ = hunter2"]
+)
 async def test_of_a_file_that_is_no_toml_no_line_is_shown(bench, file, line):
     """A remedy may repeat a value, and is for operators: who knows what a key with a slip was to be?"""
     file.write_text(f"{CONFIG}{line}\n")
