@@ -1,5 +1,6 @@
 """The trend of a point in a real browser, on the page of a unit of the demo, whose day is made up."""
 
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from kit.chromium import NEEDS_BROWSER, axe_findings, renew, until, until_scripts_run, watched
@@ -26,6 +27,31 @@ def test_hours_and_points_are_chosen_without_leaving_the_place(browser: Any, add
         until(page, lambda: "Trend of baud" in page.locator("#trend-title").inner_text())
         until_scripts_run(page)
         assert spans(page) == ["hour"]
+
+
+#: How many of the pixels are painted in the colour of the line, between the axes.
+LINE = """canvas => {
+  const accent = getComputedStyle(document.documentElement).getPropertyValue("--accent").trim();
+  const [red, green, blue] = [1, 3, 5].map((at) => parseInt(accent.slice(at, at + 2), 16));
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let at = 0; at < data.length; at += 4)
+    if (Math.abs(data[at] - red) + Math.abs(data[at + 1] - green) + Math.abs(data[at + 2] - blue) < 30 && data[at + 3] > 200) count++;
+  return count;
+}"""
+
+
+def test_a_slot_between_gaps_is_drawn(browser: Any, address: str) -> None:
+    """A point that is polled every five minutes has a value in each fifth slot."""
+    now = datetime.now(UTC).replace(second=0, microsecond=0)
+    times = [(now - timedelta(minutes=each)).isoformat() for each in (20, 15, 10)]
+    slots = [{"time": time, "min": 5.0, "mean": 5.0, "max": 5.0} for time in times]
+    with watched(browser, viewport={"width": 1280, "height": 900}) as page:
+        page.route("**/history?*", lambda route: route.fulfill(json={"step_s": 60, "slots": slots}))
+        page.goto(f"{address}/units/silo-1?trend=weight&span=hour")
+        until_scripts_run(page)
+        until(page, lambda: page.locator("#trend .uplot canvas").count() == 1)
+        until(page, lambda: page.locator("#trend .uplot canvas").evaluate(LINE) >= 3 * 10)
 
 
 def test_without_javascript_there_is_a_picture_and_a_table(browser: Any, address: str) -> None:

@@ -12,14 +12,15 @@ async function fetched({ device, point }, hours) {
   const { step_s: step, slots } = await response.json();
   const columns = [[], [], [], []];
   const add = (time, slot) => [time, slot?.max ?? null, slot?.min ?? null, slot?.mean ?? null].forEach((each, at) => columns[at].push(each));
-  let next;
+  let before, next;
+  const end = () => (add(next - 0.001, before), add(next, null)); // a step is drawn only as far as the next value
   for (const slot of slots) {
     const time = Date.parse(slot.time) / 1000;
-    if (next && time > next) add(next, null); // a gap
+    if (next && time > next) end(); // a gap
     add(time, slot);
-    next = time + step;
+    [before, next] = [slot, time + step];
   }
-  if (next) add(next, null); // the end of the last slot is a place, too
+  if (next) end();
   const now = Date.now() / 1000;
   return { data: columns, from: now - hours * 3600, to: now };
 }
