@@ -170,9 +170,11 @@ class _Watch(Generic[A]):
         pinned = [*trouble, *([""] if trouble and wrong else []), *wrong]
         if pinned and body:
             pinned.append("")
-        if len(pinned) + 1 + max(1, rows * _SCROLLED) > rows:
-            pinned, body = [], [*pinned, *body]
-        shown = self._scrolling.shown(body, columns, max(1, rows - len(pinned) - 1), self._row_to_see(body))
+        if len(pinned) + 1 + max(1, rows * _SCROLLED) > rows:  # what was asked for by a key is seen first
+            is_asked = bool(self._part) or self._page != "all"
+            pinned, body = [], [*body, "", *pinned] if is_asked else [*pinned, *body]
+        to_see = self._cursor if self._page == "parts" else None
+        shown = self._scrolling.shown(body, columns, max(1, rows - len(pinned) - 1), to_see)
         lines = [*pinned, *shown]
         lines += [""] * (rows - 1 - len(lines))
         self._put([*lines[: rows - 1], self._footer(columns)], (columns, rows))
@@ -200,9 +202,6 @@ class _Watch(Generic[A]):
             rows = [f"{number:3}  {part} " for number, part in enumerate(self._screen.parts, 1)]
             return [reverse(row) if at == self._cursor else row for at, row in enumerate(rows)]
         return self._screen.lines
-
-    def _row_to_see(self, body: Sequence[str]) -> int | None:
-        return len(body) - len(self._screen.parts) + self._cursor if self._page == "parts" else None
 
     def _footer(self, columns: int) -> str:
         where = f"only {self._part}" if self._part and self._page == "all" else ""

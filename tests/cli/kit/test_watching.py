@@ -78,6 +78,21 @@ def test_more_wrong_than_there_is_room_for_is_scrolled_too(terminal: Terminal, s
     terminal.wait_for("wrong: unit 39")
 
 
+def test_what_a_key_asks_for_stands_above_more_wrong_than_there_is_room_for(terminal: Terminal, seen: Path) -> None:
+    seen.write_text("\n".join([*(f"wrong: unit {number}" for number in range(40)), *LINES, "part: line 7"]))
+    terminal.wait_for("1-23 of 102")
+    terminal.press("?")
+    terminal.wait_for("see only the part with this number")
+    terminal.press("\x1b")
+    terminal.wait_for("1-23 of 102")
+    terminal.press("\r")
+    assert terminal.wait_for("  1  line 7").splitlines()[0].strip() == "1  line 7"
+    terminal.press("\r")
+    assert terminal.wait_for("only line 7").splitlines()[:4] == ["80 wide", "line 7", "", "wrong: unit 0"]
+    terminal.press("G")
+    terminal.wait_for("wrong: unit 39")
+
+
 def test_a_wide_row_is_seen_sideways_and_whole_characters_are_cut(terminal: Terminal, seen: Path) -> None:
     seen.write_text("0123456" + 40 * "宽" + "end")
     terminal.wait_for("宽")
