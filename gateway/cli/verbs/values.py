@@ -3,6 +3,7 @@
 import argparse
 import json
 import shutil
+import sys
 from dataclasses import replace
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
@@ -38,7 +39,9 @@ def run(args: argparse.Namespace) -> int:
     elif args.watch:
         watch(lambda: _ask(args), _screen)
     else:
-        print(values_as_text(_ask(args), shutil.get_terminal_size().columns))
+        # Where nobody sees a screen, names are not shortened: grep finds them.
+        columns = shutil.get_terminal_size((0, 0)).columns or sys.maxsize
+        print(values_as_text(_ask(args), columns))
     return FINE
 
 

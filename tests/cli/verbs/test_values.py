@@ -75,6 +75,18 @@ async def test_a_row_for_each_point_tells_what_was_heard_of_it(bench, capsys) ->
     assert level[:4] == ["silo 1", "level", "–", "invalid"]  # noqa: RUF001
 
 
+async def test_names_are_shortened_for_a_screen_but_not_for_grep(capsys, monkeypatch) -> None:
+    name = "active-power-import-demand-max-of-the-billing-period"
+    async with gateway_bench(CONFIG.replace('"weight"', f'"{name}"')) as bench:
+        monkeypatch.setattr("gateway.cli.verbs.values.Conversation", ControlSocket(bench.running))
+        monkeypatch.setenv("COLUMNS", "80")
+        assert main(["values"]) == FINE
+        assert name not in capsys.readouterr().out
+        monkeypatch.delenv("COLUMNS")
+        assert main(["values"]) == FINE
+        assert name in capsys.readouterr().out
+
+
 async def test_nothing_that_was_never_heard_has_a_value_or_an_age(capsys) -> None:
     assert main(["values", "41"]) == FINE
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
