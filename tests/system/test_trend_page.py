@@ -36,7 +36,7 @@ LINE = """canvas => {
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   let count = 0;
   for (let at = 0; at < data.length; at += 4)
-    if (Math.abs(data[at] - red) + Math.abs(data[at + 1] - green) + Math.abs(data[at + 2] - blue) < 30 && data[at + 3] > 200) count++;
+    if ([red, green, blue].every((each, place) => Math.abs(each - data[at + place]) < 10)) count++;
   return count;
 }"""
 
