@@ -1,6 +1,7 @@
 """`check`: how long trends of points are kept, and for how many points there is room."""
 
 from gateway.config.plan.settings import Plan
+from gateway.config.values.duration import show_duration
 from gateway.operator.trends.numbers import has_trend
 from gateway.timing.trend import SHORT, Layout
 
@@ -14,7 +15,7 @@ def trends_as_text(plan: Plan) -> list[str]:
     room = f"room for about {layout.points // 100 * 100} points that always change"
     here = f"{points} point{'' if points == 1 else 's'} here"
     enough = "" if points <= layout.points else ": the oldest slots are dropped earlier, if more than that change"
-    return [f"Trends\n  kept for {_hours(layout.kept)} in slots of {layout.step // 60} min; {room}, {here}{enough}"]
+    return [f"Trends\n  kept for {_time(layout.kept)} in slots of {layout.step // 60} min; {room}, {here}{enough}"]
 
 
 def trends_as_json(plan: Plan) -> dict[str, int] | None:
@@ -32,5 +33,7 @@ def _points(plan: Plan) -> int:
     return sum(has_trend(point) for key in keys for point in plan.points.get(key, ()))
 
 
-def _hours(seconds: int) -> str:
-    return f"{seconds / SHORT:g} days" if seconds > SHORT else f"{seconds / 3600:g} h"
+def _time(seconds: int) -> str:
+    if seconds > SHORT and seconds % SHORT == 0:
+        return f"{seconds // SHORT} days"
+    return show_duration(seconds) if seconds % 3600 else f"{seconds // 3600} h"

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--since",
         type=parsed_by(parse_duration),
         metavar="TIME",
-        help=f"events of the last 1h, or another time (default: the last {_LAST} events)",
+        help=f"events of the last 1h, 24h or 2days (default: the last {_LAST} events)",
     )
     add("--line", metavar="LINE", help="only this line or upstream, with its units")
     add("--unit", metavar="U", help="only this unit: the number that clients use, or a name")

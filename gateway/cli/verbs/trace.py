@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--since",
         type=parsed_by(parse_duration),
         metavar="TIME",
-        help="show what happened in the last 5min, or another time, and exit",
+        help="show what happened in the last 5min, 24h or 2days, and exit",
     )
     add("--why", metavar="WHO", help="explain the last failed requests of a client, to a unit, or on a line")
     add(

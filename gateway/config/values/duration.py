@@ -115,7 +115,7 @@ def _seconds(number: str, unit: str) -> float:
         raise WrongValue(f'"{unit}" is not a valid unit of time', "the units are ms, s, min, h and days")
     seconds = float(number) * _UNITS[unit]
     if seconds > _LONGEST:
-        raise WrongValue("is longer than a week")
+        raise WrongValue(f"must be at most {_LONGEST / 86400:g} days")
     return seconds
 
 

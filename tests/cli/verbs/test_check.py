@@ -988,6 +988,8 @@ def test_profiles_that_are_not_shipped_are_named_with_their_files(config, tmp_pa
     [
         ("", "kept for 24 h in slots of 1 min; room for about 1000 points that always change, 2 points here\n"),
         ('values = "6 h"', "kept for 6 h in slots of 1 min; room for about 4"),
+        ('values = "25 h"', "kept for 25 h in slots of 10 min; room for about 8"),
+        ('values = "31 min"', "kept for 31 min in slots of 1 min; room for about 3"),
         ('values = "7 days"', "kept for 7 days in slots of 10 min; room for about 13"),
         ('values = "0"', ""),
     ],
@@ -1018,7 +1020,7 @@ def test_more_points_than_trends_have_room_for(config, capsys):
 
 @pytest.mark.parametrize(
     ("values", "what"),
-    [('"8 days"', "is longer than a week"), ('"5 min"', "must be at least 10 min"), ("24", "a duration needs a unit")],
+    [('"8 days"', "must be at most 7 days"), ('"5 min"', "must be at least 10 min"), ("24", "a duration needs a unit")],
 )
 def test_how_long_trends_cannot_be_kept(config, capsys, values, what):
     assert main(["check", config(f'[web]\nbind = "http://127.0.0.1:8502"\nvalues = {values}\n')]) == 1

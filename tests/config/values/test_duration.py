@@ -71,7 +71,7 @@ def test_words_that_are_allowed_are_named(parse, words):
         (True, "must be a duration", 'a duration is text with a unit, such as "250 ms"'),
         (["1 s"], "must be a duration", 'a duration is text with a unit, such as "250 ms"'),
         ("2 weeks", '"weeks" is not a valid unit of time', "the units are ms, s, min, h and days"),
-        ("169 h", "is longer than a week", ""),
+        ("169 h", "must be at most 7 days", ""),
         ("0", "must be longer than 0", ""),
         ("0 s", "must be longer than 0", ""),
     ],

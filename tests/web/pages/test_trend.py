@@ -93,6 +93,14 @@ async def test_gaps_are_gaps_and_an_hour_has_its_minutes(bench):
     assert mean == "M53 100V100h1V0h1M58 0V0h1"
 
 
+async def test_a_point_with_labels_says_why_its_trend_is_empty(tmp_path):
+    labels = CONFIG.replace("holding = 1 }", 'holding = 1, labels = { 0 = "off" } }')
+    async with bench_with(tmp_path, labels) as bench:
+        await bench.hears(100)
+        assert "A value with a label has no trend." in await bench.page("?trend=mode")
+        assert "A value with a label" not in await bench.page("?trend=alarm")
+
+
 async def test_another_point_by_the_address_and_one_that_there_is_not(bench):
     await bench.hears(100)
     assert "Trend of mode" in await bench.page("?trend=mode&span=hour#trend")
