@@ -192,6 +192,7 @@ async def test_without_users_the_login_says_so(tmp_path):
     async with web_bench(CONFIG, tmp_path, users=None, token="t") as bench:
         page = await bench.browser("10.0.0.9").get("/login")
         assert "Nobody can log in" in page.text
+        assert "modbus-gateway user add NAME --role operator --file FILE" in page.text
         assert (await bench.browser().post("/login", {"user": "anna", "password": "correct horse"})).status == 401
 
 
