@@ -10,7 +10,7 @@ from gateway.events.event import Event, Level
 class ConfigLoaded(Event):
     """A config file was read and is in use."""
 
-    says = "the gateway starts with {file}: {lines} lines, {units} units"
+    says = "the gateway starts with {file}; lines: {lines}, units: {units}"
     ends = ("config", "state", "unit", "web")
     file: str
     lines: int
@@ -81,7 +81,7 @@ class CertificateExpires(Event):
 class Ready(Event):
     """Clients can connect and every line was tried once. `page` is the web page, `control` the socket for commands."""
 
-    says = "the gateway is ready: {lines_up} lines up, {lines_down} down[; the web page is at {page}]"
+    says = "the gateway is ready; lines up: {lines_up}, down: {lines_down}[; the web page is at {page}]"
     listeners: tuple[str, ...]
     lines_up: int
     lines_down: int
