@@ -103,7 +103,7 @@ def hint_for(operator: Operator, unit: UnitPicture | None = None) -> str:
 def known_points(operator: Operator, unit: UnitPicture, asker: Asker) -> Iterator[Known]:
     """Yield what is known of each point of a unit that can be read, and that the asker may read."""
     device = device_of(operator.gateway, unit.key)
-    if device is None:
+    if device is None or device.name != unit.name:  # a reload came between
         return
     reads, intervals = _newest(operator, unit, device), _intervals(operator).get(unit.name, {})
     router = operator.router(asker.door)

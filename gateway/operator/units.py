@@ -87,23 +87,21 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
 
 
 class _Placed:
-    """The points of units in the order of their addresses, by unit and area, and their gateway."""
+    """The points of units, and the same in the order of their addresses, by unit and area."""
 
     def __init__(self) -> None:
-        self.gateway: Gateway | None = None
-        self.points: dict[int, dict[Area, list[Point]]] = {}
+        self.units: dict[int, tuple[Sequence[Point], dict[Area, list[Point]]]] = {}
 
 
 def points_within(operator: Operator, unit: UnitPicture, span: Span) -> Sequence[Point]:
     """List the points of a unit with an address in `span`, in their order, without a look at all others."""
-    placed = operator.kept(_Placed)
-    if placed.gateway is not operator.gateway:
-        placed.gateway, placed.points = operator.gateway, {}
-    if unit.key not in placed.points:
-        areas = placed.points[unit.key] = {area: [] for area in Area}
+    placed = operator.kept(_Placed).units
+    if unit.key not in placed or placed[unit.key][0] is not unit.points:  # a reload may come amid the work of a reader
+        areas: dict[Area, list[Point]] = {area: [] for area in Area}
         for point in sorted(unit.points, key=lambda each: each.address):
             areas[point.area].append(point)
-    points = placed.points[unit.key][span.area]
+        placed[unit.key] = unit.points, areas
+    points = placed[unit.key][1][span.area]
     first = bisect_left(points, span.start - _LONGEST_POINT, key=lambda each: each.address)
     near = takewhile(lambda each: each.address < span.end, islice(points, first, None))
     return [point for point in near if point.span.end > span.start]

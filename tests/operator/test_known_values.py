@@ -6,11 +6,13 @@ from dataclasses import asdict
 import pytest
 
 from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
 from gateway.operator.known_values import known_points
 from gateway.operator.operation import Asker as Door
 from gateway.operator.operator import Operator
 from gateway.operator.passed import passed
-from gateway.operator.units import picture
+from gateway.operator.requests import AT_CONTROL
+from gateway.operator.units import picture, points_within
 from gateway.profiles.point import NO_VALUE
 from gateway.request import Caller
 from kit.asker import Asker
@@ -206,6 +208,20 @@ async def test_a_reload_that_makes_it_another_device_drops_the_values(old, new):
         await asked(bench, "03 00 00 00 03")
         await bench.reload(CONFIG.replace(old, new))
         assert (await states(bench))["power"] == "never"
+
+
+async def test_a_reload_amid_a_look_at_values_spoils_neither_this_one_nor_later_ones():
+    async with gateway_bench(CONFIG) as bench:
+        attached(bench)
+        operator, asker = Operator(bench.running, None), Asker(AT_CONTROL, lambda: True)
+        before = picture(bench.gateway, 1)
+        renamed = CONFIG.replace('"meter", profile', '"twin", profile').replace("holding = 0,", "holding = 1,")
+        await bench.reload(renamed)
+        assert list(known_points(operator, before, asker)) == []
+        await asked(bench, "03 00 00 00 02", unit="twin")
+        assert "power" in {point.name for point in points_within(operator, before, Span(Area.HOLDING, 0, 1))}
+        known = {each.point.name: each for each in known_points(operator, picture(bench.gateway, 1), asker)}
+        assert known["power"].read is None
 
 
 async def test_who_may_not_read_an_area_sees_no_value_of_it():
