@@ -213,7 +213,7 @@ async def test_a_reload_that_makes_it_another_device_drops_the_values(old, new):
 async def test_a_reload_amid_a_look_at_values_spoils_neither_this_one_nor_later_ones():
     async with gateway_bench(CONFIG) as bench:
         attached(bench)
-        operator, asker = Operator(bench.running, None), Asker(AT_CONTROL, lambda: True)
+        operator, asker = Operator(bench.running, None), Door(AT_CONTROL, lambda: True)
         before = picture(bench.gateway, 1)
         renamed = CONFIG.replace('"meter", profile', '"twin", profile').replace("holding = 0,", "holding = 1,")
         await bench.reload(renamed)
