@@ -33,12 +33,13 @@ async def passed(operator: Operator, unit: UnitPicture, asker: Asker) -> Sequenc
     device, ring, now = device_of(operator.gateway, unit.key), operator.running.ring, asyncio.get_running_loop().time()
     if device is None:
         return ()
+    of_device = device.line_name, device.name, device.unit
     router, found = operator.router(asker.door), dict[bytes, Passed]()
     last, oldest = ring.added, max(ring.first, ring.added - MOST_RECORDS)
     while last > oldest and len(found) < MOST_READS:
         first = max(oldest, last - STEP)
         for record in reversed(ring.after(first, last - first)):
-            if not isinstance(record, Sent) or (record.line, record.name) != (device.line_name, device.name):
+            if not isinstance(record, Sent) or (record.line, record.name, record.address) != of_device:
                 continue
             read = None if record.request in found or len(found) == MOST_READS else _read(record, now)
             if read is not None and may(router, asker.host, unit.key, record.request[0]):

@@ -259,6 +259,8 @@ async def test_of_a_device_without_points_the_registers_that_passed_last_are_fou
         ]
         assert found[0].span.area is Area.HOLDING
         assert found[0].age < found[1].age
+        await bench.reload(CONFIG.replace("unit = 6,", "unit = 7, as = 6,"))
+        assert await passed(operator, picture(bench.running.gateway, "press"), asker) == []
 
 
 async def test_a_read_that_came_while_values_are_told_is_not_younger_than_now():
