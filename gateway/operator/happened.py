@@ -43,6 +43,8 @@ def last_events(operator: Operator, asked: ToList) -> list[LastEvent]:
     """
     since = 0.0 if asked.since is None else operator.clock() - asked.since
     least, after = Level[asked.level.upper()], -1 if asked.after is None else asked.after
+    if after > operator.events.changed:  # a number from before a restart: all events may be new
+        after = -1
     every = operator.events.all()
     tests = list(_tests(operator.gateway, asked, every))
     found = [

@@ -76,6 +76,11 @@ async def test_what_is_new_is_what_came_after_an_answer(bench):
     assert counted["times"] == 7
 
 
+async def test_to_a_number_from_before_a_restart_all_events_are_new(bench):
+    bench.fan_out.emit(BAD)
+    assert [each["event"] for each in (await last(bench, "?after=1000"))["events"]] == ["bad_frame"]
+
+
 async def test_the_last_ones_and_those_of_a_time(bench):
     for number in range(10):
         bench.fan_out.emit(events.ConfigWarning(f"problem {number}", ""))
