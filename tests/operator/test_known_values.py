@@ -142,6 +142,16 @@ async def test_what_is_polled_is_stale_after_three_intervals():
         assert (await states(bench))["power"] == "stale"
 
 
+async def test_of_several_polls_the_shortest_interval_counts():
+    mirror = '[[image]]\nunit = {}\nof = "meter"\nread = [{{ holding = "0-{}", every = "{} s" }}]\n'
+    async with gateway_bench(
+        CONFIG + mirror.format(11, 2, 5) + mirror.format(12, 1, 2) + mirror.format(13, 3, 30)
+    ) as bench:
+        attached(bench)
+        found = await values(bench)
+        assert [found[name]["stale_ms"] for name in ("power", "state", "alarm")] == [6_000, 15_000, 60_000]
+
+
 @pytest.mark.parametrize("silent", [False, True])
 async def test_after_a_write_the_value_before_it_is_stale(silent):
     async with gateway_bench(CONFIG) as bench:
