@@ -4,4 +4,5 @@
 - lazy_timer   one timer for each line
 - slices       long readings, with pauses for the lines
 - threads      calls into drivers
+- times        times of day as text
 """

@@ -9,9 +9,10 @@ import json
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
+from time import time
 from typing import Final
 
+from gateway.clock.times import rfc_3339
 from gateway.events import Emit, Event, Level
 from gateway.observe.last_events import LastEvents
 
@@ -101,20 +102,17 @@ class FanOut:
             self._left_out += 1
             return
         level = event.level.name.lower()
-        self._put({**event.fields(), "event": event.name, "level": level, "timestamp": _now()})
+        self._put({**event.fields(), "event": event.name, "level": level})
 
     def _tell_left_out(self) -> None:
         if self._left_out:
-            self._put({"count": self._left_out, "event": "events_left_out", "level": "warning", "timestamp": _now()})
+            self._put({"count": self._left_out, "event": "events_left_out", "level": "warning"})
             self._left_out = 0
 
     def _put(self, fields: dict[str, object]) -> None:
+        fields = {**fields, "timestamp": rfc_3339(time())}
         text = json.dumps(fields, default=repr)
         hidden = {name: None for name in BYTES if name in fields}
         without = json.dumps({**fields, **hidden}, default=repr) if hidden else text
         for follower in self._followers:
             follower.put(text if not hidden or follower.may_see_bytes() else without)
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -1,10 +1,10 @@
 """The operation `events`: what has happened, also in earlier runs of this gateway."""
 
 from collections.abc import Callable, Iterable, Mapping
-from datetime import UTC, datetime
 from typing import Any
 
 from gateway.clock.slices import in_slices
+from gateway.clock.times import rfc_3339
 from gateway.config.plan.settings import Plan
 from gateway.errors import WrongQuestion
 from gateway.events import Level
@@ -71,11 +71,6 @@ def told(event: LastEvent, *, sees_bytes: bool) -> Told:
         "since": rfc_3339(event.first_at),
         "number": event.number,
     }
-
-
-def rfc_3339(time: float) -> str:
-    """Format a time in seconds since 1970: `2026-05-01T12:00:00.000Z`."""
-    return datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def _tests(gateway: Gateway, asked: ToList, events: Iterable[LastEvent]) -> Iterable[Test]:

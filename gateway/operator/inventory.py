@@ -4,10 +4,10 @@ import asyncio
 import hashlib
 import platform
 from collections.abc import Iterator
-from datetime import UTC, datetime
 
 from gateway import __version__
 from gateway.clock.threads import ThreadPerCall
+from gateway.clock.times import rfc_3339
 from gateway.config.plan.settings import LinePlan, Plan, ServerPlan
 from gateway.hardware.listing import describe_adapter
 from gateway.operator.answers.inventory import (
@@ -30,24 +30,21 @@ async def tell_inventory(operator: Operator, _asked: Nothing, _asker: Asker) -> 
     plan, clock = running.gateway.plan, operator.clock()
     begin_of_loop = clock - loop.time()
     sha256 = hashlib.sha256(reloader.text.encode()).hexdigest()
-    applied = AppliedConfig(str(reloader.file.absolute()), sha256, _time(begin_of_loop + reloader.applied_at))
+    applied = AppliedConfig(
+        str(reloader.file.absolute()), sha256, rfc_3339(begin_of_loop + reloader.applied_at, "seconds")
+    )
     adapters = await loop.run_in_executor(ThreadPerCall("inventory"), lambda: tuple(_adapters(plan)))
     return Inventory(
         version=__version__,
         host=platform.node(),
         site=plan.site,
-        started=_time(begin_of_loop + running.started),
+        started=rfc_3339(begin_of_loop + running.started, "seconds"),
         config=applied,
         adapters=adapters,
         lines=tuple(_lines(plan)),
         devices=tuple(_devices(plan)),
         certificates=tuple(certificates(running.contexts, clock)),
     )
-
-
-def _time(at: float) -> str:
-    """Format a Unix time: `2026-11-22T22:05:07Z`."""
-    return datetime.fromtimestamp(at, UTC).isoformat(timespec="seconds").removesuffix("+00:00") + "Z"
 
 
 def _adapters(plan: Plan) -> Iterator[InventoryAdapter]:

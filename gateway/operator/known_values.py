@@ -8,11 +8,11 @@ import asyncio
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from shlex import quote
 from typing import Final, NamedTuple
 
 from gateway.clock.slices import in_slices
+from gateway.clock.times import rfc_3339
 from gateway.config.plan.wanted_polls import wanted_polls
 from gateway.devices.device import Device
 from gateway.images.polls import Poll
@@ -179,7 +179,7 @@ def told(unit: UnitPicture, known: Known, now: float, day: float) -> KnownValue:
         registers=() if reading is None else reading.registers,
         state=state_of(known, reading, now),
         age_ms=None if age is None else round(age * 1000, 1),
-        time=None if age is None else datetime.fromtimestamp(day - age, UTC).isoformat(timespec="milliseconds"),
+        time=None if age is None else rfc_3339(day - age),
         source=None if read is None else read.caller.client,
         stale_ms=round(known.stale_after * 1000, 1),
     )

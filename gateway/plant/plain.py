@@ -2,9 +2,9 @@
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from datetime import UTC, datetime
 from typing import Any, Final
 
+from gateway.clock.times import rfc_3339
 from gateway.plant.messages import (
     Command,
     Delivery,
@@ -120,7 +120,7 @@ class PlainForm:
         return (self.will(at),)
 
     def _json(self, topic: str, at: float, content: Mapping[str, Any], **options: Any) -> Message:
-        text = json.dumps({"time": _shown(at), **content}, ensure_ascii=False, allow_nan=False)
+        text = json.dumps({"time": rfc_3339(at), **content}, ensure_ascii=False, allow_nan=False)
         return Message(topic, text.encode(), **options)
 
 
@@ -156,8 +156,3 @@ def _misdirected(device: PublishedDevice | None, device_name: str, point_name: s
         return Misdirected(text, delivery, f"{device_name} has no point {point_name}")
     missing = "" if point.point.write == "no" else ": the gateway's [mqtt] has no write = true"
     return Misdirected(text, delivery, f"{point_name} must not be written{missing}")
-
-
-def _shown(at: float) -> str:
-    """Format a Unix time: `2026-11-22T22:05:07.123Z`."""
-    return datetime.fromtimestamp(at, UTC).isoformat(timespec="milliseconds").removesuffix("+00:00") + "Z"

@@ -79,7 +79,7 @@ async def test_a_clients_read_tells_all_points_that_it_has_whole():
         )
         assert (power["state"], power["source"], power["unit"]) == ("fresh", "control", 1)
         assert power["age_ms"] == pytest.approx(2000, abs=50)
-        assert power["time"].endswith("+00:00")
+        assert power["time"].endswith("Z")
         assert (found["state"]["value"], found["state"]["state"]) == ("running", "fresh")
         energy = found["energy"]
         assert (energy["state"], energy["value"], energy["text"], energy["age_ms"]) == ("never", None, NO_VALUE, None)
@@ -271,6 +271,16 @@ async def test_of_a_device_without_points_the_registers_that_passed_last_are_fou
         assert found[0].age < found[1].age
         await bench.reload(CONFIG.replace("unit = 6,", "unit = 7, as = 6,"))
         assert await passed(operator, picture(bench.running.gateway, "press"), asker) == []
+
+
+async def test_who_may_not_read_an_area_does_not_see_what_passed():
+    async with gateway_bench(f"{CONFIG}[[access]]\nlisten = ['web']\nfunctions = [4]\n") as bench:
+        attached(bench)
+        for pdu in ("03 00 00 00 03", "04 00 00 00 03"):
+            await asked(bench, pdu, unit=6)
+        asker, press = Door(AT_CONTROL, lambda: True, "10.0.0.9", "web"), picture(bench.running.gateway, "press")
+        found = await passed(Operator(bench.running, NO_FILE), press, asker)
+        assert [each.span.area for each in found] == [Area.INPUT]
 
 
 async def test_a_read_that_came_while_values_are_told_is_not_younger_than_now():

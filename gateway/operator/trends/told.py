@@ -6,6 +6,7 @@ from itertools import groupby
 from math import ceil
 
 from gateway.clock.slices import in_slices
+from gateway.clock.times import rfc_3339
 from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration
 from gateway.errors import ExceptionCode, Malformed, NotPermitted, WrongQuestion
@@ -39,7 +40,7 @@ async def tell_trend(operator: Operator, asked: TrendOfPoint, asker: Asker) -> P
     since = now - trends.layout.kept if asked.since is None else _time(asked.since, "since", now)
     until = now if asked.until is None else _time(asked.until, "until", now)
     slots = joined(await slots_of(operator, unit, point, since, until), step)
-    told = await in_slices(TrendSlot(_rfc3339(slot.time), slot.least, slot.mean, slot.greatest) for slot in slots)
+    told = await in_slices(TrendSlot(rfc_3339(each.time, "seconds"), *each[1:]) for each in slots)
     return PointTrend(device=unit.name, point=point.name, measure=point.unit or None, step_s=step, slots=told)
 
 
@@ -114,7 +115,3 @@ def _time(text: str, name: str, now: float) -> float:
     except (ValueError, OverflowError):
         what = f'"{name}" must be a time such as 2026-05-01T08:00:00Z, or how long ago it is, such as 6 h'
         raise Malformed(what) from None
-
-
-def _rfc3339(time: int) -> str:
-    return datetime.fromtimestamp(time, UTC).isoformat().replace("+00:00", "Z")

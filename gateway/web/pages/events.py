@@ -6,6 +6,7 @@ from urllib.parse import urlencode
 
 from aiohttp import web
 
+from gateway.clock.times import rfc_3339
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration
@@ -15,7 +16,7 @@ from gateway.listeners.sockets import split_host
 from gateway.observe.last_events import LastEvent
 from gateway.operator.answers.trouble import FULL, Trouble, worst_first
 from gateway.operator.asked import ToList
-from gateway.operator.happened import last_events, rfc_3339
+from gateway.operator.happened import last_events
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import read_parameters
 from gateway.operator.unit_states import is_failing
