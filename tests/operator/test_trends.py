@@ -150,6 +150,13 @@ async def test_a_point_that_means_something_else_begins_another_trend(bench, old
     assert len(await bench.slots()) == 1
 
 
+async def test_what_is_read_after_a_reload_is_decoded_as_the_new_config_says(bench):
+    await bench.reads(100)
+    await bench.home.reload(CONFIG.replace("scale = 0.1 },", "scale = 0.01 },", 1))
+    await bench.reads(200)
+    assert [least for _, least, *_ in await bench.slots()] == [2.0]
+
+
 # --- the file --------------------------------------------------------------------------------------
 
 
