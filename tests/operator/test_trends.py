@@ -157,6 +157,13 @@ async def test_what_is_read_after_a_reload_is_decoded_as_the_new_config_says(ben
     assert [least for _, least, *_ in await bench.slots()] == [2.0]
 
 
+async def test_two_names_of_one_unit_have_a_trend_each(tmp_path):
+    config = CONFIG.replace("{ unit = 2,", '{ unit = 1, as = 7, name = "twin", profile = "meter" }, { unit = 2,')
+    async with bench_with_trends(tmp_path, config=config) as bench:
+        await bench.reads(100)
+        assert [each.min for name in ("meter", "twin") for each in (await bench.tells(device=name)).slots] == [10, 10]
+
+
 # --- the file --------------------------------------------------------------------------------------
 
 

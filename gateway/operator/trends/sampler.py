@@ -21,6 +21,8 @@ LOOK_EVERY: Final = 1.0
 #: So many different reads are known by heart.
 _MOST_SHARED: Final = 1024
 
+#: The name of a device and a read of it: devices with the same unit on the wire share their reads.
+Seen = tuple[str, LastRead]
 #: A read, and the numbers of the trends of its points.
 Prepared = tuple[Read, tuple[int, ...]]
 
@@ -33,8 +35,8 @@ class Sampler:
         self._trends = trends
         self._gateway: object = None
         #: When each read was asked for that was last looked at, and how its numbers are found.
-        self._asked_at: dict[LastRead, float] = {}
-        self._prepared: dict[LastRead, Prepared] = {}
+        self._asked_at: dict[Seen, float] = {}
+        self._prepared: dict[Seen, Prepared] = {}
         #: The same reads of devices of one kind, by span and points: what is prepared for one is good for all of them.
         self._shared: dict[tuple[Span, tuple[int, ...]], Read] = {}
 
@@ -58,21 +60,22 @@ class Sampler:
             if device is None or device.last_reads is None:
                 continue
             for last in device.last_reads.of(device.unit):
-                self._asked_at[last] = last.asked_at
-                if before.get(last) != last.asked_at:
+                seen = device.name, last
+                self._asked_at[seen] = last.asked_at
+                if before.get(seen) != last.asked_at:
                     yield from self._add(unit, device, last)
                     yield
-        self._prepared = {last: self._prepared[last] for last in self._asked_at if last in self._prepared}
+        self._prepared = {seen: self._prepared[seen] for seen in self._asked_at if seen in self._prepared}
 
     def _add(self, unit: UnitPicture, device: Device, last: LastRead) -> Iterator[None]:
-        prepared = self._prepared.get(last)
+        prepared = self._prepared.get((device.name, last))
         if prepared is None:
             read = self._read(unit, last.span)
             of_device, keys = (device.line_name, device.settings.unit, device.name), []
             for point in read.points:
                 keys.append(key_of(*of_device, point))
                 yield
-            prepared = self._prepared[last] = read, tuple(keys)
+            prepared = self._prepared[device.name, last] = read, tuple(keys)
         read, trends = prepared
         for key, number in zip(trends, read.numbers(last.response), strict=False):
             if number is not None:
