@@ -32,6 +32,8 @@ _MANNERS: Final = (
     *('transaction_id = "zero"', 'wake = "100 ms"', "in_flight = 2\nqueue = 4"),
 )
 _FEWEST_UNITS: Final = 2
+#: With a point its last reads are kept of each device.
+_HEAD: Final = '[profile.generic]\npoints = [{ name = "first", holding = 0 }]\n'
 _MIRRORS: Final = ("mirror-a", "mirror-b", "mirror-c", "mirror-d")
 
 
@@ -70,7 +72,7 @@ class ChangingConfig:
         """The file."""
         places = [place for place in self._places if not self._passes or place in (PASSING, *SERVERS)]
         mirrors = [name for name, (spot, _) in self._mirrors.items() if self._has(spot)]
-        return "".join([*map(self._table, places), *map(self._mirror, mirrors)])
+        return "".join([_HEAD, *map(self._table, places), *map(self._mirror, mirrors)])
 
     @property
     def meaning(self) -> dict[int, tuple[Spot, float | None]]:

@@ -3,17 +3,21 @@
 import asyncio
 import random
 from collections import deque
-from collections.abc import Coroutine, Mapping
+from collections.abc import Coroutine, Iterable, Mapping, Sequence
 from itertools import count, takewhile
+from struct import iter_unpack
 from typing import Any, Final
 
+from gateway.devices.device import Device
 from gateway.events import Event
+from gateway.lines.last_reads import LastRead
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.runtime.gateway import Gateway
 from kit.gateway_bench import Client
 from soak.dated import CELLS, DatedDevice, Write, Writes
 from soak.judge import (
+    A_MOMENT,
     NO_ANSWER,
     OF_GATEWAY,
     WRITE,
@@ -70,6 +74,24 @@ class DatedWorld:
         """What the units lead to at the moment."""
         return self.served
 
+    def shown(self) -> Iterable[tuple[Device, DatedDevice | None]]:
+        """The devices of the gateway whose values somebody may look at, and what each is; None: there is none."""
+        return ()
+
+    def _check_shown(self) -> None:
+        """Compare what is shown as values, and not said to be outdated, with what the devices held."""
+        for device, real in self.shown():
+            written = [each.written_at for each in self.units().values() if each.device is real]
+            for read in () if device.last_reads is None else device.last_reads.of(device.unit):
+                if read.outdated:
+                    continue
+                self.tally.counts["values shown"] += 1
+                trouble = "nobody answers there" if real is None else _trouble_with(read, real, written)
+                if trouble:
+                    what = f"{read.span.area} {read.span.start} of {device.name}: {read.response.hex(' ')}: {trouble}"
+                    story = () if real is None else self.passed.get(real.number, ())
+                    self.tally.complain("\n    ".join((f"at {self.loop.time():.6f} s shown as {what}", *story)))
+
     async def run(self, events: list[Event], *beside: Coroutine[Any, Any, None]) -> Tally:
         """Run until it is over; all that is `beside` ends by itself then. What came of it."""
         tasks = [asyncio.ensure_future(each) for each in beside]
@@ -77,6 +99,7 @@ class DatedWorld:
         while not self.is_over and self.loop.time() < changed_at + _STANDSTILL:
             await asyncio.sleep(1.0)
             self.tally.take_events(events)
+            self._check_shown()
             if self.tally.transactions > last:
                 last, changed_at = self.tally.transactions, self.loop.time()
         self._goal = 0
@@ -90,6 +113,16 @@ class DatedWorld:
             self.tally.complain(f"an answer took {self.tally.slowest:.3f} s")
         self.tally.virtual_seconds = self.loop.time()
         return self.tally
+
+
+def _trouble_with(read: LastRead, device: DatedDevice, written: Iterable[Sequence[float]]) -> str | None:
+    """Say what is wrong with a response: it was held since it was asked for, and since the last confirmed write."""
+    first, registers = read.span.start, [each for (each,) in iter_unpack(">H", read.response[2:])]
+    since, until = read.asked_at - A_MOMENT, read.asked_at + PATIENCE
+    if read.span.area is Area.HOLDING:
+        since = max(since, *(at[cell] - A_MOMENT for at in written for cell in range(first, read.span.end)))
+        until = max(since, until)
+    return device.trouble(read.span.area, first, registers, since, until)
 
 
 async def keep_asking(

@@ -19,7 +19,7 @@ from kit.faulty import EXCEPTION_CODES
 from soak.dated import CELLS, DatedDevice, Write
 
 #: What was done at the moment of a question may be on either side of it, in seconds.
-_A_MOMENT: Final = 1e-6
+A_MOMENT: Final = 1e-6
 #: Exceptions of the gateway; after the first one the device may have acted.
 NO_ANSWER: Final = 0x0B
 OF_GATEWAY: Final = (NO_ANSWER, 0x06, 0x0A)
@@ -83,7 +83,7 @@ class Reading:
         """From when to when these addresses may have held what was read."""
         stale = self.served.stale
         is_written = self.area is Area.HOLDING
-        since = (self.asked_at if stale is None else now - stale) - _A_MOMENT
+        since = (self.asked_at if stale is None else now - stale) - A_MOMENT
         if stale is not None and is_written:
             since = max(since, *(self.written_at[each] for each in span))
         for write in own:

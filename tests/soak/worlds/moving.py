@@ -18,7 +18,7 @@ from gateway.state.memory import Memory
 from kit.gateway_bench import GatewayBench
 from kit.memory import MemoryLine
 from soak.scale_clients import ScaleClient
-from soak.scales import TIMEOUT, Scale, ScalesLine
+from soak.scales import TIMEOUT, Scale, ScalesLine, words
 from soak.tally import Tally
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ functions = [3, 6, 16, 22, 23]
 quirks    = ["moves", "changes_baud"]
 timeout   = "{1000 * TIMEOUT:g} ms"
 wake      = "500 ms"
+points    = [{{ name = "first", holding = 0 }}]
 """
 
 
@@ -176,6 +177,18 @@ class World:
 
     # --- reports ---
 
+    def check_values(self) -> None:
+        """Compare what is shown as the values of all scales with what they hold, wherever they are."""
+        for line in self.bench.gateway.lines:
+            for known_as, device in line.devices.items():
+                number = self.scales[known_as].number
+                for read in device.last_reads.of(device.unit):
+                    self.tally.counts["values shown"] += 1
+                    right = words(number, read.span.start, read.span.count)
+                    if read.response[2:] != right:
+                        where = f"{known_as}, which is scale {number}, at {device.unit}"
+                        self.tally.complain(f"{read.response.hex(' ')} is shown for {read.span.start} of {where}")
+
     def take_events(self) -> None:
         """Count the events so far."""
         for event in self.bench.events:
@@ -207,6 +220,7 @@ async def play(transactions: int, share: float, seed: int) -> Tally:
     while not world.is_over:
         await asyncio.sleep(1.0)
         world.take_events()
+        world.check_values()
     await disturbing
     await world.stop()
     world.tally.virtual_seconds = asyncio.get_running_loop().time()

@@ -5,7 +5,7 @@ A unit means what the config says that is in force when it is asked.
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 from unittest.mock import patch
@@ -13,6 +13,7 @@ from unittest.mock import patch
 from gateway.config.load import parse
 from gateway.config.plan.settings import Plan
 from gateway.config.resolve import resolve
+from gateway.devices.device import Device
 from gateway.ports.port import OpenPort, Port, PortSettings, PortUser
 from gateway.readconfig.process import ConfigRead
 from gateway.runtime.build import Builder
@@ -22,6 +23,7 @@ from gateway.service.systemd import Notifier
 from kit.faulty import FaultyLine
 from kit.gateway_bench import GatewayBench, keep_lines_open
 from soak.changing_config import LATE_WINDOW, NUMBERS, PLACES, SERVERS, TIMINGS, UNITS, ChangingConfig, Spot
+from soak.dated import DatedDevice
 from soak.dated_world import DatedWorld, keep_asking
 from soak.faulty_server import FaultyServer
 from soak.judge import Served
@@ -118,6 +120,11 @@ class _World(DatedWorld):
     def units(self) -> Units:
         """What units lead to by the config in force."""
         return next(units for gateway, units in self._built if gateway is self.running.gateway)
+
+    def shown(self) -> Iterable[tuple[Device, DatedDevice | None]]:
+        for owner in self.running.gateway.owners:
+            for device in owner.devices.values():
+                yield device, self._devices.get(Spot(owner.plan.port.port, device.settings.unit))
 
     async def keep_reloading(self) -> None:
         """Change the config and reload it, sometimes twice in a row, and with an error in it now and then."""

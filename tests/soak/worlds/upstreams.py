@@ -4,12 +4,15 @@ Some need manners: pauses, one request at a time, another address, to be woken, 
 """
 
 import asyncio
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import count
 from typing import Final
 
+from gateway.devices.device import Device
 from kit.gateway_bench import GatewayBench, keep_lines_open
 from kit.memory import MemoryLine
+from soak.dated import DatedDevice
 from soak.dated_world import DatedWorld, keep_asking
 from soak.faulty_server import TIMEOUT, FaultyServer, Manners
 from soak.judge import Served
@@ -60,7 +63,8 @@ def _addresses(at: int) -> list[str]:
     return [f"tcp://10.{number}.0.{at}:502" for number in range([*_SERVERS.values()][at].addresses)]
 
 
-CONFIG: Final = "".join(
+_HEAD: Final = '[profile.generic]\npoints = [{ name = "first", holding = 0 }]\n'
+CONFIG: Final = _HEAD + "".join(
     f"""
     [[upstream]]
     name      = "{name}"
@@ -71,6 +75,18 @@ CONFIG: Final = "".join(
     """
     for at, (name, server) in enumerate(_SERVERS.items())
 )
+
+
+class _World(DatedWorld):
+    """Each unit is what it is all the time."""
+
+    def __init__(self, bench: GatewayBench, goal: int, seed: int) -> None:
+        super().__init__(goal, seed)
+        self._bench = bench
+
+    def shown(self) -> Iterable[tuple[Device, DatedDevice | None]]:
+        for upstream in self._bench.gateway.upstreams:
+            yield from ((device, self.served[known_as].device) for known_as, device in upstream.devices.items())
 
 
 async def _keep_changing(world: DatedWorld, bench: GatewayBench, places: dict[str, FaultyServer]) -> None:
@@ -90,7 +106,7 @@ async def play(transactions: int, share: float, seed: int) -> Tally:
     """One run; the running loop is in virtual time."""
     bench = GatewayBench(CONFIG)
     async with keep_lines_open(bench.running):
-        world = DatedWorld(transactions, seed)
+        world = _World(bench, transactions, seed)
         changing, numbers = [], count()
         for at, server in enumerate(_SERVERS.values()):
             devices = {unit: world.device(unit, next(numbers)) for unit in range(1, 1 + server.units)}
