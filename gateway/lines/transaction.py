@@ -72,8 +72,8 @@ class Transaction:
     """A request that has passed its device's checks. Equal reads of several clients share one transaction."""
 
     __slots__ = (
-        "asked", "counts", "device", "ends_at", "expects_answer", "failures", "gives_up_at", "limit", "requests",
-        "retries", "sent_at", "times", "unit", "wakes", "yields",
+        "asked", "asked_at", "counts", "device", "ends_at", "expects_answer", "failures", "gives_up_at", "limit",
+        "requests", "retries", "sent_at", "times", "unit", "wakes", "yields",
     )  # fmt: skip
 
     #: Whether it is for all units.
@@ -101,6 +101,8 @@ class Transaction:
         self.yields = False
         #: When it is written, when its last character is sent, and its time limit after that, in seconds.
         self.sent_at = 0.0
+        #: When it was written first: the answer may be to that, and come after it is sent again. 0 until then.
+        self.asked_at = 0.0
         self.ends_at = 0.0
         self.limit = 0.0
         #: Failures of the unit to respond, number of repeats, and the latest time for another one.
@@ -117,6 +119,7 @@ class Transaction:
             RequestError: it must not be sent.
         """
         self.sent_at = now
+        self.asked_at = self.asked_at or now
         self.ends_at = now + budget.request_wire_time(self.asked)
         self.limit = budget.limit(self.asked, self.device.answer_time)
 
@@ -133,6 +136,7 @@ class Transaction:
         part.yields = self.yields
         part.failures = self.failures
         part.retries = self.retries
+        part.asked_at = self.asked_at
         part.gives_up_at = self.gives_up_at
         return part
 
@@ -221,7 +225,7 @@ class Transaction:
             self.times.samples.add(self.asked.items, now - self.ends_at)
             last_reads = self.device.last_reads
             if last_reads is not None:
-                last_reads.answered(self.asked, pdu, self.requests[0].caller, self.unit, self.sent_at, now)
+                last_reads.answered(self.asked, pdu, self.requests[0].caller, self.unit, self.asked_at, now)
         for request in self.requests:
             self.times.request.add(now - request.received_at)
             request.respond(pdu)

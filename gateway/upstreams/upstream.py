@@ -371,6 +371,7 @@ class Upstream:
     def _send(self, transaction: Transaction, send: Send, now: float) -> None:
         transaction = transaction.opening()
         transaction.sent_at = transaction.ends_at = now
+        transaction.asked_at = transaction.asked_at or now
         transaction.limit = _limit_of(transaction)
         identifier = self._sent.add(transaction)
         transaction.count_sent(now)

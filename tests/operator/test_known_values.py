@@ -168,6 +168,22 @@ async def test_after_a_write_the_value_before_it_is_stale(silent):
         assert (await states(bench))["limit"] == "fresh"
 
 
+async def test_the_age_is_from_the_first_sending_of_a_read_that_is_sent_again():
+    """The answer may be to the first one: a device that slept is asked twice."""
+    async with gateway_bench(
+        CONFIG.replace("[profile.meter]", '[profile.meter]\ntimeout = "200 ms"\nwake = "1 s"')
+    ) as bench:
+        device = attached(bench)[1]
+        await asyncio.sleep(5)
+        device.script.append([])
+        begin = bench.gateway.lines[0].now()
+        await asked(bench, "03 00 00 00 03")
+        took = bench.gateway.lines[0].now() - begin
+        assert took > 0.2
+        assert len(device.heard) == 2
+        assert (await values(bench))["power"]["age_ms"] == pytest.approx(1000 * took, abs=20)
+
+
 async def test_after_a_broadcast_and_a_write_by_another_name_the_value_before_it_is_stale():
     twice = CONFIG.replace("  { unit = 2, ", '  { unit = 1, as = 101, name = "again" },\n  { unit = 2, ')
     async with gateway_bench(twice) as bench:

@@ -118,11 +118,11 @@ class DatedWorld:
 def _trouble_with(read: LastRead, device: DatedDevice, written: Iterable[Sequence[float]]) -> str | None:
     """Say what is wrong with a response: it was held since it was asked for, and since the last confirmed write."""
     first, registers = read.span.start, [each for (each,) in iter_unpack(">H", read.response[2:])]
-    since, until = read.asked_at - A_MOMENT, read.asked_at + PATIENCE
+    since, until = read.asked_at, read.asked_at + PATIENCE
     if read.span.area is Area.HOLDING:
-        since = max(since, *(at[cell] - A_MOMENT for at in written for cell in range(first, read.span.end)))
+        since = max([since, *(at[cell] for at in written for cell in range(first, read.span.end))])
         until = max(since, until)
-    return device.trouble(read.span.area, first, registers, since, until)
+    return device.trouble(read.span.area, first, registers, since - A_MOMENT, until)
 
 
 async def keep_asking(

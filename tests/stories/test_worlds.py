@@ -15,6 +15,7 @@ from gateway.images.virtual.layout import Touched
 from gateway.images.virtual.row import Freshness, Row
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.images.virtual.writes import write_to
+from gateway.lines.last_reads import LastReads
 from gateway.lines.ledger import Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.transaction import Transaction
@@ -23,6 +24,7 @@ from gateway.modbus.pdu import RequestPdu
 from gateway.profiles.conversion import Conversion
 from gateway.profiles.writing import Write
 from gateway.request import Request
+from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.upstreams.connection import Connection
 from gateway.upstreams.in_flight import InFlight
@@ -235,6 +237,27 @@ def a_swap_of_devices_leaves_their_polls(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Pollers, "of", of_name)
 
 
+def what_was_read_before_a_write_is_shown(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(LastReads, "written", lambda *_: None)
+
+
+def what_another_device_has_answered_is_shown(patch: pytest.MonkeyPatch) -> None:
+    reads, answered = LastReads(), LastReads.answered
+    patch.setattr(LastReads, "of", lambda _, unit: list(reads._by_request.values()))
+    patch.setattr(LastReads, "answered", lambda _, *answer: answered(reads, *answer))
+
+
+def a_reload_keeps_what_is_shown_by_the_unit_alone(patch: pytest.MonkeyPatch) -> None:
+    known: dict[tuple[str, int], LastReads] = {}
+
+    def keep(_before: Gateway, now: Gateway) -> None:
+        for owner in now.owners:
+            for device in owner.devices.values():
+                device.last_reads = known.setdefault((owner.name, device.settings.unit), LastReads())
+
+    patch.setattr("gateway.runtime.running.keep_reads", keep)
+
+
 @pytest.mark.search
 @pytest.mark.interpreted
 @pytest.mark.parametrize(
@@ -257,7 +280,11 @@ def a_swap_of_devices_leaves_their_polls(patch: pytest.MonkeyPatch) -> None:
         ("maps", a_swap_of_devices_leaves_their_polls),
         ("mirrors", writes_leave_a_mirror_as_it_is),
         ("mirrors", a_mirror_has_no_stale_values),
+        ("moving", what_another_device_has_answered_is_shown),
         ("reloads", a_line_that_keeps_its_name_keeps_its_devices),
+        ("reloads", a_reload_keeps_what_is_shown_by_the_unit_alone),
+        ("reloads", what_was_read_before_a_write_is_shown),
+        ("upstreams", what_was_read_before_a_write_is_shown),
         ("upstreams", an_upstream_takes_answers_in_the_order_of_requests),
         ("upstreams", an_upstream_takes_any_identifier_where_it_may_be_0),
         ("upstreams", a_connection_whose_identifiers_say_nothing_is_kept),
