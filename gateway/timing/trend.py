@@ -94,9 +94,9 @@ class Layout:
             yield Slot(block + at // _NUMBERS * self.step, *piece[at : at + _NUMBERS])
 
 
-def mean_of(numbers: Sequence[float]) -> float:
-    """Compute the mean; rounding puts it neither below the least number nor above the greatest one."""
-    return min(max(sum(numbers) / len(numbers), min(numbers)), max(numbers))
+def mean_of(total: float, count: float, least: float, greatest: float) -> float:
+    """Compute a mean to 12 digits; rounding puts it neither below the least number nor above the greatest one."""
+    return min(max(float(f"{total / count:.12g}"), least), greatest)
 
 
 def put(piece: Piece, place: int, numbers: Sequence[float]) -> None:

@@ -88,6 +88,8 @@ def show_duration(seconds: float | None) -> str:
         return "0"
     if seconds < 1:
         return f"{_three_figures(seconds * 1000)} ms"
+    if seconds >= 24 * 3600 and seconds % 3600 == 0:
+        return f"{seconds / 3600:.0f} h"
     if seconds >= 60 and seconds % 60 == 0:
         return f"{seconds / 60:.0f} min"
     return f"{_three_figures(seconds)} s"

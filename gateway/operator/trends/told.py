@@ -83,8 +83,8 @@ def joined(slots: Sequence[Slot], step: int) -> Iterator[Slot]:
 
 
 def _together(begin: int, slots: Sequence[Slot]) -> Slot:
-    mean = mean_of([slot.mean for slot in slots])
-    return Slot(begin, min(slot.least for slot in slots), mean, max(slot.greatest for slot in slots))
+    least, greatest = min(slot.least for slot in slots), max(slot.greatest for slot in slots)
+    return Slot(begin, least, mean_of(sum(slot.mean for slot in slots), len(slots), least, greatest), greatest)
 
 
 def _step(text: str | None, slot: int) -> int:

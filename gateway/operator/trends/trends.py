@@ -56,7 +56,11 @@ class Trends:
     def add_past(self, time: float, key: int, numbers: Sequence[float]) -> None:
         """Add values that were heard of a trend in the slot at a `time` before now, in seconds since 1970."""
         piece = self._fresh.setdefault((self.layout.block_at(time), key), self.layout.piece())
-        put(piece, self.layout.place(self.layout.slot_at(time)), (min(numbers), mean_of(numbers), max(numbers)))
+        put(
+            piece,
+            self.layout.place(self.layout.slot_at(time)),
+            _numbers((min(numbers), max(numbers), sum(numbers), len(numbers))),
+        )
 
     def end(self) -> None:
         """Put all that was heard into its pieces, to be written."""
@@ -187,4 +191,4 @@ def key_of(line: str, unit: int, device: str, point: Point) -> int:
 def _numbers(values: Sequence[float]) -> tuple[float, float, float]:
     """Compute least, mean and greatest value of a slot."""
     least, greatest, total, count = values
-    return least, min(max(total / count, least), greatest), greatest
+    return least, mean_of(total, count, least, greatest), greatest
