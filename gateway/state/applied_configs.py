@@ -179,7 +179,10 @@ def _write(folder: int, name: str, text: str) -> None:
 
 
 def _remove(folder: int, name: str) -> None:
-    shutil.rmtree(name, dir_fd=folder)
+    try:
+        shutil.rmtree(name, dir_fd=folder)
+    except NotADirectoryError:
+        os.unlink(name, dir_fd=folder)
 
 
 def _give_to_owner(within: int, name: str) -> None:

@@ -24,7 +24,7 @@ SHORT: Final = 24 * 3600
 _MINUTE: Final = 60
 #: The most bytes that all trends take on the disk: those of the file, and of its log beside it.
 MOST_BYTES: Final = 32 * 2**20
-LOG_BYTES: Final = 5 * 2**20
+LOG_BYTES: Final = 6 * 2**20
 #: What a piece takes in the file beside its content, and how full its pages are.
 _ROW_BYTES: Final = 31
 _FILLED: Final = 0.9

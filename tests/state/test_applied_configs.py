@@ -126,3 +126,11 @@ def test_a_folder_with_a_planted_link_or_device_is_no_config(kept, tmp_path):
 def test_no_other_name_is_read(kept, name):
     kept.keep("a = 1")
     assert kept.applied.read(name) is None
+
+
+def test_a_file_where_a_config_is_being_kept_gives_way(kept):
+    folder = kept.state / "configs"
+    folder.mkdir(parents=True)
+    (folder / ".new").write_text("left by somebody")
+    kept.keep("a = 1")
+    assert (kept.texts(), kept.events) == (["a = 1"], [])
