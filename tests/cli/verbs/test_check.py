@@ -990,7 +990,7 @@ def test_profiles_that_are_not_shipped_are_named_with_their_files(config, tmp_pa
         ('values = "6 h"', "kept for 6 h in slots of 1 min; room for about 4"),
         ('values = "25 h"', "kept for 25 h in slots of 10 min; room for about 8"),
         ('values = "31 min"', "kept for 31 min in slots of 1 min; room for about 3"),
-        ('values = "7 days"', "kept for 7 days in slots of 10 min; room for about 13"),
+        ('values = "7 days"', "kept for 7 days in slots of 10 min; room for about 12"),
         ('values = "0"', ""),
     ],
 )
