@@ -56,6 +56,7 @@ class LastReads:
         self, asked: RequestPdu, response: bytes, caller: Caller, unit: int, asked_at: float, now: float
     ) -> None:
         """Keep the normal response to a read; note that a write was carried out."""
+        outdated = asked_at < self._written_at
         if asked.write is not None or not asked.only_reads:
             self.written(asked.write, now)
         span = asked.read
@@ -72,7 +73,7 @@ class LastReads:
             last.caller = caller
             last.unit = unit
             last.asked_at = asked_at
-        last.outdated = asked_at < self._written_at and asked.write is None
+        last.outdated = outdated
 
     def written(self, span: Span | None, now: float) -> None:
         """Note that a write to `span` (None: to any address) has ended, and may have been carried out."""

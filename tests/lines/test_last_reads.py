@@ -86,3 +86,10 @@ def test_function_23_is_a_write_and_the_read_after_it() -> None:
     answer(reads, bytes.fromhex("17 0005 0001 0005 0001 02 0009"), b"\x17\x02\0\x09", at=2.0)
     (last,) = reads.of(1)
     assert (last.response[2:], last.outdated, last.asked_at) == (b"\0\x09", False, 2.0)
+
+
+def test_function_23_under_way_during_another_write_may_have_read_before_it() -> None:
+    reads = LastReads()
+    reads.written(Span(Area.HOLDING, 5, 1), 2.0)
+    answer(reads, bytes.fromhex("17 0005 0001 0005 0001 02 0009"), b"\x17\x02\0\x09", at=1.5)
+    assert [last.outdated for last in reads.of(1)] == [True]
