@@ -84,8 +84,8 @@ class Table:
     @property
     def ends(self) -> str:
         """The statement that finds the least and the greatest first part of all keys."""
-        name, _ = self.columns[0]
-        return f"SELECT (SELECT min({name}) FROM {self.name}), (SELECT max({name}) FROM {self.name})"  # noqa: S608
+        key, table = self._names(1), self.name
+        return f"SELECT (SELECT min({key}) FROM {table}), (SELECT max({key}) FROM {table})"  # noqa: S608 - as above
 
     def _key(self, parts: int) -> str:
         return " AND ".join(f"{name} = ?" for name, _ in self.columns[:parts])
