@@ -231,8 +231,8 @@ class Broker:
             self.reason = "it is to be connected anew"
             self._note_down()
 
-    def _has_confirmed(self, message: Message | None, refusal: str, is_passing: bool) -> None:  # noqa: FBT001 - a callback
-        if message is None or not refusal:
+    def _has_confirmed(self, message: Message, refusal: str, is_passing: bool) -> None:  # noqa: FBT001 - a callback
+        if not refusal:
             self.counts.confirm(asyncio.get_running_loop().time())
         else:
             self.counts.refused += 1

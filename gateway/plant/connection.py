@@ -31,7 +31,7 @@ class BrokerConnection:
 
     `confirmed` is called for each message that the broker has answered: with the message, the reason if it was refused
     (else empty), and whether it may be accepted later. MQTT has no confirmation for QoS 0: the answer to a ping that
-    was sent after the message takes its place, and the message is None.
+    was sent after the message takes its place.
     """
 
     def __init__(
@@ -41,13 +41,14 @@ class BrokerConnection:
         will: Message,
         *,
         deliver: Callable[[Delivery], None],
-        confirmed: Callable[[Message | None, str, bool], None],
+        confirmed: Callable[[Message, str, bool], None],
         unix: Callable[[], float],
     ) -> None:
-        self.in_flight = 0
         #: When the broker must have confirmed another message, by the clock of the event loop; None if none is due.
         self.deadline: float | None = None
         self.most_in_flight = MOST_IN_FLIGHT
+        #: The largest packet that the broker accepts, in bytes, or a size that any broker should accept.
+        self.largest = LARGEST_PACKET
         self._user = settings.user
         self._deliver = deliver
         self._confirmed = confirmed
@@ -57,8 +58,11 @@ class BrokerConnection:
         self._subscribed: dict[int, asyncio.Future[list[ReasonCode]]] = {}
         #: Done when the connection is lost, with the reason.
         self.lost: asyncio.Future[str] = self._loop.create_future()
-        self._unpinged = self._pinged = 0
+        #: What was sent and is not confirmed, by number, in the order of sending.
         self._awaited: dict[int, Message] = {}
+        #: The numbers of those with QoS 0: sent behind the last ping, and before it.
+        self._unpinged: list[int] = []
+        self._pinged: list[int] = []
         self._client = BrokerClient(settings, version, will)
         self._client.on_connect = self._on_connect
         self._client.on_disconnect = self._on_disconnect
@@ -67,6 +71,16 @@ class BrokerConnection:
         self._client.on_message = self._on_message
         self._timer: asyncio.TimerHandle | None = None
         self._is_abandoned = False
+
+    @property
+    def in_flight(self) -> int:
+        """How many messages were sent and are not confirmed."""
+        return len(self._awaited)
+
+    @property
+    def unconfirmed(self) -> Sequence[Message]:
+        """The messages that were sent and are not confirmed, in the order of sending; also once it is lost."""
+        return list(self._awaited.values())
 
     async def open(self) -> None:
         """Connect and log in.
@@ -115,12 +129,10 @@ class BrokerConnection:
         """Send a message; `in_flight` counts it until it is confirmed, and must not exceed `most_in_flight`."""
         if not self.in_flight:
             self.deadline = self._loop.time() + STEP_TIME
-        self.in_flight += 1
         number = self._client.send(message)
-        if message.qos:
-            self._awaited[number] = message
-        else:
-            self._unpinged += 1
+        self._awaited[number] = message
+        if not message.qos:
+            self._unpinged.append(number)
             self._ping()
 
     def end(self, *, with_will: bool) -> None:
@@ -195,14 +207,14 @@ class BrokerConnection:
         """Ping after messages with QoS 0, one ping at a time; count them as confirmed when it was answered."""
         if self._client.awaits_pong:
             return
-        answered, self._pinged, self._unpinged = self._pinged, self._unpinged, 0
+        answered, self._pinged, self._unpinged = self._pinged, self._unpinged, []
         if self._pinged:
             self._client.ping()
-        for _ in range(answered):
-            self._count_confirmed(None)
+        for number in answered:
+            self._confirm(number)
 
-    def _count_confirmed(self, message: Message | None, refusal: str = "", *, is_passing: bool = False) -> None:
-        self.in_flight -= 1
+    def _confirm(self, number: int, refusal: str = "", *, is_passing: bool = False) -> None:
+        message = self._awaited.pop(number)
         self.deadline = self._loop.time() + STEP_TIME if self.in_flight else None
         self._confirmed(message, refusal, is_passing)
 
@@ -242,6 +254,7 @@ class BrokerConnection:
             self._accepted.set_exception(refused_login(reason))
         else:
             self.most_in_flight = min(MOST_IN_FLIGHT, getattr(properties, "ReceiveMaximum", MOST_IN_FLIGHT))
+            self.largest = getattr(properties, "MaximumPacketSize", LARGEST_PACKET)
             self._accepted.set_result(None)
 
     def _on_disconnect(
@@ -262,10 +275,10 @@ class BrokerConnection:
     def _on_publish(
         self, _client: Client, _data: Any, number: int, reason: ReasonCode, _properties: Properties | None
     ) -> None:
-        message = self._awaited.pop(number, None)
-        if message is not None:  # with QoS 0 it only says that the message is written
+        message = self._awaited.get(number)
+        if message is not None and message.qos:  # with QoS 0 it only says that the message is written
             refusal = refused(reason, f"publish to {message.topic}", self._user) if reason.is_failure else ""
-            self._count_confirmed(message, refusal, is_passing=is_passing(reason))
+            self._confirm(number, refusal, is_passing=is_passing(reason))
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         properties = message.properties

@@ -55,8 +55,9 @@ class FakeConnection:
     subscribed_behind = b""
 
     def __init__(self, settings, version, will, *, deliver, confirmed, unix) -> None:
-        self.in_flight = 0
+        self.unconfirmed = []
         self.most_in_flight = 20
+        self.largest = 65536
         self.deadline = None
         self.messages = []
         self.topics = []
@@ -64,6 +65,11 @@ class FakeConnection:
         self._deliver = deliver
         self._confirmed = confirmed
         self.made.append(self)
+
+    @property
+    def in_flight(self) -> int:
+        """How many messages are not confirmed."""
+        return len(self.unconfirmed)
 
     async def open(self) -> None:
         """It is open at once."""
@@ -91,12 +97,12 @@ class FakeConnection:
         self.messages.append(message)
         if not self.in_flight:
             self.deadline = loop.time() + STEP_TIME
-        self.in_flight += 1
+        self.unconfirmed.append(message)
         if self.refusal is not None:
             loop.call_soon(self._confirm, message)
 
     def _confirm(self, message) -> None:
-        self.in_flight -= 1
+        self.unconfirmed.remove(message)
         self.deadline = None
         self._confirmed(message, self.refusal, True)
 

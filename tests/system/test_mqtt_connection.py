@@ -13,18 +13,18 @@ from gateway.plant.connection import BrokerConnection
 from gateway.plant.messages import Delivery, Message
 from kit.process import PATIENCE
 
-CONNECT, PUBLISH, PINGREQ, DISCONNECT = 0x10, 0x30, 0xC0, 0xE0
+CONNECT, PUBLISH, PUBACK, PINGREQ, DISCONNECT = 0x10, 0x30, 0x40, 0xC0, 0xE0
 SESSION_TAKEN_OVER = 0x8E
 CONNACK = {"5": bytes((0x20, 3, 0, 0, 0)), "3.1.1": bytes((0x20, 2, 0, 0))}
 PINGRESP = bytes((0xD0, 0))
-MAXIMUM_PACKET_SIZE = 0x27
+MAXIMUM_PACKET_SIZE, RECEIVE_MAXIMUM = 0x27, 0x21
 
 
 class Peer:
     """A broker that does what the test says. `packets` are what came."""
 
-    def __init__(self, version: Version) -> None:
-        self.version = version
+    def __init__(self, connack: bytes) -> None:
+        self._connack = connack
         self.packets: asyncio.Queue[tuple[int, bytes]] = asyncio.Queue()
         self.writer: asyncio.StreamWriter
 
@@ -37,15 +37,15 @@ class Peer:
                 size, shift = size | (byte & 0x7F) << shift, shift + 7
             self.packets.put_nowait((head[0] & 0xF0, await reader.readexactly(size | byte << shift)))
             if head[0] == CONNECT:
-                writer.write(CONNACK[self.version])
+                writer.write(self._connack)
         writer.close()
 
-    async def next(self, kind: int) -> bytes:
-        """The content of the next packet of this kind."""
+    async def next(self, kind: int, end: bytes = b"") -> bytes:
+        """The content of the next packet of this kind, that ends so."""
         async with asyncio.timeout(PATIENCE):
             while True:
                 found, content = await self.packets.get()
-                if found == kind:
+                if found == kind and content.endswith(end):
                     return content
 
 
@@ -56,12 +56,12 @@ async def until(is_so: Callable[[], bool]) -> None:
 
 
 @asynccontextmanager
-async def connected(version: Version, deliveries: list[Delivery]):
-    peer = Peer(version)
+async def connected(version: Version, deliveries: list[Delivery], *, connack=None, confirmed=lambda *_: None):
+    peer = Peer(connack or CONNACK[version])
     server = await asyncio.start_server(peer.serve, "127.0.0.1", 0)
     settings = BrokerSettings("127.0.0.1", server.sockets[0].getsockname()[1], "", "mbgw-test")
     connection = BrokerConnection(
-        settings, version, Message("gone", b""), deliver=deliveries.append, confirmed=lambda *_: None, unix=lambda: 0.0
+        settings, version, Message("gone", b""), deliver=deliveries.append, confirmed=confirmed, unix=lambda: 0.0
     )
     await connection.open()
     try:
@@ -75,15 +75,43 @@ async def connected(version: Version, deliveries: list[Delivery]):
 
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
 async def test_the_answer_to_a_ping_confirms_the_messages_before_it(version):
-    async with connected(version, []) as (connection, peer):
-        for number in range(30):
-            connection.publish(Message("value", str(number).encode(), qos=0))
-        assert connection.in_flight == 30
+    confirmed = []
+    messages = [Message("value", str(number).encode(), qos=0) for number in range(30)]
+    async with connected(version, [], confirmed=lambda *what: confirmed.append(what)) as (connection, peer):
+        for message in messages:
+            connection.publish(message)
+        assert connection.unconfirmed == messages
         for left in (29, 0):  # the first ping was sent after the first message, the second one after all
             await peer.next(PINGREQ)
             peer.writer.write(PINGRESP)
             await until(lambda left=left: connection.in_flight == left)
         assert connection.deadline is None
+        assert confirmed == [(message, "", False) for message in messages]
+
+
+async def test_what_is_not_confirmed_is_known_when_the_connection_is_lost():
+    """In the order of sending, whatever their QoS."""
+    messages = [Message("value", str(number).encode(), qos=number % 2) for number in range(6)]
+    async with connected("5", []) as (connection, peer):
+        for message in messages:
+            connection.publish(message)
+        number = (await peer.next(PUBLISH, b"3"))[len(b"\0\5value") :][:2]
+        peer.writer.write(bytes((PUBACK, 2)) + number)
+        await until(lambda: connection.in_flight == 5)
+        peer.writer.close()
+        await connection.lost
+        connection.close()
+        assert connection.unconfirmed == messages[:3] + messages[4:]
+
+
+async def test_the_broker_says_what_it_accepts():
+    properties = bytes((RECEIVE_MAXIMUM, 0, 3, MAXIMUM_PACKET_SIZE, 0, 0, 8, 0))
+    connack = bytes((0x20, 3 + len(properties), 0, 0, len(properties))) + properties
+    async with connected("5", [], connack=connack) as (connection, _):
+        assert connection.most_in_flight == 3
+        assert connection.largest == 2048
+    async with connected("5", []) as (connection, _):
+        assert connection.largest == LARGEST_PACKET
 
 
 async def test_it_asks_for_no_large_packets():
