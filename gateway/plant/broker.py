@@ -154,12 +154,13 @@ class Broker:
                 await self._take_commands(connection, form.command_subscriptions())
             await self._until(connection, lambda: connection.in_flight == 0 or self._is_stopping)
             self._up()
+            driver.begin_history(connection.largest)
             while not (self._is_stopping or publisher.must_leave):
                 await self._publish(connection, lambda: True)
                 await self._wait(connection)
             await self._leave(connection, (*(self._last or ()), *publisher.ended(driver.now())))
         finally:
-            publisher.disconnected()
+            publisher.disconnected(connection.unconfirmed)
             connection.close()
 
     async def _take_commands(self, connection: BrokerConnection, topics: Sequence[str]) -> None:
@@ -232,15 +233,17 @@ class Broker:
             self._note_down()
 
     def _has_confirmed(self, message: Message, refusal: str, is_passing: bool) -> None:  # noqa: FBT001 - a callback
+        now = asyncio.get_running_loop().time()
         if not refusal:
-            self.counts.confirm(asyncio.get_running_loop().time())
+            self.counts.confirm(now)
+            self._driver.confirmed(message)
         else:
             self.counts.refused += 1
-            self.counts.refused_at = asyncio.get_running_loop().time()
+            self.counts.refused_at = now
             if message.topic == self._status:
                 self._refusal = refusal
-            elif is_passing:
-                self._driver.publisher.refused(message)
+            else:
+                self._driver.refused(message, is_passing=is_passing)
             self._tell_refusal(refusal)
         self._driver.wake.set()
 

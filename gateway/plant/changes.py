@@ -12,7 +12,7 @@ LOST_AFTER: Final = 2
 
 
 class Watch:
-    """The last readings of a device, and the published ones. Times are seconds of any clock.
+    """The last readings of a device, and the published ones. `now` is the clock of the event loop, `at` Unix time.
 
     A reading is valid for the interval of its point plus `patience`: the seconds that a read may take.
     """
@@ -20,40 +20,54 @@ class Watch:
     def __init__(self, device: PublishedDevice, patience: float) -> None:
         self.device = device
         self.is_available = False
-        #: The names of points to publish.
-        self.changed: set[str] = set()
+        #: The readings to publish, by names of points; None for a published one that is to be taken back.
+        self.changed: dict[str, Reading | None] = {}
         self._patience = patience
         self._points = {point.name: point for point in device.points}
         self._latest: dict[str, Reading] = {}
         self._published: dict[str, Reading] = {}
         self._failures = 0
 
-    def answered(self, values: Mapping[str, Value | None], now: float) -> bool:
-        """Take the values of an answer; tell whether the device was unavailable before."""
+    def answered(self, values: Mapping[str, Value | None], at: float, now: float) -> dict[str, Reading]:
+        """Take the values of an answer; return readings that were to be published, and whose place others take."""
+        displaced = {}
         for name, value in values.items():
-            reading = self._latest[name] = Reading(value, now)
-            if self._is_due(self._points[name], reading):
-                self.changed.add(name)
+            reading = self._latest[name] = Reading(value, at, now)
+            point, waiting = self._points[name], self.changed.get(name)
+            if waiting is None:
+                if self._is_due(point, reading):
+                    self.changed[name] = reading
+            elif _differ(waiting.value, value, point.on_change):
+                displaced[name] = waiting
+                self.changed[name] = reading
         self._failures = 0
-        was_there, self.is_available = self.is_available, True
-        return not was_there
+        self.is_available = True
+        return displaced
 
-    def failed(self) -> bool:
-        """Note a read without an answer; tell whether this makes the device unavailable."""
+    def failed(self) -> dict[str, Reading]:
+        """Note a read without an answer; return readings that were to be published, if it becomes unavailable."""
         self._failures += 1
         if self._failures < LOST_AFTER or not self.is_available:
-            return False
+            return {}
         self.is_available = False
         self._latest.clear()
+        waiting = self.waiting()
         self.forget()
-        return True
+        return waiting
 
-    def expire(self, now: float) -> None:
-        """Forget readings that are too old; published ones are to be published as unknown."""
+    def expire(self, now: float) -> dict[str, Reading]:
+        """Forget readings that are too old, and return those that were still to be published.
+
+        Published ones are to be taken back.
+        """
         old = self._latest.keys() - self.readings(now).keys()
+        waiting = {name: reading for name, reading in self.waiting().items() if name in old}
         for name in old:
             del self._latest[name]
-        self.changed |= old & self._published.keys()
+            self.changed.pop(name, None)
+            if name in self._published:
+                self.changed[name] = None
+        return waiting
 
     def forget(self) -> None:
         """Forget what was published, and what was to be."""
@@ -65,8 +79,12 @@ class Watch:
         return {
             name: reading
             for name, reading in self._latest.items()
-            if now - reading.at <= self._points[name].every + self._patience
+            if now - reading.read_at <= self._points[name].every + self._patience
         }
+
+    def waiting(self) -> dict[str, Reading]:
+        """Return the readings that are to be published."""
+        return {name: reading for name, reading in self.changed.items() if reading is not None}
 
     def state(self, now: float) -> DeviceState:
         """Return the state of the device for a birth."""
@@ -75,7 +93,7 @@ class Watch:
     def published(self, readings: Mapping[str, Reading]) -> None:
         """Note that these readings were published, and the other points in `changed` as unknown."""
         self._published.update(readings)
-        for name in self.changed - readings.keys():
+        for name in self.changed.keys() - readings.keys():
             self._published.pop(name, None)
         self.changed.clear()
 
@@ -85,7 +103,7 @@ class Watch:
         if last is None or _differ(last.value, reading.value, point.on_change):
             return True
         # The next reading comes one interval later, and would be too late then.
-        return point.at_least is not None and reading.at - last.at + point.every > point.at_least
+        return point.at_least is not None and reading.read_at - last.read_at + point.every > point.at_least
 
 
 def _differ(old: Value | None, new: Value | None, deadband: float | None) -> bool:

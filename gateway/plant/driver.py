@@ -11,6 +11,7 @@ from gateway.images.polled_range import PollCounts
 from gateway.modbus.pdu import parse_sent
 from gateway.plant.commands import CLIENT, CarriedOut
 from gateway.plant.device_reader import DeviceReader, Polled
+from gateway.plant.kept.history import History
 from gateway.plant.messages import Command, Delivery, Form, Message
 from gateway.plant.publisher import Publisher, PublisherSettings
 from gateway.profiles.point import Point
@@ -33,6 +34,7 @@ class PublisherDriver:
         emit: Emit,
         unix: Callable[[], float],
         carried_out: CarriedOut,
+        history: History | None = None,
     ) -> None:
         loop = asyncio.get_running_loop()
         self.wake = asyncio.Event()
@@ -54,6 +56,7 @@ class PublisherDriver:
             loop.time,
             lambda now: unix() - loop.time() + now,
             carried_out,
+            history,
         )
         self._timer = LazyTimer(loop, self._tick)
 
@@ -90,6 +93,23 @@ class PublisherDriver:
         """Take a message that the broker has delivered."""
         self._run(self.publisher.received, delivery, self.now())
 
+    def begin_history(self, largest: int) -> None:
+        """Begin to publish kept readings, in messages of at most `largest` bytes: the broker has the birth."""
+        self._run(self.publisher.begin_history, self.now(), largest)
+
+    def look(self) -> None:
+        """Look again for kept readings to publish."""
+        if self.publisher.history is not None:
+            self._run(self.publisher.history.look)
+
+    def confirmed(self, message: Message) -> None:
+        """Note that the broker has a message."""
+        self._run(self.publisher.confirmed, message, self.now())
+
+    def refused(self, message: Message, *, is_passing: bool) -> None:
+        """Note that the broker has refused a message, for now or for ever."""
+        self._run(self.publisher.refused, message, self.now(), is_passing=is_passing)
+
     def take(self) -> Sequence[Message]:
         """Return the next messages to publish; none if there are none at present."""
         return self.publisher.take(self.now())
@@ -102,7 +122,8 @@ class PublisherDriver:
             step(*arguments, **options)
         except Exception as error:  # noqa: BLE001 - the error boundary of the publisher: a defect must not reach a line
             self._emit(PartFailed.of(CLIENT, error))
+        publisher, now = self.publisher, self.now()
         if self._is_open:
-            self._timer.set(self.publisher.deadline())
-        if self.publisher.has_messages or self.publisher.must_leave:
+            self._timer.set(publisher.deadline(now))
+        if publisher.has_messages or publisher.must_leave or publisher.has_history(now):
             self.wake.set()

@@ -17,7 +17,8 @@ class Message:
     """A message to publish. `expiry` and `correlation` have an effect with MQTT 5 only.
 
     The broker drops the message if it cannot deliver it within `expiry` seconds. `correlation` is the one of the
-    command that it answers. `device` is the name of the device whose values or availability it tells.
+    command that it answers. `device` is the name of the device whose values or availability it tells; `told` has those
+    of its readings that nobody has told before.
     """
 
     topic: str
@@ -27,6 +28,7 @@ class Message:
     expiry: float | None = None
     correlation: bytes | None = None
     device: str = ""
+    told: "Readings" = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +50,23 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The value of a point, None if the device has none there, and when its device answered."""
+    """The value of a point, None if the device has none there, and when its device answered.
+
+    `read_at` is the same time by the clock of the event loop, which nobody sets.
+    """
 
     value: Value | None
     at: float
+    read_at: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """The values of points of a device that were read at one time; `is_unsure` if that time may be wrong."""
+
+    at: float
+    values: Mapping[str, Value | None]
+    is_unsure: bool = False
 
 
 #: The last readings of a device by the names of its points. Points that were not read, or not lately, are absent.
@@ -146,6 +161,12 @@ class Form(Protocol):
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
         """Return the messages when a device begins to answer, with its readings, or no longer does."""
+
+    def may_tell(self, device: str) -> bool:
+        """Tell whether earlier readings of a device may be published now."""
+
+    def history(self, device: str, records: Sequence[Record], at: float) -> Message | None:
+        """Return the message with earlier readings of a device, the oldest first; None if they mean nothing here."""
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
         """Return what a message from the broker asks for; often one thing, or nothing."""

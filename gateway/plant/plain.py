@@ -11,9 +11,11 @@ from gateway.plant.messages import (
     DeviceState,
     Message,
     Misdirected,
+    Reading,
     Readings,
     Rebirth,
     Received,
+    Record,
 )
 from gateway.plant.topics import Topics
 from gateway.profiles.published import PublishedDevice, PublishedPoint
@@ -77,19 +79,39 @@ class PlainForm:
         self,
         device: PublishedDevice,
         readings: Readings,
-        changed: Collection[str],  # noqa: ARG002 - all values of a device are one message
+        changed: Collection[str],
         at: float,
     ) -> Sequence[Message]:
-        """Return one message with all values of the device."""
+        """Return one message with all values of the device; its time is that of the latest new one.
+
+        If some are taken back that is now.
+        """
         values = {name: reading.value for name, reading in readings.items()}
-        return (self._json(self._topics.values(device.name), at, values, retain=True, device=device.name),)
+        new = {name: readings[name] for name in changed if name in readings}
+        if new and len(new) == len(changed):
+            at = max(reading.at for reading in new.values())
+        told = {name: Reading(reading.value, round(at, 3)) for name, reading in new.items()}
+        return (self._json(self._topics.values(device.name), at, values, retain=True, device=device.name, told=told),)
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
         """Return the device's readings, if it has any, and then whether it answers."""
         device = state.device
-        values = self.values(device, state.readings, (), at) if state.readings else ()
+        values = self.values(device, state.readings, state.readings, at) if state.readings else ()
         payload = ONLINE if state.is_available else OFFLINE
         return (*values, Message(self._topics.availability(device.name), payload, retain=True, device=device.name))
+
+    def may_tell(self, device: str) -> bool:  # noqa: ARG002 - all alike
+        """Return True: each message stands for itself."""
+        return True
+
+    def history(self, device: str, records: Sequence[Record], at: float) -> Message | None:  # noqa: ARG002
+        """Return one message with a JSON array of the records."""
+        content = [
+            {"time": rfc_3339(each.at), **each.values, **({"clock": "unsure"} if each.is_unsure else {})}
+            for each in records
+        ]
+        text = json.dumps(content, ensure_ascii=False, allow_nan=False)
+        return Message(self._topics.history(device), text.encode())
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
         """Return a write to a point, or a Rebirth if a host has started.

@@ -13,6 +13,7 @@ from gateway.events import Emit
 from gateway.plant.births import Births
 from gateway.plant.changes import Watch
 from gateway.plant.commands import CarriedOut, Commands, TakesResponses
+from gateway.plant.kept.history import History
 from gateway.plant.messages import (
     Command,
     Delivery,
@@ -21,7 +22,6 @@ from gateway.plant.messages import (
     Leave,
     Message,
     Misdirected,
-    Reading,
     Readings,
     Rebirth,
 )
@@ -70,7 +70,8 @@ class _Results:
 class Publisher:
     """Publishes `settings.devices` in a `form`; writes go to `writes_to`, and `responses_to` takes the responses.
 
-    `clock` is the clock of every `now`; `unix` converts its times to Unix times.
+    `clock` is the clock of every `now`; `unix` converts its times to Unix times. With a `history`, readings that are to
+    be published and cannot be are kept there.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class Publisher:
         clock: Callable[[], float],
         unix: Callable[[float], float],
         carried_out: CarriedOut,
+        history: History | None = None,
     ) -> None:
         #: Results that were not published, because there were too many.
         self.dropped_results = 0
@@ -90,6 +92,7 @@ class Publisher:
         #: Whether the connection must be ended, and a new one made.
         self.must_leave = False
         self.commands = Commands(writes_to, responses_to, emit, clock, self._tell, carried_out)
+        self.history = history
         self._clock = clock
         self._unix = unix
         self._watches = {
@@ -117,9 +120,17 @@ class Publisher:
         """How many messages `take` would give now, if there were a connection."""
         return len(self._came_or_went) + len(self._changed) + len(self._results.waiting)
 
-    def deadline(self) -> float | None:
+    def deadline(self, now: float) -> float | None:
         """Return when `tick` must be called, or None."""
-        return self._births.next_at
+        history_at = None if self.history is None else self.history.deadline()
+        if history_at is None or history_at <= now:  # the next `take` looks
+            return self._births.next_at
+        return history_at if self._births.next_at is None else min(history_at, self._births.next_at)
+
+    def has_history(self, now: float) -> bool:
+        """Tell whether it is time to look for kept readings to send."""
+        at = None if self.history is None else self.history.deadline()
+        return at is not None and now >= at
 
     def tick(self, now: float) -> None:
         """Begin a birth that was put off."""
@@ -145,14 +156,22 @@ class Publisher:
         if not self.form.is_held:
             self._be_born(now)
 
-    def disconnected(self) -> None:
-        """Drop everything that was not published: the connection is lost. The last readings are kept."""
+    def disconnected(self, unconfirmed: Iterable[Message] = ()) -> None:
+        """Drop everything that was not published: the connection is lost. The last readings remain.
+
+        With a history, the new readings of `unconfirmed` messages and those that waited to be published are kept.
+        """
         self._is_connected = False
         self._births.forget()
         self._results.waiting.clear()
         self._refused.clear()
         self._came_or_went.clear()
         self._changed.clear()
+        if self.history is not None:
+            self.history.end()
+            for message in unconfirmed:
+                self.history.keep(message.device, message.told)
+        self._keep_all_due()
 
     @property
     def has_birth(self) -> bool:
@@ -176,12 +195,32 @@ class Publisher:
             return (message,)
         if self._came_or_went:
             return self._availability(_pop(self._came_or_went), now)
-        return self._values(_pop(self._changed), now) if self._changed else ()
+        if self._changed:
+            return self._values(_pop(self._changed), now)
+        earlier = None if self.history is None else self.history.take(now, self._unix(now))
+        return () if earlier is None else (earlier,)
 
-    def refused(self, message: Message) -> None:
-        """Have the next read of the message's device publish all readings: the broker refuses this one for now."""
-        if message.device in self._watches:
+    def begin_history(self, now: float, largest: int) -> None:
+        """Begin to publish kept readings, in messages of at most `largest` bytes: the broker has the birth."""
+        if self.history is not None:
+            self.history.begin(now, largest)
+
+    def confirmed(self, message: Message, now: float) -> None:
+        """Note that the broker has a message."""
+        if self.history is not None:
+            self.history.confirmed(message, now)
+
+    def refused(self, message: Message, now: float, *, is_passing: bool) -> None:
+        """Note that the broker has refused a message.
+
+        If it does so for now only, the next read of the message's device publishes all readings, and this one is kept.
+        """
+        if self.history is not None and self.history.refused(message, now, is_passing=is_passing):
+            return
+        if is_passing and message.device in self._watches:
             self._refused.add(message.device)
+            if self.history is not None:
+                self.history.keep(message.device, message.told)
 
     def received(self, delivery: Delivery, now: float) -> None:
         """Do what a message from the broker asks for."""
@@ -202,6 +241,7 @@ class Publisher:
         return self.form.ended(self._unix(now)) if self.is_born else ()
 
     def _be_born(self, now: float) -> None:
+        self._keep_all_due()
         for watch in self._watches.values():
             watch.forget()
         self._came_or_went.clear()
@@ -210,7 +250,8 @@ class Publisher:
 
     def _birth(self) -> Iterator[Message]:
         """Yield the birth, made when it is taken: commands may have to be subscribed to before."""
-        yield from self.form.born(self._states(), self._unix(self._clock()))
+        for message in self.form.born(self._states(), self._unix(self._clock())):
+            yield replace(message, told={})  # it tells nothing new: what had to be published was kept
 
     def _states(self) -> Iterator[DeviceState]:
         """Yield the state of each device, made when it is taken."""
@@ -219,49 +260,65 @@ class Publisher:
             self._came_or_went.pop(name, None)
             self._changed.pop(name, None)
             watch.published(state.readings)
-            yield self._told(state)
+            if self.history is not None:
+                self.history.born(name, state.readings)
+            yield state
 
     def _heed(self, name: str, values: Mapping[str, Value | None], now: float, *, answers: bool | None) -> None:
         watch = self._watches[name]
-        if not values:
-            watch.expire(now)
-        if answers is None:
-            self._note_change(name)
-            return
-        has_turned = watch.answered(values, now) if answers else watch.failed()
-        if has_turned or name in self._refused:
-            self._refused.discard(name)
-            self._came_or_went[name] = None
+        was_available = watch.is_available
+        dropped = {} if values else watch.expire(now)
+        if answers is not None:
+            dropped |= watch.answered(values, round(self._unix(now), 3), now) if answers else watch.failed()
+            if watch.is_available != was_available or name in self._refused:
+                self._refused.discard(name)
+                self._came_or_went[name] = None
+        self._keep(name, dropped)
         self._note_change(name)
 
     def _note_change(self, name: str) -> None:
-        if self.is_born and self._watches[name].changed:
+        watch = self._watches[name]
+        if self.is_born and watch.changed:
             self._changed[name] = None
+        elif watch.changed:
+            self._keep_due(name)
+
+    def _keep_all_due(self) -> None:
+        for name in self._watches:
+            self._keep_due(name)
+
+    def _keep_due(self, name: str) -> None:
+        """Keep the readings of a device that are to be published: there is no connection."""
+        watch = self._watches[name]
+        waiting = watch.waiting()
+        if self.history is not None and waiting:
+            self._keep(name, waiting)
+            watch.published(waiting)
+
+    def _keep(self, name: str, readings: Readings) -> None:
+        """Keep readings that are not published, if that is wanted."""
+        if self.history is not None:
+            self.history.keep(name, readings)
 
     def _availability(self, name: str, now: float) -> Sequence[Message]:
         watch = self._watches[name]
-        watch.expire(now)
+        self._keep(name, watch.expire(now))
         state = watch.state(now)
         self._changed.pop(name, None)
         watch.published(state.readings)
-        return self.form.availability(self._told(state), self._unix(now))
+        if self.history is not None:
+            self.history.look()  # it may have waited for this device
+        return self.form.availability(state, self._unix(now))
 
     def _values(self, name: str, now: float) -> Sequence[Message]:
         watch = self._watches[name]
-        watch.expire(now)
+        self._keep(name, watch.expire(now))
         readings = watch.readings(now)
         changed = frozenset(watch.changed)
         if not changed:
             return ()
         watch.published({each: readings[each] for each in changed if each in readings})
-        return self.form.values(watch.device, self._readings(readings), changed, self._unix(now))
-
-    def _told(self, state: DeviceState) -> DeviceState:
-        return replace(state, readings=self._readings(state.readings))
-
-    def _readings(self, readings: Readings) -> Readings:
-        """Convert the times of readings to Unix times."""
-        return {name: Reading(reading.value, self._unix(reading.at)) for name, reading in readings.items()}
+        return self.form.values(watch.device, readings, changed, self._unix(now))
 
     def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
         """Take the response to a command's request; None if there was none."""

@@ -6,6 +6,7 @@ when it ends (death). Nothing here has a clock; times are Unix times in seconds.
 
 import json
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final
 
 from gateway.plant.messages import (
@@ -15,9 +16,11 @@ from gateway.plant.messages import (
     Leave,
     Message,
     Misdirected,
+    Reading,
     Readings,
     Rebirth,
     Received,
+    Record,
 )
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode, signed
 from gateway.plant.topics import SparkplugTopics
@@ -134,7 +137,8 @@ class Sparkplug:
             return []
         metrics = _metrics(points, readings, at)
         payload = encode(Payload(metrics, at, self._next()), with_units=False)
-        return [Message(self._topics.of("DDATA", device.name), payload, qos=0)]
+        told = {name: readings[name] for name in changed if name in readings}
+        return [Message(self._topics.of("DDATA", device.name), payload, qos=0, device=device.name, told=told)]
 
     def availability(self, state: DeviceState, at: float) -> Sequence[Message]:
         """Return the birth or the death of a device."""
@@ -144,6 +148,24 @@ class Sparkplug:
             return []
         self._born.discard(state.device.name)
         return [self._message(self._topics.of("DDEATH", state.device.name), Payload((), at, self._next()))]
+
+    def may_tell(self, device: str) -> bool:
+        """Tell whether a device is born, or is none of the node's at all."""
+        return device in self._born or all(each.name != device for each in self._devices)
+
+    def history(self, device: str, records: Sequence[Record], at: float) -> Message | None:
+        """Return historical values of a device; None if it has none of these points any more."""
+        points = {point.name: point for each in self._devices if each.name == device for point in each.points}
+        metrics = [
+            _metric(points[name], {name: Reading(value, record.at)}, at)._replace(is_historical=True)
+            for record in records
+            for name, value in record.values.items()
+            if name in points
+        ]
+        if not metrics:
+            return None
+        payload = encode(Payload(tuple(metrics), at, self._next()), with_units=False)
+        return Message(self._topics.of("DDATA", device), payload, qos=0)
 
     def received(self, delivery: Delivery) -> Sequence[Received]:
         """Return what a state of the primary host or a command asks for: a birth, the end, or writes."""
@@ -186,7 +208,8 @@ class Sparkplug:
         """Make the birth of a device: all of its metrics with their types, and values if they are known."""
         self._born.add(state.device.name)
         metrics = _metrics(state.device.points, state.readings, at)
-        return self._message(self._topics.of("DBIRTH", state.device.name), Payload(metrics, at, self._next()))
+        message = self._message(self._topics.of("DBIRTH", state.device.name), Payload(metrics, at, self._next()))
+        return replace(message, device=state.device.name, told=state.readings)
 
     def _death(self, at: float) -> Message:
         metric = Metric(_SESSION, self._session, DataType.INT64, at)

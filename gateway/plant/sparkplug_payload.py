@@ -55,6 +55,7 @@ class _MetricField(IntEnum):
     NAME = 1
     TIMESTAMP = 3
     DATATYPE = 4
+    IS_HISTORICAL = 5
     IS_NULL = 7
     PROPERTIES = 9
     INT = 10
@@ -72,6 +73,7 @@ _KEYS, _VALUES, _PROPERTY_TYPE, _PROPERTY_STRING = 1, 2, 1, 8
 class Metric(NamedTuple):
     """A value with its name and type. `at` is a Unix time in seconds, `unit` a property.
 
+    A historical one is no present value: it tells what was read `at` that time.
     A metric without a value is encoded as null. In payloads that were read, whole numbers have no sign yet (see
     `signed`), and the type is None if the payload does not tell it.
     """
@@ -81,6 +83,7 @@ class Metric(NamedTuple):
     data_type: DataType | None
     at: float | None = None
     unit: str = ""
+    is_historical: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +141,8 @@ def _metric(metric: Metric, *, with_units: bool) -> bytes:
         body += _time(_milliseconds(metric.at))
     if metric.data_type is not None:
         body += _type_of(metric.data_type)
+    if metric.is_historical:
+        body += _HISTORICAL
     if metric.value is None:
         body += _NULL
     if with_units and metric.unit:
@@ -214,6 +219,7 @@ def _varint(value: int) -> bytes:
 
 _ONE_BYTE: Final = [bytes((value,)) for value in range(0x80)]
 _METRIC: Final = _key(_PayloadField.METRICS, _BYTES)
+_HISTORICAL: Final = _number(_MetricField.IS_HISTORICAL, 1)
 _NULL: Final = _number(_MetricField.IS_NULL, 1)
 _INT_VALUE: Final = _key(_MetricField.INT, _VARINT)
 _LONG_VALUE: Final = _key(_MetricField.LONG, _VARINT)
@@ -227,6 +233,7 @@ def _read_metric(data: bytes) -> Metric:
     value: _Value | None = None
     data_type: DataType | None = None
     at: float | None = None
+    is_historical = False
     for field, read in _fields(data):
         match field:
             case _MetricField.NAME:
@@ -235,9 +242,11 @@ def _read_metric(data: bytes) -> Metric:
                 at = _as_number(read) / 1000
             case _MetricField.DATATYPE:
                 data_type = _type(_as_number(read))
+            case _MetricField.IS_HISTORICAL:
+                is_historical = bool(_as_number(read))
             case _:
                 value = _read_value(field, read, value)
-    return Metric(name, value, data_type, at)
+    return Metric(name, value, data_type, at, is_historical=is_historical)
 
 
 def _read_value(field: int, read: int | bytes, before: _Value | None) -> _Value | None:

@@ -5,6 +5,22 @@ from typing import Literal
 
 
 @dataclass(frozen=True, slots=True)
+class KeptStatus:
+    """The readings that wait to be sent: how many `values`, the oldest of the Unix time `since`, and what they take.
+
+    `bytes` of the file are in use, of `limit`. `given_up` values were never sent. `trouble` says why they are kept in
+    memory only; it is empty if the file can be written.
+    """
+
+    values: int
+    since: float | None
+    bytes: int
+    limit: int
+    given_up: int
+    trouble: str
+
+
+@dataclass(frozen=True, slots=True)
 class BrokerStatus:
     """The broker at which values are published. `reason` says why nothing is published; it is empty when all is well.
 
@@ -14,7 +30,8 @@ class BrokerStatus:
     for how long values have been published, None while they are not. `messages_per_s` is of the last seconds, and
     `waiting` messages have not been sent yet. `version` is the version of MQTT. `available` of the `devices` respond.
     `messages` counts those that the broker has confirmed, `refused_messages` those that it has refused, the last one
-    `last_refused_ms` ago. `polls` counts reads of points, `failed_polls` those that failed.
+    `last_refused_ms` ago. `polls` counts reads of points, `failed_polls` those that failed. `kept` is None unless
+    values are kept while the broker is away.
     """
 
     broker: str
@@ -38,3 +55,4 @@ class BrokerStatus:
     up_ms: float | None = None
     messages_per_s: float = 0.0
     waiting: int = 0
+    kept: KeptStatus | None = None

@@ -31,6 +31,10 @@ class Topics:
         """Return the topic that tells whether a device answers, given the topic of its last values."""
         return f"{values}/availability"
 
+    def history(self, device: str) -> str:
+        """Return the topic of earlier values of a device."""
+        return f"{self.values(device)}/history"
+
     def setting(self, device: str, point: str) -> str:
         """Return the topic that takes values for a point."""
         return f"{self.values(device)}/{point}/set"

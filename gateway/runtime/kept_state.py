@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from gateway.images.drivers.store import Store
 from gateway.runtime.overdue import LeftBehind
@@ -20,11 +21,12 @@ class KeptState:
 
     `memory` has where devices have moved to; `left_behind` has late responses that may still arrive on ports of earlier
     lines. Persistent images need a `store`. `troubles` are those with the folder. Add-ons open files with `open_file`,
-    which returns None without a folder.
+    which returns None without a folder, or write in the `folder` themselves.
     """
 
     memory: Memory = field(default_factory=Memory)
     left_behind: LeftBehind = field(default_factory=LeftBehind)
     open_file: Callable[[str, IsEntry], EntryFile | None] = _open_nothing
     store: Store | None = None
+    folder: Path | None = None
     troubles: StateTroubles | None = None

@@ -93,7 +93,14 @@ def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
         def open_file(name: str, is_entry: IsEntry) -> EntryFile:
             return opened.enter_context(closing(EntryFile(folder / name, is_entry, emit)))
 
-        kept = KeptState(memory=memory, left_behind=left_behind, store=store, troubles=troubles, open_file=open_file)
+        kept = KeptState(
+            memory=memory,
+            left_behind=left_behind,
+            store=store,
+            troubles=troubles,
+            open_file=open_file,
+            folder=folder,
+        )
         run_exactly(_run(plan, source, control, kept, folder, fan_out, emit))
 
 

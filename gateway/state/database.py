@@ -87,6 +87,15 @@ class Table:
         key, table = self._names(1), self.name
         return f"SELECT (SELECT min({key}) FROM {table}), (SELECT max({key}) FROM {table})"  # noqa: S608 - as above
 
+    @property
+    def select_after(self) -> str:
+        """The statement that reads the first rows whose first part of the key is greater."""
+        return f"{self.select} WHERE {self._names(1)} > ? ORDER BY {self._names(1)} LIMIT ?"
+
+    def sum_of(self, column: str) -> str:
+        """Make the statement that adds up a column."""
+        return f"SELECT sum({column}) FROM {self.name}"  # noqa: S608 - as above
+
     def _key(self, parts: int) -> str:
         return " AND ".join(f"{name} = ?" for name, _ in self.columns[:parts])
 
@@ -140,6 +149,35 @@ class Database:
         with self._turn:
             least, greatest = self._connection.execute(self._table.ends).fetchone()
         return least, greatest
+
+    def after(self, key: Any, most: int) -> list[tuple[Row, bool]]:
+        """List the first rows, at most so many, whose first part of the key is greater, and whether each is sound.
+
+        Raises:
+            sqlite3.Error: the disk or the file fails.
+        """
+        with self._turn:
+            found = self._connection.execute(self._table.select_after, (key, most)).fetchall()
+        return [(tuple(row), self._table.check_sum(tuple(row)) == check_sum) for *row, check_sum in found]
+
+    def total(self, column: str) -> int:
+        """Add up a column of all rows.
+
+        Raises:
+            sqlite3.Error: the disk or the file fails.
+        """
+        with self._turn:
+            (total,) = self._connection.execute(self._table.sum_of(column)).fetchone()
+        return int(total or 0)
+
+    def limit_journal(self, pages: int) -> None:
+        """Write the journal into the file after so many pages.
+
+        Raises:
+            sqlite3.Error: the disk or the file fails.
+        """
+        with self._turn:
+            self._connection.execute(f"PRAGMA wal_autocheckpoint = {pages:d}")
 
     @property
     def size(self) -> int:

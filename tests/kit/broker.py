@@ -7,9 +7,13 @@ from dataclasses import dataclass, field
 
 from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver
+from gateway.plant.kept.keeper import Keeper
 from gateway.plant.messages import Delivery, Message
 from gateway.runtime.mqtt.publication import reading
 from kit.gateway_bench import GatewayBench
+
+#: The Unix time at the begin of a test with a keeper.
+BEGIN = 1_800_000_000.0
 
 
 @dataclass
@@ -21,11 +25,15 @@ class FakeBroker:
     retained: dict[str, bytes] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, bench: GatewayBench, announcements: Sequence[Message] = ()) -> "FakeBroker":
+    def of(
+        cls, bench: GatewayBench, announcements: Sequence[Message] = (), keeper: Keeper | None = None
+    ) -> "FakeBroker":
         """The broker of a gateway; its devices are read from now on. Times of messages are those of the loop."""
-        gateway, running, unix = bench.gateway, bench.running, asyncio.get_running_loop().time
+        gateway, running, time = bench.gateway, bench.running, asyncio.get_running_loop().time
         router, pollers, plan = running.add_ons.mqtt.router, running.builder.pollers, gateway.plan.mqtt
-        return cls(reading(plan, gateway, router, pollers, bench.events.append, CarriedOut(), unix, announcements))
+        unix = time if keeper is None else lambda: BEGIN + time()
+        emit, done = bench.events.append, CarriedOut()
+        return cls(reading(plan, gateway, router, pollers, emit, done, unix, announcements, keeper))
 
     def connect(self) -> list[str]:
         """Connect and take the birth; the topics of commands that are subscribed to."""
@@ -34,17 +42,20 @@ class FakeBroker:
         publisher.connected(self.driver.now())
         topics = list(publisher.form.command_subscriptions())
         self.take()
+        self.driver.begin_history(1_000_000)
         return topics
 
-    def lose(self) -> None:
-        """The connection is lost."""
-        self.driver.publisher.disconnected()
+    def lose(self, unconfirmed: Sequence[Message] = ()) -> None:
+        """The connection is lost, and the gateway does not know of these messages whether the broker has them."""
+        self.driver.publisher.disconnected(unconfirmed)
 
-    def take(self) -> list[Message]:
-        """Take all that there is to publish."""
+    def take(self, *, confirmed: bool = True) -> list[Message]:
+        """Take all that there is to publish, and confirm it."""
         found = []
         while messages := self.driver.take():
             found += messages
+            for message in messages if confirmed else ():
+                self.driver.confirmed(message)
         self.messages += found
         for message in found:
             if message.retain:

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, ClassVar
 
 from gateway import events
+from gateway.config.plan.settings import MqttPlan
 from gateway.config.values.reserved_names import MQTT
 from gateway.diagnosis.finding import Finding
 from gateway.images.drivers.polls_driver import Pollers
@@ -23,6 +24,7 @@ from gateway.tls.store import TlsStore
 
 if TYPE_CHECKING:
     from gateway.plant.commands import CarriedOut
+    from gateway.plant.kept.keeper import Keeper
     from gateway.runtime.mqtt.publication import Publication
 
 
@@ -44,6 +46,8 @@ class Publishing(AddOn):
         self._contexts = contexts
         self._pollers = pollers
         self._announced = AnnouncedDevices(kept.open_file(FILE_NAME, is_entry))
+        self._folder = kept.folder
+        self._keeper: Keeper | None = None
         self._carried_out: CarriedOut | None = None
         #: The present publication; None without [mqtt].
         self.part: Publication | None = None
@@ -58,7 +62,8 @@ class Publishing(AddOn):
         plan, part = gateway.plan.mqtt, self.part
         if part is not None and part.means(plan):
             return
-        await self.stop(is_over=plan is None)
+        await self._stop_part(is_over=plan is None)
+        await self._keep_for(plan)
         if plan is not None:
             announcing = await import_module("gateway.runtime.mqtt.announcing").Announcing.of(plan, self._announced)
             publication = import_module("gateway.runtime.mqtt.publication").Publication
@@ -74,9 +79,26 @@ class Publishing(AddOn):
                 announcing,
                 self._carried_out,
                 time.time,
+                self._keeper,
             )
 
-    async def stop(self, *, is_over: bool = False) -> None:
+    async def stop(self) -> None:
+        """Stop publishing, and write what is kept."""
+        await self._stop_part()
+        await self._keep_for(None)
+
+    async def _keep_for(self, plan: MqttPlan | None) -> None:
+        """Keep what this plan cannot publish, if it says so; what is kept outlives a reload."""
+        most, every = (0, 0.0) if plan is None else (plan.keep, plan.keep_every)
+        keeper = self._keeper
+        if keeper is not None and (keeper.most, keeper.every) != (most, every):
+            self._keeper = None
+            await keeper.close()
+        if self._keeper is None and most:
+            keeper_of = import_module("gateway.plant.kept.keeper").Keeper
+            self._keeper = keeper_of(self._folder, most, every, self._emit)
+
+    async def _stop_part(self, *, is_over: bool = False) -> None:
         """Stop publishing, for good if it `is_over`."""
         part, self.part = self.part, None
         if part is not None:

@@ -17,6 +17,8 @@ from gateway.config.values.broker import HOME_ASSISTANT
 from gateway.images.drivers.polls_driver import Pollers
 from gateway.plant.commands import CarriedOut
 from gateway.plant.driver import PublisherDriver
+from gateway.plant.kept.history import History
+from gateway.plant.kept.keeper import Keeper
 from gateway.plant.messages import Form, Message
 from gateway.plant.plain import PlainForm
 from gateway.plant.publisher import PublisherSettings
@@ -45,16 +47,21 @@ def reading(
     carried_out: CarriedOut,
     unix: Callable[[], float] = time.time,
     announcements: Sequence[Message] = (),
+    keeper: Keeper | None = None,
 ) -> PublisherDriver:
     """Begin to read what the plan publishes of a gateway, by the routes of `router`, with the polls of its units.
 
-    `announcements` are sent with each birth.
+    `announcements` are sent with each birth. What cannot be published goes to the `keeper`.
     """
     polls = {name: polls_of(each, pollers) for name, each in _destinations(plan, router).items()}
     patience = gateway.longest_waits
     waits = {each.name: patience.get(each.name, 0.0) for each in plan.devices}
     settings = PublisherSettings(plan.devices, waits, plan.source)
-    driver = PublisherDriver(settings, _form(plan, announcements), polls, router, emit, unix, carried_out)
+    form = _form(plan, announcements)
+    history = None if keeper is None else History(keeper, form)
+    driver = PublisherDriver(settings, form, polls, router, emit, unix, carried_out, history)
+    if keeper is not None:
+        keeper.ready = driver.look
     driver.start()
     return driver
 
@@ -73,12 +80,14 @@ class Publication:
         announcing: Announcing,
         carried_out: CarriedOut,
         unix: Callable[[], float],
+        keeper: Keeper | None,
     ) -> None:
         self.plan = plan
         self._router = router
         self._announcing = announcing
         self._destinations = _destinations(plan, router)
-        self.driver = reading(plan, gateway, router, pollers, emit, carried_out, unix, announcing.messages)
+        self._keeper = keeper
+        self.driver = reading(plan, gateway, router, pollers, emit, carried_out, unix, announcing.messages, keeper)
         #: What keeps the connection; None if it cannot, because its library is missing.
         self.broker: Any = None
         self.reason = ""
@@ -132,6 +141,7 @@ class Publication:
             up_ms=None if broker is None or broker.up_since is None else 1000 * (now - broker.up_since),
             messages_per_s=0.0 if broker is None else broker.counts.per_second(now),
             waiting=publisher.waiting,
+            kept=None if self._keeper is None else self._keeper.status,
         )
 
     def _down_ms(self) -> float | None:

@@ -1,0 +1,127 @@
+"""Decides when the next message with kept readings is sent, after all others. Times are seconds of any clock."""
+
+from dataclasses import replace
+from typing import Final, Protocol
+
+from gateway.plant.kept.backlog import Batch
+from gateway.plant.messages import Form, Message, Readings, Record
+
+#: The least time between two of these messages, and that before one is sent again which the broker has refused for now.
+PAUSE: Final = 0.1
+REFUSED_PAUSE: Final = 30.0
+#: About the largest of these messages, in bytes.
+LARGEST: Final = 32_000
+
+
+class Keeps(Protocol):
+    """What keeps readings: see Keeper."""
+
+    def keep(self, device: str, readings: Readings) -> None:
+        """Keep readings of a device."""
+
+    def take(self, may_tell: "MayTell", room: int) -> Batch | None:
+        """Return the next records to send; None if there are none at present."""
+
+    def sent(self, batch: Batch) -> None:
+        """Forget a batch: it was confirmed."""
+
+    def give_up(self, batch: Batch) -> None:
+        """Forget a batch that cannot be sent."""
+
+    def rewind(self) -> None:
+        """Send again what was not confirmed: the connection is lost."""
+
+
+class MayTell(Protocol):
+    """Tells whether a device's history may be sent now."""
+
+    def __call__(self, device: str) -> bool:
+        """Tell it of a device."""
+
+
+class History:
+    """Kept readings as messages of a form, one at a time. A reading that the birth has told is not sent again."""
+
+    def __init__(self, keeps: Keeps, form: Form) -> None:
+        self._keeps = keeps
+        self._form = form
+        self._told: dict[str, Readings] = {}
+        self._room = LARGEST
+        #: When the next message may be sent; None while there is no connection.
+        self._next_at: float | None = None
+        #: Whether there was nothing to send.
+        self._is_idle = False
+        self._message: Message | None = None
+        self._batch = Batch("")
+
+    def keep(self, device: str, readings: Readings) -> None:
+        """Keep readings of a device."""
+        if readings:
+            self._keeps.keep(device, readings)
+            self._is_idle = False
+
+    def look(self) -> None:
+        """Note that there may be something to send again."""
+        self._is_idle = False
+
+    def born(self, device: str, readings: Readings) -> None:
+        """Note the readings that a birth tells."""
+        self._told[device] = readings
+
+    def begin(self, now: float, largest: int) -> None:
+        """Begin to send: the birth is confirmed. The broker takes messages of `largest` bytes."""
+        self._room = min(LARGEST, largest // 2)
+        self._next_at, self._is_idle = now, False
+
+    def end(self) -> None:
+        """Send no more: the connection is lost."""
+        self._next_at = self._message = None
+        self._told.clear()
+        self._keeps.rewind()
+
+    def deadline(self) -> float | None:
+        """Return when the next message may be sent; None while there is none, or one is not confirmed."""
+        return None if self._is_idle or self._message is not None else self._next_at
+
+    def take(self, now: float, at: float) -> Message | None:
+        """Return the next message, if it is time for one and there is something to tell. `at` is the Unix time."""
+        due = self.deadline()
+        if due is None or now < due:
+            return None
+        while (batch := self._keeps.take(self._form.may_tell, self._room)) is not None:
+            records = [self._untold(batch.device, record) for record in batch.records]
+            records = [record for record in records if record.values]
+            message = self._form.history(batch.device, records, at) if records else None
+            if message is not None:
+                self._batch, self._message = batch, message
+                return message
+            (self._keeps.give_up if records else self._keeps.sent)(batch)
+        self._is_idle = True
+        return None
+
+    def confirmed(self, message: Message, now: float) -> bool:
+        """Note that the broker has a message; tell whether it is one of these."""
+        if message is not self._message:
+            return False
+        self._keeps.sent(self._batch)
+        self._message, self._next_at = None, now + PAUSE
+        return True
+
+    def refused(self, message: Message, now: float, *, is_passing: bool) -> bool:
+        """Note that the broker has refused a message, for now or for ever; tell whether it is one of these."""
+        if message is not self._message:
+            return False
+        if is_passing:
+            self._keeps.rewind()
+        else:
+            self._keeps.give_up(self._batch)
+        self._message, self._next_at = None, now + (REFUSED_PAUSE if is_passing else PAUSE)
+        return True
+
+    def _untold(self, device: str, record: Record) -> Record:
+        """Leave out the readings that the birth has told."""
+        told = self._told.get(device, {})
+        values = {
+            name: value for name, value in record.values.items() if name not in told or told[name].at != record.at
+        }
+        return record if len(values) == len(record.values) else replace(record, values=values)

@@ -1,0 +1,181 @@
+"""Writes kept readings to their file from time to time, and reads them again when they are to be sent."""
+
+import asyncio
+import sqlite3
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Final, ParamSpec, TypeVar
+
+from gateway.clock.setting import ClockSetting, clock_setting
+from gateway.clock.threads import ThreadPerCall
+from gateway.errors import StateError
+from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.plant.kept.backlog import MANY, Backlog, Batch
+from gateway.plant.kept.file import KeptFile, Totals
+from gateway.plant.messages import Readings
+from gateway.plant.status import KeptStatus
+from gateway.state.database import is_damage
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+FILE_NAME: Final = "mqtt-kept.sqlite"
+#: How long the disk may take at the end, in seconds.
+CLOSING_DEADLINE: Final = 1.0
+
+
+class Keeper:
+    """Keeps readings in `folder`, at most `most` bytes, written every `every` seconds; without a folder in memory only.
+
+    `ready` is called when there is something to send again.
+    """
+
+    def __init__(
+        self,
+        folder: Path | None,
+        most: int,
+        every: float,
+        emit: Emit,
+        clock: Callable[[], ClockSetting] = clock_setting,
+    ) -> None:
+        self.most, self.every = most, every
+        self.ready: Callable[[], None] = lambda: None
+        self._path = None if folder is None else folder / FILE_NAME
+        self._emit = emit
+        self._backlog = Backlog(clock)
+        self._file: KeptFile | None = None
+        self._totals = Totals()
+        self._given_up = 0
+        self._trouble = ""
+        self._must_load = False
+        self._wake = asyncio.Event()
+        self._task = asyncio.create_task(self._run(), name="kept readings")
+
+    @property
+    def status(self) -> KeptStatus:
+        """How much is kept, and since when."""
+        backlog, totals = self._backlog, self._totals
+        values = totals.readings + backlog.in_memory
+        times = [each for each in (totals.since, backlog.since) if each is not None]
+        since = min(times, default=None) if values else None
+        given_up = self._given_up + backlog.given_up
+        return KeptStatus(values, since, totals.size, self.most, given_up, self._trouble)
+
+    def keep(self, device: str, readings: Readings) -> None:
+        """Keep readings of a device."""
+        if not readings:
+            return
+        self._backlog.keep(device, readings)
+        if self._backlog.fresh >= MANY:
+            self._wake.set()
+
+    def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
+        """Return the next records to send; None if there are none at present: `ready` is called when there are."""
+        batch = self._backlog.take(may_tell, room)
+        if batch is None and self._backlog.must_load:
+            self._must_load = True
+            self._wake.set()
+        return batch
+
+    def sent(self, batch: Batch) -> None:
+        """Forget a batch: it was confirmed."""
+        in_file = self._backlog.sent(batch)
+        self._totals = Totals(self._totals.readings - in_file, self._totals.since, self._totals.size)
+
+    def give_up(self, batch: Batch) -> None:
+        """Forget a batch that cannot be sent."""
+        self._given_up += sum(len(record.values) for record in batch.records)
+        self.sent(batch)
+
+    def rewind(self) -> None:
+        """Send again what was not confirmed: the connection is lost."""
+        self._backlog.rewind()
+
+    async def close(self) -> None:
+        """Write the rest, and close the file; give up after CLOSING_DEADLINE."""
+        self._task.cancel()
+        await asyncio.wait([self._task])
+        try:
+            async with asyncio.timeout(CLOSING_DEADLINE):
+                await self._write()
+                if self._file is not None:
+                    await _in_thread(self._file.close)
+        except TimeoutError:
+            self._tell("the disk takes too long")
+
+    async def _run(self) -> None:
+        """Write every so often, or sooner if there is much; load when asked to."""
+        loop = asyncio.get_running_loop()
+        write_at = loop.time()
+        while True:
+            try:
+                if loop.time() >= write_at or self._backlog.fresh >= MANY:
+                    write_at = loop.time() + self.every
+                    await self._write()
+                if self._must_load:
+                    await self._load()
+            except Exception as error:  # noqa: BLE001 - an error boundary: values are published all the same
+                self._emit(PartFailed.of("kept readings", error))
+            with suppress(TimeoutError):
+                async with asyncio.timeout_at(write_at):
+                    await self._wake.wait()
+            self._wake.clear()
+
+    async def _write(self) -> None:
+        if self._path is None:
+            return
+        chunks, gone = self._backlog.changes()
+        try:
+            file = self._file or await self._open(self._path)
+            if chunks or gone:
+                self._given_up += await _in_thread(file.write, chunks, gone)
+                self._backlog.written(chunks, gone)
+                self._totals = await _in_thread(file.totals)
+        except (StateError, sqlite3.Error) as error:
+            await self._failed(error)
+        else:
+            self._tell("")
+
+    async def _open(self, path: Path) -> KeptFile:
+        file, damage = await _in_thread(partial(KeptFile.open, path, self.most))
+        if damage:
+            self._emit(StateDamaged(str(path), damage))
+        self._totals = await _in_thread(file.totals)
+        self._file, self._backlog.file_end = file, self._totals.end
+        self.ready()
+        return file
+
+    async def _load(self) -> None:
+        self._must_load = False
+        if self._file is None:
+            return
+        after = self._backlog.loaded_to
+        try:
+            chunks, end, damaged = await _in_thread(self._file.after, after)
+        except sqlite3.Error as error:
+            await self._failed(error)
+            return
+        self._given_up += damaged
+        self._backlog.load(chunks, after, end)
+        self.ready()
+
+    async def _failed(self, error: Exception) -> None:
+        """Go on in memory. A damaged file is set aside by the next attempt."""
+        if is_damage(error) and self._file is not None:
+            await _in_thread(self._file.close)
+            self._file, self._totals, self._backlog.file_end = None, Totals(), 0
+        self._tell(str(error))
+
+    def _tell(self, trouble: str) -> None:
+        if trouble and not self._trouble:
+            self._emit(StateNotKept(str(self._path), trouble))
+        if self._trouble and not trouble:
+            self._emit(StateKeptAgain(str(self._path)))
+        self._trouble = trouble
+
+
+async def _in_thread(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    loop = asyncio.get_running_loop()
+    return await loop.run_in_executor(ThreadPerCall("kept readings"), partial(call, *args, **kwargs))
