@@ -30,7 +30,7 @@ def check_mqtt(config: Config, _failed: frozenset[str]) -> Iterator[Problem]:
         return
     yield from _check_site(config.site, mqtt)
     yield from _check_broker(mqtt)
-    yield from _check_files(mqtt)
+    yield from _check_needed(mqtt)
     if not mqtt.publish:
         remedy = 'write publish = [{ device = "silo-*", every = "1 s" }]'
         yield error((*mqtt.path, "publish"), "is empty", remedy)
@@ -72,12 +72,14 @@ def _check_broker(mqtt: Mqtt) -> Iterator[Problem]:
         yield error((*mqtt.path, key), "is used only with mqtts:// and wss://", "write mqtts:// in broker")
 
 
-def _check_files(mqtt: Mqtt) -> Iterator[Problem]:
+def _check_needed(mqtt: Mqtt) -> Iterator[Problem]:
     for one, other in (("certificate", "key"), ("key", "certificate")):
         if mqtt.has(one) and not mqtt.has(other):
             yield error((*mqtt.path, one), f"has no effect without {other}", f"add {other}")
     if mqtt.password is not None and mqtt.user is None:
         yield error((*mqtt.path, "password"), "has no effect without user", "add user")
+    if mqtt.has("keep_every") and not mqtt.keep:
+        yield error((*mqtt.path, "keep_every"), "has no effect without keep", 'add keep = "64 MiB"')
 
 
 def _check_row(row: Publish, known: tuple[Publishable, ...]) -> Iterator[Problem]:

@@ -58,6 +58,8 @@ def _mqtt(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
         password=mqtt.password,
         tls=_tls(mqtt),
         write=mqtt.write,
+        keep=mqtt.keep,
+        keep_every=mqtt.keep_every,
         home_assistant=mqtt.home_assistant,
         sparkplug=mqtt.sparkplug,
         source=mqtt.place,

@@ -198,7 +198,8 @@ class WebPlan:
 class MqttPlan:
     """Where values are published, and which. `home_assistant` is the prefix of its discovery; None without.
 
-    With `write`, points are written from there. `source` is its place in the config.
+    With `write`, points are written from there. What cannot be published is kept on disk: at most `keep` bytes, written
+    every `keep_every` seconds; nothing if `keep` is 0. `source` is its place in the config.
     """
 
     needs_restart: ClassVar[bool] = False
@@ -209,6 +210,8 @@ class MqttPlan:
     password: SecretFile | None = None
     tls: ClientTls | None = None
     write: bool = False
+    keep: int = 0
+    keep_every: float = 10.0
     home_assistant: str | None = None
     sparkplug: Sparkplug | None = None
     source: str = field(default="", compare=False)

@@ -13,7 +13,9 @@ from gateway.config.values.key_types import (
     LongerDuration,
     Name,
     PasswordFile,
+    Size,
     SparkplugNames,
+    WriteDuration,
 )
 
 
@@ -48,6 +50,15 @@ class Mqtt(Table):
     )
     publish: Annotated[tuple[Publish, ...], ListOf] = Field(description="What is published.")
     write: bool = Field(False, description="Whether points with `write` = true can be written through the broker.")
+    keep: Size = Field(
+        0,
+        description="How much disk the values may take that could not be published while the broker was away. They "
+        "are sent when it is back; if there are more, the oldest are given up. See "
+        "[plant](plant.md#while-the-broker-is-away).",
+    )
+    keep_every: WriteDuration = Field(
+        10.0, description="With `keep`: how often they are written to disk. A sudden end loses no more than this."
+    )
     home_assistant: HomeAssistant = Field(
         None, description="Whether Home Assistant is told what there is, so that it shows all devices by itself."
     )

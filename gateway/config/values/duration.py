@@ -18,15 +18,17 @@ _MEANT_OFF: Final = (False, 0, "off", "never", "none", "no", "false", "0", "0 ms
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*([A-Za-z]*)")
 
 
-def parse_duration(value: object, least: float = SHORTEST) -> float:
-    """Parse seconds, more than 0 and `least` or more.
+def parse_duration(value: object, least: float = SHORTEST, most: float = _LONGEST) -> float:
+    """Parse seconds, more than 0, `least` or more, and at `most` so many.
 
     Raises:
-        WrongValue: `value` is not text with a unit, or too short.
+        WrongValue: `value` is not text with a unit, too short or too long.
     """
     seconds = parse_duration_or_zero(value, least)
     if seconds == 0:
         raise WrongValue("must be longer than 0")
+    if seconds > most:
+        raise WrongValue(f"must be at most {show_duration(most)}")
     return seconds
 
 

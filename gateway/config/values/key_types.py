@@ -106,6 +106,12 @@ IdleDuration = Annotated[
 DurationOrZero = Annotated[
     float, PlainValidator(partial(parse_duration_or_zero, least=0.001)), Kind("duration", _TIME, _in_quotes)
 ]
+#: How often a disk is written: seldom enough for flash, often enough that little is lost by a sudden end.
+WriteDuration = Annotated[
+    float,
+    PlainValidator(partial(parse_duration, least=1.0, most=600.0)),
+    Kind("duration from 1 s to 10 min", _TIME, _in_quotes),
+]
 #: A trend has some slots at least.
 TrendDuration = Annotated[
     float, PlainValidator(partial(parse_duration_or_zero, least=600.0)), Kind("duration from 10 min", _TIME, _in_quotes)

@@ -1,4 +1,4 @@
-"""Amounts of memory: text with a unit, such as "4 MiB"."""
+"""Amounts of memory or of disk: text with a unit, such as "4 MiB"."""
 
 import re
 from typing import Final
@@ -8,7 +8,7 @@ from gateway.config.problem import WrongValue
 _UNITS: Final = {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
 #: The memory of the last transactions, if the config does not say.
 DEFAULT_RING: Final = 4 * 2**20
-#: Less would hold a moment, and more be the machine's whole memory.
+#: Less would hold a moment, and more be the machine's whole memory, or its disk.
 _LEAST: Final = 2**16
 _MOST: Final = 2**30
 

@@ -94,6 +94,11 @@ def test_what_is_needed_is_enough():
             BROKER + ROW + 'home_assistant = true\nsparkplug = { group = "a" }',
             "mqtt.home_assistant: Home Assistant does not understand Sparkplug B",
         ),
+        (BROKER + ROW + 'keep_every = "1 min"', "mqtt.keep_every: has no effect without keep"),
+        (BROKER + ROW + 'keep = "0"\nkeep_every = "1 min"', "mqtt.keep_every: has no effect without keep"),
+        (BROKER + ROW + 'keep = "63 KiB"', "mqtt.keep: must be 64 KiB to 1 GiB, or 0 for none"),
+        (BROKER + ROW + 'keep = "1 MiB"\nkeep_every = "0.9 s"', "mqtt.keep_every: must be at least 1 s"),
+        (BROKER + ROW + 'keep = "1 MiB"\nkeep_every = "11 min"', "mqtt.keep_every: must be at most 10 min"),
         (BROKER + ROW + 'sparkplug = { group = "a/b" }', "mqtt.sparkplug: group must be text without +, # and /"),
         (BROKER + ROW + "sparkplug = { }", "mqtt.sparkplug: must be false or a table with a group"),
         (
@@ -104,6 +109,13 @@ def test_what_is_needed_is_enough():
 )
 def test_what_does_not_fit_together_is_told_with_its_key(keys, said):
     assert of_mqtt(keys) == [f"error: {said}"]
+
+
+def test_what_is_kept_is_in_the_plan():
+    plan = plan_of(ROW + 'keep = "64 MiB"\nkeep_every = "30 s"').mqtt
+    assert (plan.keep, plan.keep_every) == (64 * 2**20, 30)
+    usual = plan_of(ROW).mqtt
+    assert (usual.keep, usual.keep_every) == (0, 10)
 
 
 def test_topics_need_the_name_of_the_plant():
