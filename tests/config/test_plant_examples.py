@@ -34,12 +34,24 @@ def yaml(file):
 
 
 CONFIGS = [each for each in examples("toml") if "[mqtt]" in each]
+LINES = [each for each in examples("toml") if "[" not in each]
+
+
+def with_lines(config, lines):
+    """A config whose last table, `[mqtt]`, has these lines, and no others with their keys."""
+    keys = tuple(tomllib.loads(lines))
+    rest = [each for each in config.splitlines() if not (each.startswith(keys) and each.partition(" ")[0] in keys)]
+    return "\n".join([*rest, lines])
 
 
 def test_the_page_has_a_config_for_each_use():
-    assert len(CONFIGS) == 4
-    assert any("home_assistant" in each for each in CONFIGS)
-    assert any("sparkplug" in each for each in CONFIGS)
+    assert [sum(key in each for each in CONFIGS) for key in ("[mqtt]", "home_assistant")] == [2, 1]
+    assert [sum(key in each for each in LINES) for key in ("mqtts://", "sparkplug")] == [1, 1]
+
+
+@pytest.mark.parametrize("lines", LINES, ids=range(len(LINES)))
+def test_lines_on_the_page_can_be_added_to_its_first_config(lines):
+    assert errors(with_lines(CONFIGS[0], lines)) == []
 
 
 @pytest.mark.parametrize("text", CONFIGS, ids=range(len(CONFIGS)))
