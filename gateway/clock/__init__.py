@@ -5,4 +5,5 @@
 - slices       long readings, with pauses for the lines
 - threads      calls into drivers
 - times        times of day as text
+- setting      how the wall clock is set
 """

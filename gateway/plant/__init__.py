@@ -5,5 +5,6 @@
 - sparkplug, sparkplug_payload, births    Sparkplug B
 - discovery    announcements for Home Assistant
 - commands     writes from the broker
+- kept         readings that could not be published (ADR 38)
 - broker, connection, client, steadiness    the connection, and when the next one is made
 """

@@ -7,5 +7,6 @@
 - verdict      whether a limit is too short or too long
 - usage, history    who used a line, and what units did in the last days
 - trend        values of points in slots of time, and how a file has them
+- clock_setting   how a wall clock is set, and whether earlier times may be wrong
 - lease_time   the shares of a lease (ADR 26)
 """

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.clock.setting import ClockSetting
+from gateway.timing.clock_setting import ClockSetting
 from gateway.plant.kept.history import PAUSE, REFUSED_PAUSE
 from gateway.plant.kept.keeper import FILE_NAME, Keeper
 from gateway.plant.messages import Message

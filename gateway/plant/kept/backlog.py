@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.clock.setting import ClockSetting
+from gateway.timing.clock_setting import ClockSetting
 from gateway.plant.kept.records import Chunk
 from gateway.plant.messages import Readings, Record
 

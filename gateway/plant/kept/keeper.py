@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
 
-from gateway.clock.setting import ClockSetting, clock_setting
+from gateway.clock.setting import clock_setting
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import StateError
 from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
@@ -17,6 +17,7 @@ from gateway.plant.kept.file import KeptFile, Totals
 from gateway.plant.messages import Readings
 from gateway.plant.status import KeptStatus
 from gateway.state.database import is_damage
+from gateway.timing.clock_setting import ClockSetting
 
 P = ParamSpec("P")
 T = TypeVar("T")

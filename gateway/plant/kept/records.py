@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Final, Self
 
-from gateway.clock.setting import ClockSetting
+from gateway.timing.clock_setting import ClockSetting
 from gateway.plant.messages import Readings, Record
 
 #: The beginning of November 2026: a clock that shows less was never set.

@@ -1,0 +1,25 @@
+"""How a wall clock is set, and whether times of earlier may be wrong by it."""
+
+from typing import Final, NamedTuple
+
+#: A clock was set if it has moved by more than this many seconds; corrections of a clock that runs are smaller.
+_STEP: Final = 1.0
+
+
+class ClockSetting(NamedTuple):
+    """How the clock is set: in which `boot`, how many seconds `ahead` of the time since then, and `is_set` by whom.
+
+    `is_set` is False while the kernel says that nothing has synchronised it.
+    """
+
+    boot: str
+    ahead: float
+    is_set: bool
+
+    def has_stepped(self, since: "ClockSetting") -> bool:
+        """Tell whether the clock was set since then, in the same boot."""
+        return self.boot == since.boot and abs(self.ahead - since.ahead) > _STEP
+
+    def differs(self, since: "ClockSetting") -> bool:
+        """Tell whether times of then may be wrong by this clock: it was set since then."""
+        return (self.is_set and not since.is_set) or self.has_stepped(since)
