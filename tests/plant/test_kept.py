@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.timing.clock_setting import ClockSetting
 from gateway.plant.kept.history import PAUSE, REFUSED_PAUSE
 from gateway.plant.kept.keeper import FILE_NAME, Keeper
 from gateway.plant.messages import Message
 from gateway.plant.sparkplug_payload import decode
+from gateway.timing.clock_setting import ClockSetting
 from kit.broker import BEGIN, FakeBroker
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench

@@ -87,7 +87,10 @@ def test_units_are_told_in_births_only():
 
 def test_what_we_do_not_know_is_skipped():
     read = decode(bytes.fromhex(VECTORS["others"]))
-    assert read.metrics == (Metric("speed", 2**32 - 1, DataType.INT32, AT, is_historical=True), Metric("table", None, None, AT))
+    assert read.metrics == (
+        Metric("speed", 2**32 - 1, DataType.INT32, AT, is_historical=True),
+        Metric("table", None, None, AT),
+    )
 
 
 @given(st.floats(width=32, allow_nan=False), st.integers(-(2**63), 2**63 - 1), st.text())

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.timing.clock_setting import ClockSetting
 from gateway.plant.kept.records import Chunk
 from gateway.plant.messages import Readings, Record
+from gateway.timing.clock_setting import ClockSetting
 
 #: The most values in memory that are not in the file; the oldest are given up for further ones.
 MOST_IN_MEMORY: Final = 50_000

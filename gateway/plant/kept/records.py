@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Final, Self
 
-from gateway.timing.clock_setting import ClockSetting
 from gateway.plant.messages import Readings, Record
+from gateway.timing.clock_setting import ClockSetting
 
 #: The beginning of November 2026: a clock that shows less was never set.
 _PAST: Final = 1_793_491_200.0
