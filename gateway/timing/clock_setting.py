@@ -7,9 +7,9 @@ _STEP: Final = 1.0
 
 
 class ClockSetting(NamedTuple):
-    """How the clock is set: in which `boot`, how many seconds `ahead` of the time since then, and `is_set` by whom.
+    """How the clock is set: so many seconds `ahead` of the time since the beginning of this `boot`.
 
-    `is_set` is False while the kernel says that nothing has synchronised it.
+    `is_set` is False while something is to set it, and has not done so yet.
     """
 
     boot: str

@@ -136,11 +136,11 @@ class Backlog:
             chunk.is_loaded = False
 
     def _batch(self, device: str, room: int) -> Batch:
-        waiting, batch = self._next.pop(device), Batch(device)
+        waiting, batch, now = self._next.pop(device), Batch(device), self._clock()
         while waiting and (room > 0 or not batch.records):
             chunk, record = waiting.popleft()
             room -= _size(record)
-            batch.records.append(chunk.as_sent(record, self._clock()))
+            batch.records.append(chunk.as_sent(record, now))
             if record is chunk.records[-1]:
                 batch.ends.append(chunk)
         if waiting:  # the other devices first
