@@ -315,3 +315,20 @@ async def test_nothing_is_written_while_the_broker_is_there(tmp_path):
             await hall.count(1)
             hall.broker.take()
         assert file.stat().st_size == before
+
+
+async def test_messages_get_smaller_when_connections_are_lost_by_them(tmp_path):
+    """As with a broker that closes the connection upon a message which it finds too large."""
+    async with plant(tmp_path) as hall:
+        await hall.count(2000)
+        sizes = []
+        for _ in range(4):
+            hall.broker.connect()
+            sizes.append(len((await hall.one()).payload))
+            hall.broker.lose()
+        assert sizes == sorted(sizes, reverse=True)
+        assert sizes[0] < 5000
+        assert sizes[-1] < 1500
+        hall.broker.connect()
+        assert weights(await hall.drain(30.0)) == list(range(1, 2001))
+        assert max(len(message.payload) for message in hall.broker.messages) > 15_000

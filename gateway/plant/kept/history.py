@@ -9,8 +9,12 @@ from gateway.plant.messages import Form, Message, Readings, Record
 #: The least time between two of these messages, and that before one is sent again which the broker has refused for now.
 PAUSE: Final = 0.1
 REFUSED_PAUSE: Final = 30.0
-#: About the largest of these messages, in bytes.
+#: About the largest and the smallest of these messages, in bytes. A slow network, or a broker that takes small messages
+#: only, must not lose its connection by them again and again.
 LARGEST: Final = 32_000
+SMALLEST: Final = 1_000
+#: A message that is confirmed within so many seconds is followed by one of twice the size, any other by one of half.
+QUICKLY: Final = 1.0
 
 
 class Keeps(Protocol):
@@ -46,7 +50,8 @@ class History:
         self._keeps = keeps
         self._form = form
         self._told: dict[str, Readings] = {}
-        self._room = LARGEST
+        self._room = self._most = 4 * SMALLEST
+        self._sent_at = 0.0
         #: When the next message may be sent; None while there is no connection.
         self._next_at: float | None = None
         #: Whether there was nothing to send.
@@ -70,11 +75,13 @@ class History:
 
     def begin(self, now: float, largest: int) -> None:
         """Begin to send: the birth is confirmed. The broker takes messages of `largest` bytes."""
-        self._room = min(LARGEST, largest // 2)
+        self._most = min(LARGEST, largest // 2)
         self._next_at, self._is_idle = now, False
 
     def end(self) -> None:
         """Send no more: the connection is lost."""
+        if self._message is not None:
+            self._resize(1 / 4)
         self._next_at = self._message = None
         self._told.clear()
         self._keeps.rewind()
@@ -88,12 +95,12 @@ class History:
         due = self.deadline()
         if due is None or now < due:
             return None
-        while (batch := self._keeps.take(self._form.may_tell, self._room)) is not None:
+        while (batch := self._keeps.take(self._form.may_tell, min(self._room, self._most))) is not None:
             records = [self._untold(batch.device, record) for record in batch.records]
             records = [record for record in records if record.values]
             message = self._form.history(batch.device, records, at) if records else None
             if message is not None:
-                self._batch, self._message = batch, message
+                self._batch, self._message, self._sent_at = batch, message, now
                 return message
             (self._keeps.give_up if records else self._keeps.sent)(batch)
         self._is_idle = True
@@ -104,6 +111,7 @@ class History:
         if message is not self._message:
             return False
         self._keeps.sent(self._batch)
+        self._resize(2 if now - self._sent_at < QUICKLY else 1 / 2)
         self._message, self._next_at = None, now + PAUSE
         return True
 
@@ -117,6 +125,9 @@ class History:
             self._keeps.give_up(self._batch)
         self._message, self._next_at = None, now + (REFUSED_PAUSE if is_passing else PAUSE)
         return True
+
+    def _resize(self, factor: float) -> None:
+        self._room = max(SMALLEST, min(LARGEST, round(self._room * factor)))
 
     def _untold(self, device: str, record: Record) -> Record:
         """Leave out the readings that the birth has told."""
