@@ -1,10 +1,11 @@
 """Readings that wait to be sent, the oldest first: what of them is in memory, and where the file goes on."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
+from gateway.plant.kept.file import Found, Written
 from gateway.plant.kept.records import Chunk
 from gateway.plant.messages import Readings, Record
 from gateway.timing.clock_setting import ClockSetting
@@ -13,8 +14,8 @@ from gateway.timing.clock_setting import ClockSetting
 MOST_IN_MEMORY: Final = 50_000
 #: From so many values on the file is written before its time.
 MANY: Final = 10_000
-#: The file is loaded while fewer records than this wait to be sent.
-MOST_LOADED: Final = 5_000
+#: A chunk gets no further records from so many values on: it is packed in one go.
+_LARGE: Final = 500
 #: About how many bytes a value needs in a message beside its name and its text, and a record beside its values.
 _VALUE_BYTES: Final = 30
 _RECORD_BYTES: Final = 60
@@ -22,11 +23,11 @@ _RECORD_BYTES: Final = 60
 
 @dataclass(slots=True)
 class Batch:
-    """Records of a device for one message; `ends` are the chunks of which these are the last ones."""
+    """Records of a device for one message, and how many of each chunk they are."""
 
     device: str
     records: list[Record] = field(default_factory=list)
-    ends: list[Chunk] = field(default_factory=list)
+    parts: dict[Chunk, int] = field(default_factory=dict)
 
 
 class Backlog:
@@ -38,8 +39,8 @@ class Backlog:
     def __init__(self, clock: Callable[[], ClockSetting]) -> None:
         #: Values that were never sent.
         self.given_up = 0
-        #: Values that are not in the file, and how many of these came since it was written.
-        self.in_memory = self.fresh = 0
+        #: Values that are in the file, those that are not, and how many of these came since it was written.
+        self.in_file = self.in_memory = self.fresh = 0
         #: The greatest number in the file, and that up to which it was loaded.
         self.file_end = self.loaded_to = 0
         self._clock = clock
@@ -47,22 +48,23 @@ class Backlog:
         self._open: dict[str, Chunk] = {}
         self._closed: deque[Chunk] = deque()
         self._next: dict[str, deque[tuple[Chunk, Record]]] = {}
+        #: The devices whose chunks were left out, because they must not be told now.
+        self._left_out: set[str] = set()
+        #: What was taken, and neither confirmed nor refused.
+        self._taken: dict[Chunk, int] = {}
         self._gone: set[int] = set()
+        #: Chunks of the file that are told in part.
+        self._partly: dict[int, Chunk] = {}
 
     @property
     def since(self) -> float | None:
         """The time of the oldest record that is not in the file; None if there is none."""
-        return min((chunk.at for chunk in (*self._closed, *self._open.values()) if not chunk.is_sent), default=None)
+        return min((chunk.at for chunk in (*self._closed, *self._open.values()) if not chunk.is_over), default=None)
 
     @property
     def must_load(self) -> bool:
-        """Whether the file has more to send, and memory has room for it."""
-        return self.loaded_to < self.file_end and sum(map(len, self._next.values())) < MOST_LOADED
-
-    @property
-    def has_changes(self) -> bool:
-        """Whether the file is to be written."""
-        return bool(self._open or self._closed or self._gone)
+        """Whether the file has more to send."""
+        return self.loaded_to < self.file_end
 
     def keep(self, device: str, readings: Readings) -> None:
         """Add readings of a device."""
@@ -70,67 +72,121 @@ class Backlog:
         if setting.is_set != self._setting.is_set or setting.has_stepped(self._setting):
             self._close()
             self._setting = setting
-        self._open.setdefault(device, Chunk(device, self._setting)).add(readings)
+        chunk = self._open.get(device)
+        if chunk is None:
+            chunk = self._open[device] = Chunk(device, self._setting)
+        chunk.add(readings)
+        if chunk.readings >= _LARGE:
+            self._put_away(self._open.pop(device))
         self.in_memory += len(readings)
         self.fresh += len(readings)
-        if self.in_memory > MOST_IN_MEMORY:
-            self._close()
-            self._give_up_oldest()
+        self._give_up_oldest()
 
     def changes(self) -> tuple[list[Chunk], set[int]]:
         """Return what the file does not have, and the numbers that it has no longer to keep."""
         self._close()
-        self._closed = deque(chunk for chunk in self._closed if not chunk.is_sent)
-        self.fresh = 0
+        self._closed = deque(chunk for chunk in self._closed if not chunk.is_over)
         return list(self._closed), set(self._gone)
 
-    def written(self, chunks: Sequence[Chunk], gone: set[int]) -> None:
-        """Note that the file has taken these changes, and has numbered the chunks."""
-        self._gone -= gone
-        for chunk in chunks:
-            self.file_end = chunk.number or 0
-            self.loaded_to = self.file_end if chunk.is_loaded else self.loaded_to
-            if chunk.is_sent:
-                self._gone.add(self.file_end)
-            else:
-                self.in_memory -= chunk.readings
-        taken = set(chunks)
-        self._closed = deque(chunk for chunk in self._closed if chunk not in taken)
+    def rests(self) -> list[Chunk]:
+        """Return what is left of the chunks that are told in part, as it is to be in the file at the end."""
+        for chunk in self._closed:
+            chunk.shorten()
+        for chunk in self._partly.values():
+            chunk.shorten()
+        return list(self._partly.values())
 
-    def load(self, chunks: Iterable[Chunk], after: int, end: int) -> None:
-        """Take the chunks of the file between these numbers to be sent next, if it was loaded up to `after`."""
+    def opened(self, readings: int, end: int) -> None:
+        """Note that the file was opened: it has so many readings, with numbers up to `end`."""
+        self.in_file, self.file_end = readings, end
+        self.rewind()
+
+    def lost_file(self) -> None:
+        """Note that the file is damaged and gone: what was loaded of it is in memory again."""
+        loaded = {chunk: None for waiting in self._next.values() for chunk, _ in waiting} | self._taken
+        saved = [chunk for chunk in loaded if chunk.number is not None]
+        self._take_back(saved)
+        self.given_up += self.in_file
+        self.in_file = self.file_end = self.loaded_to = 0
+        self._gone.clear()
+        self._partly.clear()
+
+    def written(self, done: Written) -> None:
+        """Note what the file has taken, with which numbers, and what it has given up."""
+        self._gone -= done.gone
+        for chunk, number in done.chunks:
+            if chunk.number == number:  # the rest of one
+                continue
+            if chunk.is_loaded and self.loaded_to == self.file_end:
+                self.loaded_to = number
+            chunk.number = self.file_end = number
+            if chunk.is_over:
+                self._gone.add(number)
+                continue
+            self.in_memory -= chunk.readings
+            self.in_file += chunk.readings
+            if chunk.told:
+                self._partly[number] = chunk
+        taken = {chunk for chunk, _ in done.chunks}
+        self._closed = deque(chunk for chunk in self._closed if chunk not in taken)
+        if done.given_up:
+            self._file_has_given_up(done.given_up)
+
+    def load(self, found: Found, after: int) -> None:
+        """Take the chunks of the file that were found to be sent next, if it was loaded up to `after`."""
+        for number, readings in found.damaged.items():
+            if number not in self._gone:
+                self._gone.add(number)
+                self._give_up_in_file(readings)
         if after != self.loaded_to:  # the connection was lost meanwhile
             return
-        self.loaded_to = end
-        for chunk in chunks:
-            if chunk.number not in self._gone:
-                self._put_next(chunk)
+        self.loaded_to = found.end
+        for chunk in found.chunks:
+            if chunk.number in self._gone:
+                continue
+            before = None if chunk.number is None else self._partly.get(chunk.number)
+            self._put_next(chunk if before is None else before)
 
     def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
         """Return the next records of a device that `may_tell` allows, some `room` bytes; None if none are in memory."""
+        if any(map(may_tell, self._left_out)):
+            self.rewind()
         if self.loaded_to == self.file_end:
             self._close()
             for chunk in self._closed:
-                if not (chunk.is_loaded or chunk.is_sent):
+                if not (chunk.is_loaded or chunk.is_over):
                     self._put_next(chunk)
-        device = next((device for device in self._next if may_tell(device)), None)
-        return None if device is None else self._batch(device, room)
+        for device in [device for device in self._next if not may_tell(device)]:
+            self._left_out.add(device)
+            del self._next[device]
+        while self._next:
+            batch = self._batch(next(iter(self._next)), room)
+            if batch.records:
+                self._taken = batch.parts
+                return batch
+        return None
 
-    def sent(self, batch: Batch) -> int:
-        """Forget the chunks that end with this batch; return how many of their values are in the file."""
-        in_file = 0
-        for chunk in batch.ends:
-            if chunk.number is not None:
-                self._gone.add(chunk.number)
-                in_file += chunk.readings
-            elif not chunk.is_sent:
-                self.in_memory -= chunk.readings
-            chunk.is_sent = True
-        return in_file
+    def sent(self, batch: Batch) -> None:
+        """Forget what this batch has told."""
+        self._taken = {}
+        for chunk, count in batch.parts.items():
+            values = chunk.tell(count)
+            number = chunk.number
+            if number is None:
+                self.in_memory -= values
+                continue
+            self.in_file = max(0, self.in_file - values)
+            if chunk.is_over:
+                self._gone.add(number)
+                self._partly.pop(number, None)
+            else:
+                self._partly[number] = chunk
 
     def rewind(self) -> None:
-        """Begin again with the oldest that was not sent: the connection is lost."""
+        """Begin again with the oldest that was not told: the connection is lost."""
         self._next.clear()
+        self._left_out.clear()
+        self._taken = {}
         self.loaded_to = 0
         for chunk in self._closed:
             chunk.is_loaded = False
@@ -139,29 +195,68 @@ class Backlog:
         waiting, batch, now = self._next.pop(device), Batch(device), self._clock()
         while waiting and (room > 0 or not batch.records):
             chunk, record = waiting.popleft()
+            if chunk.is_over:  # given up meanwhile
+                continue
             room -= _size(record)
             batch.records.append(chunk.as_sent(record, now))
-            if record is chunk.records[-1]:
-                batch.ends.append(chunk)
+            batch.parts[chunk] = batch.parts.get(chunk, 0) + 1
         if waiting:  # the other devices first
             self._next[device] = waiting
         return batch
 
     def _put_next(self, chunk: Chunk) -> None:
         chunk.is_loaded = True
-        self._next.setdefault(chunk.device, deque()).extend((chunk, record) for record in chunk.records)
+        waiting = self._next.setdefault(chunk.device, deque())
+        waiting.extend((chunk, record) for record in chunk.records[chunk.told :])
 
     def _close(self) -> None:
-        self._closed.extend(self._open.values())
+        for chunk in self._open.values():
+            self._put_away(chunk)
         self._open.clear()
 
+    def _put_away(self, chunk: Chunk) -> None:
+        chunk.sort()
+        self._closed.append(chunk)
+
     def _give_up_oldest(self) -> None:
-        while self._closed and self.in_memory > MOST_IN_MEMORY:
+        while self.in_memory > MOST_IN_MEMORY:
+            if not self._closed:
+                self._close()
+            if self._closed[0] in self._taken:  # soon over
+                return
             chunk = self._closed.popleft()
-            if not chunk.is_sent:
-                chunk.is_sent = True
+            if not chunk.is_over:
+                chunk.is_over = True
                 self.in_memory -= chunk.readings
                 self.given_up += chunk.readings
+
+    def _file_has_given_up(self, rows: Iterable[tuple[int, int]]) -> None:
+        """Give up rows of the file, but not what is under way, which is in memory again."""
+        loaded = {chunk.number: chunk for waiting in self._next.values() for chunk, _ in waiting}
+        under_way = {chunk.number: chunk for chunk in self._taken}
+        for number, readings in rows:
+            if number in self._gone:
+                self._gone.discard(number)
+            elif number in under_way:
+                self._take_back([under_way[number]])
+            else:
+                chunk = loaded.get(number) or self._partly.get(number)
+                if chunk is not None:
+                    chunk.is_over = True
+                self._give_up_in_file(readings if chunk is None else chunk.readings)
+            self._partly.pop(number, None)
+
+    def _give_up_in_file(self, readings: int) -> None:
+        self.in_file = max(0, self.in_file - readings)
+        self.given_up += readings
+
+    def _take_back(self, chunks: list[Chunk]) -> None:
+        """Have chunks of the file in memory again."""
+        for chunk in chunks:
+            chunk.number = None
+            self.in_file = max(0, self.in_file - chunk.readings)
+            self.in_memory += chunk.readings
+        self._closed.extendleft(reversed(chunks))
 
 
 def _size(record: Record) -> int:

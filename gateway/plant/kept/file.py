@@ -1,17 +1,24 @@
 """The file of kept readings: a row for the records of a device in one interval. All calls block."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Self
 from zlib import crc32
 
+from gateway.clock.slices import with_rests
 from gateway.plant.kept.records import Chunk
 from gateway.state.database import Database, Row, Table, open_table
 
-#: How many rows are read at once, and how many of the oldest are given up at once.
+#: How many rows are read at once.
 _ROWS: Final = 100
 _PAGE: Final = 4096
+#: The least file, and the most bytes that are written at once.
+_LEAST: Final = 65536
+_LARGEST_PART: Final = 262_144
+#: What a row takes beside device and content, and more than any has of readings.
+_ROW: Final = 40
+_MOST_READINGS: Final = 100_000
 
 
 def _check_sum(row: Row) -> int:
@@ -34,12 +41,35 @@ TABLE: Final = Table(
 
 @dataclass(frozen=True, slots=True)
 class Totals:
-    """What the file has: `readings`, the first of them at the Unix time `since`, numbers up to `end`, and its size."""
+    """What the file has: the first reading of the Unix time `since`, None if it is empty, numbers up to `end`.
 
-    readings: int = 0
+    `size` is what it takes, in bytes.
+    """
+
     since: float | None = None
     end: int = 0
     size: int = 0
+
+
+@dataclass(slots=True)
+class Written:
+    """What is on the disk now: chunks with their numbers, rows that are `gone` as asked for, and others given up.
+
+    Of these there is the number and how many readings they had.
+    """
+
+    chunks: list[tuple[Chunk, int]] = field(default_factory=list)
+    gone: set[int] = field(default_factory=set)
+    given_up: list[tuple[int, int]] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Found:
+    """Chunks of the file with numbers up to `end`, and the numbers of rows that are `damaged`, with their readings."""
+
+    end: int
+    chunks: list[Chunk] = field(default_factory=list)
+    damaged: dict[int, int] = field(default_factory=dict)
 
 
 class KeptFile:
@@ -47,10 +77,12 @@ class KeptFile:
 
     def __init__(self, database: Database, most: int) -> None:
         self._database = database
-        self._most = most - most // 8
+        #: The most bytes of its rows, and of those that are written at once.
+        self._most = most - max(most // 8, _LEAST // 2)
+        self._part = min(max(_PAGE, most // 32), _LARGEST_PART)
         #: Numbers are never used again while it is open.
-        self._last: int = database.ends()[1] or 0
-        database.limit_journal(max(1, most // 16 // _PAGE))
+        self._last = _number(database.ends()[1])
+        database.limit_journal(max(1, self._part // _PAGE))
 
     @classmethod
     def open(cls, path: Path, most: int) -> tuple[Self, str]:
@@ -63,6 +95,14 @@ class KeptFile:
         opened = open_table(path, TABLE)
         return cls(opened.database, most), opened.damage
 
+    def readings(self) -> int:
+        """Add up the readings of all rows.
+
+        Raises:
+            sqlite3.Error: the disk or the file fails.
+        """
+        return self._database.total("readings")
+
     def totals(self) -> Totals:
         """Look what it has.
 
@@ -73,46 +113,84 @@ class KeptFile:
         if first is None:
             return Totals(size=self._database.size)
         since = next((row[2] for row in self._database.find([(first,)])), None)
-        return Totals(self._database.total("readings"), since, last, self._database.size)
+        return Totals(since, _number(last), self._database.size)
 
-    def write(self, chunks: Sequence[Chunk], gone: Collection[int]) -> int:
-        """Give chunks a number and a row each, and delete rows; return how many old readings were given up for them.
+    def write(self, chunks: Iterable[Chunk], gone: Collection[int], done: Written) -> None:
+        """Give chunks a row each, which keep a number that they have; delete rows; and old ones if there is no room.
+
+        `done` gets what is on the disk, also if this fails halfway.
 
         Raises:
             sqlite3.Error: the disk is full or fails.
         """
-        numbered = list(enumerate(chunks, self._last + 1))
-        rows = [(number, chunk.device, chunk.at, chunk.readings, chunk.pack()) for number, chunk in numbered]
-        self._database.write(rows, [(number,) for number in gone])
-        for number, chunk in numbered:
-            self._last = chunk.number = number
-        return self._give_up_oldest()
+        to_delete = set(gone)
+        for part in self._parts(chunks):
+            rows = [row for _, row in part]
+            oldest = self._oldest(sum(map(_size, rows)), to_delete)
+            self._database.write(rows, [(number,) for number in (*to_delete, *oldest)])
+            done.gone |= to_delete
+            done.given_up += oldest.items()
+            done.chunks += [(chunk, row[0]) for chunk, row in part]
+            to_delete.clear()
 
-    def after(self, number: int) -> tuple[list[Chunk], int, int]:
-        """Read the next chunks after this number; return them, up to which number, and how many readings are damaged.
+    def after(self, number: int) -> Found:
+        """Read the next chunks after this number.
 
         Raises:
             sqlite3.Error: the disk or the file fails.
         """
-        chunks, damaged = [], 0
-        for row, is_sound in self._database.after(number, _ROWS):
+        rows = self._database.after(number, _ROWS)
+        found = Found(_number(rows[-1][0][0]) if len(rows) == _ROWS else self._last)
+        for row, is_sound in with_rests(rows):
             number, device, _, readings, content = row
             try:
-                chunks.append(Chunk.unpack(number, device, content if is_sound else b""))
+                found.chunks.append(Chunk.unpack(number, device, content if is_sound else b""))
             except ValueError:
-                damaged += readings if isinstance(readings, int) else 0
-        return chunks, number, damaged
+                found.damaged[number] = _count(readings)
+        return found
 
     def close(self) -> None:
         """Close the file."""
         self._database.close()
 
-    def _give_up_oldest(self) -> int:
-        given_up = 0
-        while self._database.size > self._most:
-            rows = [row for row, _ in self._database.after(0, _ROWS)]
-            if not rows:
-                break
-            self._database.write((), [(row[0],) for row in rows])
-            given_up += sum(row[3] for row in rows)
-        return given_up
+    def _parts(self, chunks: Iterable[Chunk]) -> Iterator[list[tuple[Chunk, Row]]]:
+        """Yield the rows of chunks, so many at a time that they do not make the journal large; at least one time."""
+        part: list[tuple[Chunk, Row]] = []
+        size = 0
+        for chunk in with_rests(chunks):
+            number = chunk.number
+            if number is None:
+                number = self._last = self._last + 1
+            row = (number, chunk.device, chunk.at, chunk.readings, chunk.pack())
+            if part and size + _size(row) > self._part:
+                yield part
+                part, size = [], 0
+            part.append((chunk, row))
+            size += _size(row)
+        yield part
+
+    def _oldest(self, needed: int, gone: Collection[int]) -> dict[int, int]:
+        """Return the oldest rows that must go to have room for so many bytes, with their readings."""
+        oldest: dict[int, int] = {}
+        room, last = self._most - self._database.size, 0
+        while room < needed and (rows := self._database.after(last, _ROWS)):
+            for row, _ in rows:
+                last = row[0]
+                if room < needed and last not in gone:
+                    oldest[last] = _count(row[3])
+                    room += _size(row) - _ROW
+        return oldest
+
+
+def _number(value: object) -> int:
+    return value if isinstance(value, int) else 0
+
+
+def _count(readings: object) -> int:
+    """Return the readings of a row, which may be damaged."""
+    return readings if isinstance(readings, int) and 0 < readings < _MOST_READINGS else 0
+
+
+def _size(row: Row) -> int:
+    """Return about how many bytes a row takes."""
+    return _ROW + len(row[1]) + len(row[4])

@@ -2,7 +2,7 @@
 
 import asyncio
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.errors import StateError
 from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.plant.kept.backlog import MANY, Backlog, Batch
-from gateway.plant.kept.file import KeptFile, Totals
+from gateway.plant.kept.file import KeptFile, Totals, Written
 from gateway.plant.messages import Readings
 from gateway.plant.status import KeptStatus
 from gateway.state.database import is_damage
@@ -48,8 +48,8 @@ class Keeper:
         self._backlog = Backlog(clock)
         self._file: KeptFile | None = None
         self._totals = Totals()
-        self._given_up = 0
         self._trouble = ""
+        self._is_closing = False
         self._must_load = False
         self._wake = asyncio.Event()
         self._task = asyncio.create_task(self._run(), name="kept readings")
@@ -58,11 +58,10 @@ class Keeper:
     def status(self) -> KeptStatus:
         """How much is kept, and since when."""
         backlog, totals = self._backlog, self._totals
-        values = totals.readings + backlog.in_memory
-        times = [each for each in (totals.since, backlog.since) if each is not None]
-        since = min(times, default=None) if values else None
-        given_up = self._given_up + backlog.given_up
-        return KeptStatus(values, since, totals.size, self.most, given_up, self._trouble)
+        values = backlog.in_file + backlog.in_memory
+        times = [each for each in (totals.since if backlog.in_file else None, backlog.since) if each is not None]
+        since = min(times, default=None)
+        return KeptStatus(values, since, totals.size, self.most, backlog.given_up, self._trouble)
 
     def keep(self, device: str, readings: Readings) -> None:
         """Keep readings of a device."""
@@ -82,13 +81,12 @@ class Keeper:
 
     def sent(self, batch: Batch) -> None:
         """Forget a batch: it was confirmed."""
-        in_file = self._backlog.sent(batch)
-        self._totals = Totals(self._totals.readings - in_file, self._totals.since, self._totals.size)
+        self._backlog.sent(batch)
 
     def give_up(self, batch: Batch) -> None:
         """Forget a batch that cannot be sent."""
-        self._given_up += sum(len(record.values) for record in batch.records)
-        self.sent(batch)
+        self._backlog.given_up += sum(len(record.values) for record in batch.records)
+        self._backlog.sent(batch)
 
     def rewind(self) -> None:
         """Send again what was not confirmed: the connection is lost."""
@@ -96,55 +94,67 @@ class Keeper:
 
     async def close(self) -> None:
         """Write the rest, and close the file; give up after CLOSING_DEADLINE."""
-        self._task.cancel()
-        await asyncio.wait([self._task])
-        try:
-            async with asyncio.timeout(CLOSING_DEADLINE):
-                await self._write()
-                if self._file is not None:
-                    await _in_thread(self._file.close)
-        except TimeoutError:
+        self._is_closing = True
+        self._wake.set()
+        await asyncio.wait([self._task], timeout=CLOSING_DEADLINE)
+        if not self._task.done():
+            self._task.cancel()
             self._tell("the disk takes too long")
 
     async def _run(self) -> None:
-        """Write every so often, or sooner if there is much; load when asked to."""
+        """Write every so often, or sooner if there is much; load when asked to; at the end write the rest."""
         loop = asyncio.get_running_loop()
         write_at = loop.time()
-        while True:
-            try:
-                if loop.time() >= write_at or self._backlog.fresh >= MANY:
-                    write_at = loop.time() + self.every
-                    await self._write()
-                if self._must_load:
-                    await self._load()
-            except Exception as error:  # noqa: BLE001 - an error boundary: values are published all the same
-                self._emit(PartFailed.of("kept readings", error))
+        while not self._is_closing:
+            if loop.time() >= write_at or self._backlog.fresh >= MANY:
+                write_at = loop.time() + self.every
+                await self._try(self._write)
+            if self._must_load:
+                await self._try(self._load)
             with suppress(TimeoutError):
                 async with asyncio.timeout_at(write_at):
                     await self._wake.wait()
             self._wake.clear()
+        await self._try(self._write)
+        if self._file is not None:
+            await _in_thread(self._file.close)
+
+    async def _try(self, step: Callable[[], Awaitable[None]]) -> None:
+        """Write or load; go on in memory if the disk or the file fails. A damaged one is set aside when it is opened."""
+        try:
+            await step()
+        except (StateError, sqlite3.Error) as error:
+            if is_damage(error) and self._file is not None:
+                await _in_thread(self._file.close)
+                self._file, self._totals = None, Totals()
+                self._backlog.lost_file()
+            self._tell(str(error))
+        except Exception as error:  # noqa: BLE001 - an error boundary: values are published all the same
+            self._emit(PartFailed.of("kept readings", error))
 
     async def _write(self) -> None:
+        self._backlog.fresh = 0
         if self._path is None:
             return
+        file = self._file or await self._open(self._path)
         chunks, gone = self._backlog.changes()
-        try:
-            file = self._file or await self._open(self._path)
-            if chunks or gone:
-                self._given_up += await _in_thread(file.write, chunks, gone)
-                self._backlog.written(chunks, gone)
-                self._totals = await _in_thread(file.totals)
-        except (StateError, sqlite3.Error) as error:
-            await self._failed(error)
-        else:
-            self._tell("")
+        chunks += self._backlog.rests() if self._is_closing else []
+        if chunks or gone:
+            done = Written()
+            try:
+                await _in_thread(file.write, chunks, gone, done)
+            finally:
+                self._backlog.written(done)
+            self._totals = await _in_thread(file.totals)
+        self._tell("")
 
     async def _open(self, path: Path) -> KeptFile:
         file, damage = await _in_thread(partial(KeptFile.open, path, self.most))
         if damage:
             self._emit(StateDamaged(str(path), damage))
-        self._totals = await _in_thread(file.totals)
-        self._file, self._backlog.file_end = file, self._totals.end
+        readings, self._totals = await _in_thread(file.readings), await _in_thread(file.totals)
+        self._file = file
+        self._backlog.opened(readings, self._totals.end)
         self.ready()
         return file
 
@@ -153,21 +163,8 @@ class Keeper:
         if self._file is None:
             return
         after = self._backlog.loaded_to
-        try:
-            chunks, end, damaged = await _in_thread(self._file.after, after)
-        except sqlite3.Error as error:
-            await self._failed(error)
-            return
-        self._given_up += damaged
-        self._backlog.load(chunks, after, end)
+        self._backlog.load(await _in_thread(self._file.after, after), after)
         self.ready()
-
-    async def _failed(self, error: Exception) -> None:
-        """Go on in memory. A damaged file is set aside by the next attempt."""
-        if is_damage(error) and self._file is not None:
-            await _in_thread(self._file.close)
-            self._file, self._totals, self._backlog.file_end = None, Totals(), 0
-        self._tell(str(error))
 
     def _tell(self, trouble: str) -> None:
         if trouble and not self._trouble:

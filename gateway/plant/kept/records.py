@@ -15,33 +15,52 @@ _PAST: Final = 1_793_491_200.0
 
 @dataclass(slots=True, eq=False)
 class Chunk:
-    """Records of one device in order, made under one setting of the clock: a row of the file, whose `number` it has.
+    """Records of one device, made under one setting of the clock: a row of the file, whose `number` it has.
 
-    `is_loaded`: it is among those to be sent next. `is_sent`: all of it was confirmed, or given up.
+    `readings` counts its values that are not told yet; the first `told` records are. `is_loaded`: it is among those to
+    be sent next. `is_over`: all of it was told, or given up.
     """
 
     device: str
     clock: ClockSetting
     records: list[Record] = field(default_factory=list)
     number: int | None = None
+    readings: int = 0
+    told: int = 0
     is_loaded: bool = False
-    is_sent: bool = False
+    is_over: bool = False
+
+    def __post_init__(self) -> None:
+        self.readings = _values(self.records)
 
     @property
     def at(self) -> float:
         """The time of its first record."""
         return self.records[0].at
 
-    @property
-    def readings(self) -> int:
-        """The number of its values."""
-        return sum(len(record.values) for record in self.records)
-
     def add(self, readings: Readings) -> None:
         """Add readings, as one record for each time."""
         in_order = sorted(readings.items(), key=lambda item: item[1].at)
         for at, items in groupby(in_order, key=lambda item: item[1].at):
             self.records.append(Record(at, {name: reading.value for name, reading in items}))
+        self.readings += len(readings)
+
+    def sort(self) -> None:
+        """Put the records in order: what a lost connection did not confirm is older than what was kept before."""
+        self.records.sort(key=lambda record: record.at)
+
+    def tell(self, count: int) -> int:
+        """Note that so many more records are told; return how many values they have."""
+        values = _values(self.records[self.told : self.told + count])
+        self.told += count
+        self.readings -= values
+        self.is_over = self.told == len(self.records)
+        return values
+
+    def shorten(self) -> None:
+        """Leave out the records that are told."""
+        del self.records[: self.told]
+        self.told = 0
 
     def as_sent(self, record: Record, now: ClockSetting) -> Record:
         """Return a record of it with whether its time may be wrong, as the clock is set `now`."""
@@ -66,4 +85,10 @@ class Chunk:
             records = [Record(float(at), dict(values)) for at, values in told["records"]]
         except (zlib.error, KeyError, TypeError) as error:
             raise ValueError(f"row {number} is not understood: {error}") from None
+        if not records:
+            raise ValueError(f"row {number} has no records")
         return cls(device, ClockSetting(str(boot), float(ahead), bool(is_set)), records, number)
+
+
+def _values(records: list[Record]) -> int:
+    return sum(len(record.values) for record in records)
