@@ -217,6 +217,8 @@ class Publisher:
         """
         if self.history is not None and self.history.refused(message, now, is_passing=is_passing):
             return
+        if self.history is not None and message.is_birth:
+            self.history.refused_birth(message.device)
         if is_passing and message.device in self._watches:
             self._refused.add(message.device)
             if self.history is not None:
@@ -251,11 +253,12 @@ class Publisher:
     def _birth(self) -> Iterator[Message]:
         """Yield the birth, made when it is taken: commands may have to be subscribed to before."""
         for message in self.form.born(self._states(), self._unix(self._clock())):
-            yield replace(message, told={})  # it tells nothing new: what had to be published was kept
+            yield replace(message, told={}, is_birth=True)  # it tells nothing new: what had to be published was kept
 
     def _states(self) -> Iterator[DeviceState]:
         """Yield the state of each device, made when it is taken."""
         for name, watch in self._watches.items():
+            self._keep_due(name)  # what has come since the birth began
             state = watch.state(self._clock())
             self._came_or_went.pop(name, None)
             self._changed.pop(name, None)

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from heapq import merge
 from typing import Final
 
 from gateway.plant.kept.file import Found, Written
@@ -205,9 +206,14 @@ class Backlog:
         return batch
 
     def _put_next(self, chunk: Chunk) -> None:
+        """Let a chunk be sent next. What waited longest to be published may be kept after what is newer."""
         chunk.is_loaded = True
         waiting = self._next.setdefault(chunk.device, deque())
-        waiting.extend((chunk, record) for record in chunk.records[chunk.told :])
+        records = [(chunk, record) for record in chunk.records[chunk.told :]]
+        if waiting and waiting[-1][0].clock == chunk.clock and waiting[-1][1].at > chunk.at:
+            self._next[chunk.device] = deque(merge(waiting, records, key=lambda each: each[1].at))
+        else:
+            waiting.extend(records)
 
     def _close(self) -> None:
         for chunk in self._open.values():

@@ -55,8 +55,10 @@ class Totals:
 class Written:
     """What is on the disk now: chunks with their numbers, rows that are `gone` as asked for, and others given up.
 
-    Of these there is the number and how many readings they had.
+    Of these there is the number and how many readings they had. `totals` is what the file has with all that.
     """
+
+    totals: Totals
 
     chunks: list[tuple[Chunk, int]] = field(default_factory=list)
     gone: set[int] = field(default_factory=set)
@@ -131,6 +133,7 @@ class KeptFile:
             done.gone |= to_delete
             done.given_up += oldest.items()
             done.chunks += [(chunk, row[0]) for chunk, row in part]
+            done.totals = self.totals()
             to_delete.clear()
 
     def after(self, number: int) -> Found:

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Final, Protocol
 
 from gateway.plant.kept.backlog import Batch
-from gateway.plant.messages import Form, Message, Readings, Record
+from gateway.plant.messages import Form, Message, Reading, Readings, Record
 
 #: The least time between two of these messages, and that before one is sent again which the broker has refused for now.
 PAUSE: Final = 0.1
@@ -49,7 +49,9 @@ class History:
     def __init__(self, keeps: Keeps, form: Form) -> None:
         self._keeps = keeps
         self._form = form
+        #: What the births have told, and what was left out for that.
         self._told: dict[str, Readings] = {}
+        self._left_out: dict[str, dict[str, Reading]] = {}
         self._room = self._most = 4 * SMALLEST
         self._sent_at = 0.0
         #: When the next message may be sent; None while there is no connection.
@@ -72,6 +74,12 @@ class History:
     def born(self, device: str, readings: Readings) -> None:
         """Note the readings that a birth tells."""
         self._told[device] = readings
+        self._left_out.pop(device, None)
+
+    def refused_birth(self, device: str) -> None:
+        """Note that the broker has refused the birth of a device: what it has told is sent."""
+        self._told.pop(device, None)
+        self.keep(device, self._left_out.pop(device, {}))
 
     def begin(self, now: float, largest: int) -> None:
         """Begin to send: the birth is confirmed. The broker takes messages of `largest` bytes."""
@@ -84,6 +92,7 @@ class History:
             self._resize(1 / 4)
         self._next_at = self._message = None
         self._told.clear()
+        self._left_out.clear()
         self._keeps.rewind()
 
     def deadline(self) -> float | None:
@@ -97,7 +106,7 @@ class History:
             return None
         while (batch := self._keeps.take(self._form.may_tell, min(self._room, self._most))) is not None:
             records = [self._untold(batch.device, record) for record in batch.records]
-            records = [record for record in records if record.values]
+            batch.records = records = [record for record in records if record.values]
             message = self._form.history(batch.device, records, at) if records else None
             if message is not None:
                 self._batch, self._message, self._sent_at = batch, message, now
@@ -132,7 +141,8 @@ class History:
     def _untold(self, device: str, record: Record) -> Record:
         """Leave out the readings that the birth has told."""
         told = self._told.get(device, {})
-        values = {
-            name: value for name, value in record.values.items() if name not in told or told[name].at != record.at
-        }
-        return record if len(values) == len(record.values) else replace(record, values=values)
+        again = {name: told[name] for name in record.values if name in told and told[name].at == record.at}
+        if not again:
+            return record
+        self._left_out.setdefault(device, {}).update(again)
+        return replace(record, values={name: value for name, value in record.values.items() if name not in again})

@@ -140,20 +140,20 @@ class Keeper:
         chunks, gone = self._backlog.changes()
         chunks += self._backlog.rests() if self._is_closing else []
         if chunks or gone:
-            done = Written()
+            done = Written(self._totals)
             try:
                 await _in_thread(file.write, chunks, gone, done)
             finally:
+                self._totals = done.totals
                 self._backlog.written(done)
-            self._totals = await _in_thread(file.totals)
         self._tell("")
 
     async def _open(self, path: Path) -> KeptFile:
         file, damage = await _in_thread(partial(KeptFile.open, path, self.most))
         if damage:
             self._emit(StateDamaged(str(path), damage))
-        readings, self._totals = await _in_thread(file.readings), await _in_thread(file.totals)
-        self._file = file
+        readings, totals = await _in_thread(file.readings), await _in_thread(file.totals)
+        self._file, self._totals = file, totals
         self._backlog.opened(readings, self._totals.end)
         self.ready()
         return file
