@@ -209,6 +209,8 @@ class Publisher:
         """Note that the broker has a message."""
         if self.history is not None:
             self.history.confirmed(message, now)
+            if message.is_birth:
+                self.history.confirmed_birth(message.device)
 
     def refused(self, message: Message, now: float, *, is_passing: bool) -> None:
         """Note that the broker has refused a message.

@@ -67,7 +67,7 @@ class Disk:
 
     async def call(self, call, *arguments):
         """Run a call as a thread would: it begins later, and its result is heard of later still."""
-        await asyncio.sleep(self.chance.choice((0.0, 0.01, 0.1)))
+        await asyncio.sleep(self.chance.choice((0.0, 0.01, 0.05)))
         if not self.works_again and self.chance.random() < self.life["hang"]:
             await asyncio.sleep(40.0)
         name = getattr(getattr(call, "func", call), "__name__", "")
@@ -98,7 +98,7 @@ class Disk:
             raise sqlite3.DatabaseError("database disk image is malformed")
         else:
             result = call(*arguments)
-        await asyncio.sleep(self.chance.choice((0.0, 0.01, 0.1)))
+        await asyncio.sleep(self.chance.choice((0.0, 0.01, 0.05)))
         return result
 
 
@@ -141,7 +141,7 @@ class World:
         self.doubtful: Counter[tuple[str, str, float, object]] = Counter()
         self.excused: set[tuple[str, str, float, object]] = set()
         self.given_up = 0
-        self.is_exact = True
+        self.is_exact = not self.life["refuse"]
         self.last_write = 0.0
         self.in_order: dict[str, float] = {}
         self.live_time: dict[str, float] = {}
@@ -489,7 +489,7 @@ def run(seed: int, *, steps: int = 400) -> None:
 def run_one(seed: int, name: str, *, sparkplug: bool, steps: int = 400) -> None:
     """Run one life."""
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as folder:
-        loop = VirtualTimeLoop()
+        loop, in_thread = VirtualTimeLoop(), keeper_module._in_thread
         try:
             loop.run_until_complete(live(seed, name, Path(folder), sparkplug=sparkplug, steps=steps))
         except BaseException as error:
@@ -501,6 +501,7 @@ def run_one(seed: int, name: str, *, sparkplug: bool, steps: int = 400) -> None:
                 with suppress(asyncio.CancelledError):
                     loop.run_until_complete(task)
             loop.close()
+            keeper_module._in_thread = in_thread
 
 
 if __name__ == "__main__" and len(sys.argv) > 3:  # all that is found, shortly

@@ -13,8 +13,8 @@ from gateway.state.database import Database, Row, Table, open_table
 #: How many rows are read at once.
 _ROWS: Final = 100
 _PAGE: Final = 4096
-#: The least file, and the most bytes that are written at once.
-_LEAST: Final = 65536
+#: What the journal takes at least, and the most bytes that are written at once.
+_JOURNAL: Final = 40_960
 _LARGEST_PART: Final = 262_144
 #: What a row takes beside device and content, and more than any has of readings.
 _ROW: Final = 40
@@ -80,7 +80,7 @@ class KeptFile:
     def __init__(self, database: Database, most: int) -> None:
         self._database = database
         #: The most bytes of its rows, and of those that are written at once.
-        self._most = most - max(most // 8, _LEAST // 2)
+        self._most = most - max(most // 8, _JOURNAL)
         self._part = min(max(_PAGE, most // 32), _LARGEST_PART)
         #: Numbers are never used again while it is open.
         self._last = _number(database.ends()[1])

@@ -49,7 +49,7 @@ class History:
     def __init__(self, keeps: Keeps, form: Form) -> None:
         self._keeps = keeps
         self._form = form
-        #: What the births have told, and what was left out for that.
+        #: What the births have told, and what was left out for those that are not confirmed yet.
         self._told: dict[str, Readings] = {}
         self._left_out: dict[str, dict[str, Reading]] = {}
         self._room = self._most = 4 * SMALLEST
@@ -74,6 +74,10 @@ class History:
     def born(self, device: str, readings: Readings) -> None:
         """Note the readings that a birth tells."""
         self._told[device] = readings
+        self._left_out.setdefault(device, {})
+
+    def confirmed_birth(self, device: str) -> None:
+        """Note that the broker has the birth of a device."""
         self._left_out.pop(device, None)
 
     def refused_birth(self, device: str) -> None:
@@ -92,7 +96,8 @@ class History:
             self._resize(1 / 4)
         self._next_at = self._message = None
         self._told.clear()
-        self._left_out.clear()
+        for device in list(self._left_out):
+            self.keep(device, self._left_out.pop(device))
         self._keeps.rewind()
 
     def deadline(self) -> float | None:
@@ -144,5 +149,6 @@ class History:
         again = {name: told[name] for name in record.values if name in told and told[name].at == record.at}
         if not again:
             return record
-        self._left_out.setdefault(device, {}).update(again)
+        if device in self._left_out:
+            self._left_out[device].update(again)
         return replace(record, values={name: value for name, value in record.values.items() if name not in again})
