@@ -20,6 +20,8 @@ class Births:
         self.is_under_way = False
         #: When the next one begins, if one was put off.
         self.next_at: float | None = None
+        #: How many there have been, ever.
+        self.number = 0
         self._begun_at = -math.inf
         self._messages: Iterator[Message] = iter(())
 
@@ -27,6 +29,7 @@ class Births:
         """Begin a birth with these messages; the rest of an earlier one is dropped."""
         self.has_begun = self.is_under_way = True
         self._begun_at, self.next_at = now, None
+        self.number += 1
         self._messages = iter(messages)
 
     def may_begin(self, now: float) -> bool:

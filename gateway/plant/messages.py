@@ -18,7 +18,7 @@ class Message:
 
     The broker drops the message if it cannot deliver it within `expiry` seconds. `correlation` is the one of the
     command that it answers. `device` is the name of the device whose values or availability it tells; `told` has those
-    of its readings that nobody has told before. `is_birth`: it is one of those that are published first.
+    of its readings that nobody has told before. `birth` is the number of the birth that it is part of, 0 if of none.
     """
 
     topic: str
@@ -29,7 +29,7 @@ class Message:
     correlation: bytes | None = None
     device: str = ""
     told: "Readings" = field(default_factory=dict)
-    is_birth: bool = False
+    birth: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -209,7 +209,7 @@ class Publisher:
         """Note that the broker has a message."""
         if self.history is not None:
             self.history.confirmed(message, now)
-            if message.is_birth:
+            if message.birth == self._births.number:
                 self.history.confirmed_birth(message.device)
 
     def refused(self, message: Message, now: float, *, is_passing: bool) -> None:
@@ -219,7 +219,7 @@ class Publisher:
         """
         if self.history is not None and self.history.refused(message, now, is_passing=is_passing):
             return
-        if self.history is not None and message.is_birth:
+        if self.history is not None and message.birth:
             self.history.refused_birth(message.device)
         if is_passing and message.device in self._watches:
             self._refused.add(message.device)
@@ -255,7 +255,7 @@ class Publisher:
     def _birth(self) -> Iterator[Message]:
         """Yield the birth, made when it is taken: commands may have to be subscribed to before."""
         for message in self.form.born(self._states(), self._unix(self._clock())):
-            yield replace(message, told={}, is_birth=True)  # it tells nothing new: what had to be published was kept
+            yield replace(message, told={}, birth=self._births.number)  # what had to be published was kept
 
     def _states(self) -> Iterator[DeviceState]:
         """Yield the state of each device, made when it is taken."""

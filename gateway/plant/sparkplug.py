@@ -5,8 +5,9 @@ when it ends (death). Nothing here has a clock; times are Unix times in seconds.
 """
 
 import json
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from sys import float_info
 from typing import Final
 
 from gateway.plant.messages import (
@@ -26,6 +27,7 @@ from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, e
 from gateway.plant.topics import SparkplugTopics
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice, PublishedPoint
+from gateway.registers.datatypes import Value
 
 _REBIRTH: Final = "Node Control/Rebirth"
 #: The number of the session, in its birth and its death. It counts from 0 to 255, as the numbers of messages do.
@@ -49,6 +51,20 @@ _TYPES: Final = {
     "int8": DataType.INT8,
     "uint8": DataType.UINT8,
     "string": DataType.STRING,
+}
+
+_FLOATS: Final = (DataType.FLOAT, DataType.DOUBLE)
+#: The least and the greatest value of a type.
+_LIMITS: Final[Mapping[DataType, tuple[float, float]]] = {
+    DataType.BOOLEAN: (0, 1),
+    DataType.FLOAT: (-3.4028235e38, 3.4028235e38),
+    DataType.DOUBLE: (-float_info.max, float_info.max),
+    **{
+        data_type: (0, 2**bits - 1) if data_type.name.startswith("U") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        for data_type in _TYPES.values()
+        for bits in (8, 16, 32, 64)
+        if data_type.name.endswith(f"INT{bits}")
+    },
 }
 
 
@@ -154,13 +170,16 @@ class Sparkplug:
         return device in self._born or all(each.name != device for each in self._devices)
 
     def history(self, device: str, records: Sequence[Record], at: float) -> Message | None:
-        """Return historical values of a device; None if it has none of these points any more."""
+        """Return historical values of a device; None if it has none of these points any more.
+
+        A value that was kept under another type of its point is left out.
+        """
         points = {point.name: point for each in self._devices if each.name == device for point in each.points}
         metrics = [
             _metric(points[name], {name: Reading(value, record.at)}, at)._replace(is_historical=True)
             for record in records
             for name, value in record.values.items()
-            if name in points
+            if name in points and _fits(value, points[name].point)
         ]
         if not metrics:
             return None
@@ -278,6 +297,17 @@ def _type(point: Point) -> DataType:
         return DataType.BOOLEAN
     is_scaled = point.scale != 1 or point.offset or point.scale_at is not None
     return DataType.DOUBLE if is_scaled else _TYPES[point.type]
+
+
+def _fits(value: Value | None, point: Point) -> bool:
+    """Tell whether a value can be one of a point, which may have been another when it was read."""
+    if value is None or point.labels:
+        return True
+    data_type = _type(point)
+    if isinstance(value, str) or data_type is DataType.STRING:
+        return isinstance(value, str) and data_type is DataType.STRING
+    least, most = _LIMITS[data_type]
+    return least <= value <= most and (isinstance(value, int) or data_type in _FLOATS)
 
 
 def _state(payload: bytes) -> tuple[bool, int] | None:

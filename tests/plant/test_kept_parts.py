@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from gateway.errors import StateError
 from gateway.plant.kept.backlog import MOST_IN_MEMORY, Backlog
-from gateway.plant.kept.file import TABLE, KeptFile, Totals, Written
-from gateway.plant.kept.records import Chunk
+from gateway.plant.kept.file import TABLE, KeptFile
+from gateway.plant.kept.records import Chunk, Totals, Written
 from gateway.plant.messages import Reading, Record
 from gateway.state.database import open_table
 from gateway.timing.clock_setting import ClockSetting
@@ -61,13 +61,13 @@ def test_a_chunk_is_read_as_it_was_packed(records):
 @settings(max_examples=100, deadline=None)
 def test_what_is_no_chunk_is_a_value_error(content):
     for each in (content, zlib.compress(content)):
-        with pytest.raises(ValueError):
+        with pytest.raises(ValueError, match=r"."):
             Chunk.unpack(1, "d", each)
 
 
 @pytest.mark.parametrize("text", ["{}", "[]", '{"clock":["b",1,true],"records":[]}', '{"clock":[],"records":[[1,{}]]}'])
 def test_json_that_is_no_chunk_is_a_value_error(text):
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match=r"."):
         Chunk.unpack(1, "d", zlib.compress(text.encode()))
 
 
@@ -156,7 +156,7 @@ def test_the_oldest_go_first_and_are_counted(tmp_path):
     while (found := file.after(len(given_up) + len(rest))).chunks:
         rest += [each.number for each in found.chunks]
     assert rest == list(range(len(given_up) + 1, 401))
-    assert len(rest) > 10
+    assert len(rest) > 5
     file.close()
 
 

@@ -14,7 +14,7 @@ from typing import get_args
 import pytest
 
 from gateway.modbus.codes import Area
-from gateway.plant.messages import Command, Delivery, DeviceState, Leave, Reading, Rebirth
+from gateway.plant.messages import Command, Delivery, DeviceState, Leave, Reading, Rebirth, Record
 from gateway.plant.sparkplug import Sparkplug
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode, signed
 from gateway.profiles.point import Point
@@ -607,3 +607,22 @@ def test_a_large_command_is_not_even_read():
     )
     assert node.received(Delivery("spBv1.0/plant/NCMD/gw", payload, AT)) == [Rebirth()]
     assert node.received(Delivery("spBv1.0/plant/NCMD/gw", payload + bytes((8, 0)) * 8192, AT)) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "fits", "others"),
+    [
+        ({"type": "uint16"}, [0, 65535, None], [1.5, -1, 65536, "on", 2**70, 10**400]),
+        ({"type": "int32"}, [7, 2**31 - 1], [2**31, 0.5, "on"]),
+        ({"type": "float32"}, [1.5, 7], [1e39, -(10**400), "on"]),
+        ({"type": "uint16", "scale": 0.1}, [1.5, 1e300], [10**400, "on"]),
+        ({"type": "string"}, ["on", ""], [1, 1.5]),
+    ],
+)
+def test_history_leaves_out_what_was_kept_under_another_type_of_the_point(options, fits, others):
+    device = PublishedDevice("d", 1, "p", (PublishedPoint(Point("p", "holding", 0, **options), 1.0),))
+    form = Sparkplug("g", "n", (device,))
+    records = [Record(1_800_000_000.0, {"p": value}) for value in (*others, *fits)]
+    message = form.history("d", records, 0.0)
+    assert [metric.value for metric in decode(message.payload).metrics] == fits
+    assert form.history("d", records[: len(others)], 0.0) is None

@@ -1,6 +1,6 @@
 """Keeps readings that could not be published, until they are sent to the broker as history (ADR 38).
 
-- records      readings of a device with their times, as they are written to the file
+- records      readings of a device with their times, as they are written to the file, and what became of them
 - backlog      what is in memory: readings that are not written yet, and those to be sent next
 - file         the file of the rest
 - keeper       writes and reads the file from time to time

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from heapq import merge
 from typing import Final
 
-from gateway.plant.kept.file import Found, Written
-from gateway.plant.kept.records import Chunk
+from gateway.plant.kept.records import Chunk, Found, Written
 from gateway.plant.messages import Readings, Record
 from gateway.timing.clock_setting import ClockSetting
 

@@ -1,13 +1,12 @@
 """The file of kept readings: a row for the records of a device in one interval. All calls block."""
 
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Self
 from zlib import crc32
 
 from gateway.clock.slices import with_rests
-from gateway.plant.kept.records import Chunk
+from gateway.plant.kept.records import Chunk, Found, Totals, Written
 from gateway.state.database import Database, Row, Table, open_table
 
 #: How many rows are read at once.
@@ -37,41 +36,6 @@ TABLE: Final = Table(
     needed_by="kept readings",
     is_large=True,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Totals:
-    """What the file has: the first reading of the Unix time `since`, None if it is empty, numbers up to `end`.
-
-    `size` is what it takes, in bytes.
-    """
-
-    since: float | None = None
-    end: int = 0
-    size: int = 0
-
-
-@dataclass(slots=True)
-class Written:
-    """What is on the disk now: chunks with their numbers, rows that are `gone` as asked for, and others given up.
-
-    Of these there is the number and how many readings they had. `totals` is what the file has with all that.
-    """
-
-    totals: Totals
-
-    chunks: list[tuple[Chunk, int]] = field(default_factory=list)
-    gone: set[int] = field(default_factory=set)
-    given_up: list[tuple[int, int]] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class Found:
-    """Chunks of the file with numbers up to `end`, and the numbers of rows that are `damaged`, with their readings."""
-
-    end: int
-    chunks: list[Chunk] = field(default_factory=list)
-    damaged: dict[int, int] = field(default_factory=dict)
 
 
 class KeptFile:

@@ -77,7 +77,7 @@ class History:
         self._left_out.setdefault(device, {})
 
     def confirmed_birth(self, device: str) -> None:
-        """Note that the broker has the birth of a device."""
+        """Note that the broker has the last birth of a device."""
         self._left_out.pop(device, None)
 
     def refused_birth(self, device: str) -> None:

@@ -13,7 +13,8 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.errors import StateError
 from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.plant.kept.backlog import MANY, Backlog, Batch
-from gateway.plant.kept.file import KeptFile, Totals, Written
+from gateway.plant.kept.file import KeptFile
+from gateway.plant.kept.records import Totals, Written
 from gateway.plant.messages import Readings
 from gateway.plant.status import KeptStatus
 from gateway.state.database import is_damage
@@ -120,7 +121,7 @@ class Keeper:
             await _in_thread(self._file.close)
 
     async def _try(self, step: Callable[[], Awaitable[None]]) -> None:
-        """Write or load; go on in memory if the disk or the file fails. A damaged one is set aside when it is opened."""
+        """Write or load; go on in memory if the disk or file fails. A damaged one is set aside when it is opened."""
         try:
             await step()
         except (StateError, sqlite3.Error) as error:
