@@ -48,7 +48,8 @@ LIVES = {
     "faults": CALM | {"lose": 0.02, "fault": 0.3, "confirm": 0.4, "hang": 0.01},
     "damage": CALM | {"lose": 0.02, "damage": 0.02, "confirm": 0.4, "fault": 0.1},
     "clock": CALM | {"lose": 0.02, "step": 0.01, "confirm": 0.6},
-    "full": CALM | {"lose": 0.003, "connect": 0.002, "confirm": 0.3},
+    "full": CALM | {"lose": 0.003, "connect": 0.002, "confirm": 0.3, "fault": 0.1},
+    "bad disk": CALM | {"lose": 0.02, "kill": 0.01, "fault": 0.4, "confirm": 0.4},
 }
 
 
@@ -118,6 +119,8 @@ class World:
         self.chance = random.Random(seed)
         self.life, self.name, self.folder, self.steps = LIVES[name], name, folder, steps
         self.is_sparkplug = sparkplug
+        self.most_in_flight = self.chance.choice((1, 3, 20))
+        self.largest = self.chance.choice((600, 1_000_000))
         self.most = 65536 if name == "full" else 2**22
         self.many = 12 if name == "full" else 1
         self.devices = tuple(
@@ -291,7 +294,7 @@ class World:
     def take(self) -> None:
         if not self.is_up:
             return
-        while len(self.in_flight) < 20:
+        while len(self.in_flight) < self.most_in_flight:
             messages = self.publisher.take(self.now())
             if not messages:
                 break
@@ -301,7 +304,7 @@ class World:
                 self.facts[-id(message)] = [message]  # its identity stays its own
         if not self.has_begun and self.publisher.is_born and not self.publisher.has_birth and not self.in_flight:
             self.has_begun = True
-            self.publisher.begin_history(self.now(), 1_000_000)
+            self.publisher.begin_history(self.now(), self.largest)
 
     def confirm(self) -> None:
         for _ in range(self.chance.randrange(4)):
@@ -389,8 +392,9 @@ class World:
                 self.excused |= {(device, name, each.at, each.value) for name, each in watch.waiting().items()}
             for message in self.in_flight:
                 self.excused.update(self.facts_of(message))
-            begun = self.keeper._file is not None
-            self.excused |= {key for at, key in self.young if at >= self.now() - EVERY - 1.5 or not begun}
+            self.excused |= set(self.in_memory())
+            if not self.life["fault"]:
+                assert self.in_memory() <= {key for at, key in self.young if at >= self.now() - EVERY - 0.5}
             self.doubtful.update(list(self.kept) * 2)  # what the file still has comes again
             self.given_up += self.keeper.status.given_up
             self.in_flight, self.is_up, self.has_begun, self.is_exact = [], False, False, False
@@ -407,6 +411,17 @@ class World:
                 self.start()
             else:
                 self.publish()
+
+    def in_memory(self) -> set[tuple[str, str, float, object]]:
+        """What is not in the file."""
+        backlog = self.keeper._backlog
+        return {
+            (chunk.device, name, record.at, value)
+            for chunk in (*backlog._closed, *backlog._open.values())
+            if not chunk.is_over
+            for record in chunk.records
+            for name, value in record.values.items()
+        }
 
     def check(self) -> None:
         status, backlog = self.keeper.status, self.keeper._backlog

@@ -256,6 +256,19 @@ def test_a_device_that_must_not_be_told_does_not_hold_up_others(tmp_path):
     file.close()
 
 
+def test_a_row_that_is_given_up_while_a_message_with_it_is_under_way_is_kept_in_memory():
+    backlog = Backlog(lambda: SET)
+    backlog.keep("d", {"p": Reading(1, BEGIN)})
+    batch = backlog.take(always, 1000)
+    (written_chunk,) = batch.parts
+    backlog.written(Written(Totals(), [(written_chunk, 1)]))
+    backlog.written(Written(Totals(), given_up=[(1, 1)]))
+    assert (backlog.given_up, backlog.in_memory, backlog.in_file) == (0, 1, 0)
+    backlog.sent(batch)
+    assert (backlog.given_up, backlog.in_memory) == (0, 0)
+    assert backlog.take(always, 1000) is None
+
+
 def test_memory_alone_gives_up_the_oldest_and_not_all():
     backlog = Backlog(lambda: SET)
     for at in range(MOST_IN_MEMORY + 1):

@@ -1,5 +1,6 @@
 """The file of kept readings: a row for the records of a device in one interval. All calls block."""
 
+import sqlite3
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Final, Self
@@ -59,7 +60,11 @@ class KeptFile:
             sqlite3.Error: it cannot be read.
         """
         opened = open_table(path, TABLE)
-        return cls(opened.database, most), opened.damage
+        try:
+            return cls(opened.database, most), opened.damage
+        except sqlite3.Error:
+            opened.database.close()
+            raise
 
     def readings(self) -> int:
         """Add up the readings of all rows.

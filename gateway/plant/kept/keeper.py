@@ -153,7 +153,11 @@ class Keeper:
         file, damage = await _in_thread(partial(KeptFile.open, path, self.most))
         if damage:
             self._emit(StateDamaged(str(path), damage))
-        readings, totals = await _in_thread(file.readings), await _in_thread(file.totals)
+        try:
+            readings, totals = await _in_thread(file.readings), await _in_thread(file.totals)
+        except sqlite3.Error:
+            await _in_thread(file.close)  # the next attempt could not open it
+            raise
         self._file, self._totals = file, totals
         self._backlog.opened(readings, self._totals.end)
         self.ready()
