@@ -42,12 +42,12 @@ class PlainForm:
 
     def __init__(
         self,
-        site: str,
+        topics: Topics,
         devices: Sequence[PublishedDevice],
         announcements: Sequence[Message] = (),
         hosts: Sequence[str] = (),
     ) -> None:
-        self._topics = Topics(site)
+        self._topics = topics
         self._announcements = announcements
         self._hosts = hosts
         self._devices = {device.name: device for device in devices}

@@ -24,6 +24,7 @@ from gateway.plant.plain import PlainForm
 from gateway.plant.publisher import PublisherSettings
 from gateway.plant.sparkplug import Sparkplug
 from gateway.plant.status import BrokerStatus
+from gateway.plant.topics import Topics
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password
 from gateway.request import Target
@@ -206,7 +207,7 @@ def _destinations(plan: MqttPlan, router: Router) -> Mapping[str, Target]:
 
 def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
     if plan.sparkplug is None:
-        return PlainForm(plan.site, plan.devices, announcements, _hosts(plan.home_assistant))
+        return PlainForm(Topics(plan.site, plan.prefix), plan.devices, announcements, _hosts(plan.home_assistant))
     names = plan.sparkplug
     return Sparkplug(names.group, names.node or plan.site, plan.devices, names.primary_host or None, announcements)
 
