@@ -27,6 +27,11 @@ from kit.process import PATIENCE
 MAXIMUM_PACKET_SIZE, RECEIVE_MAXIMUM = 0x27, 0x21
 
 
+async def test_a_small_message_does_not_wait_for_the_acknowledgement_of_the_one_before():
+    async with connected() as (connection, _):
+        assert connection._client.socket().getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
 async def test_an_answer_confirms_the_messages_before_the_question(version):
     confirmed = []
