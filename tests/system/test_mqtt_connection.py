@@ -24,6 +24,7 @@ from kit.mqtt_peer import (
 )
 from kit.process import PATIENCE
 
+CLEAN = 0x02
 MAXIMUM_PACKET_SIZE, RECEIVE_MAXIMUM = 0x27, 0x21
 
 
@@ -83,6 +84,16 @@ async def test_a_message_that_the_broker_would_not_take_is_refused_without_it():
         ]
         assert connection.in_flight == 1
         assert 250 < len(await peer.next(PUBLISH)) < limit
+        numbered = Message(topic, bytes(400), qos=0)  # of Sparkplug: none may be missing
+        connection.publish(numbered)
+        assert (await connection.lost).endswith("but the broker accepts no more than 300")
+        assert connection.unconfirmed[-1] == numbered
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+async def test_the_broker_keeps_nothing_of_earlier_sessions(version):
+    async with connected(version) as (_, peer):
+        assert (await peer.next(CONNECT))[len(b"\0\4MQTT5")] & CLEAN
 
 
 async def test_it_asks_for_no_large_packets():
