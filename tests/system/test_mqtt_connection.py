@@ -111,6 +111,11 @@ async def test_a_packet_that_is_too_large_ends_the_connection_before_it_is_read(
         peer.say(bytes((PUBLISH, 0xFF, 0xFF, 0xFF, 0x7F)) + bytes(1000))
         async with asyncio.timeout(PATIENCE):
             assert await connection.lost == f"it has sent a message of more than {LARGEST_PACKET} bytes"
+        behind = [Message("value", b"1"), Message("value", b"2", qos=0)]
+        for message in behind:
+            connection.publish(message)
+        connection.end(with_will=False)
+        assert connection.unconfirmed == behind
 
 
 async def test_an_error_of_the_library_while_it_pings_ends_the_connection(monkeypatch):
