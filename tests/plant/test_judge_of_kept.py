@@ -108,7 +108,7 @@ def _invent(record: Record) -> None:
 
 
 def _repeat_history(record: Record) -> None:
-    record.heard.append(record.heard[places(record)[0]]._replace(at=8.0))
+    record.heard.append(record.heard[places(record)[2]]._replace(at=8.0))
 
 
 def _repeat_live_in_history(record: Record) -> None:

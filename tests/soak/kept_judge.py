@@ -15,6 +15,8 @@ from soak.kept_record import Entry, Record, Told
 
 #: How much later than a device's answer the gateway may have taken it, and how much earlier for rounding, in seconds.
 LATE, EARLY = 1.0, 0.005
+#: How long after an unclean end a subscriber may hear what was sent before, in seconds.
+HEARD_LATE = 0.3
 #: How long after an answer its value may be published while history is sent, in seconds. A machine may be busy.
 WAITS = 0.5
 #: The most history messages in a second, and how exactly their times are seen, in seconds.
@@ -167,7 +169,7 @@ def _twice(record: Record, told: Told, entry: Entry, point: str, before: _Before
         yield Problem(UNRECOGNISABLE, told.at, what)
     is_birth = not told.is_history and any(before.heard - LATE <= end <= told.at for end in record.ends)
     is_unclean = any(
-        each.at - each.reach <= before.heard <= each.at + LATE and each.at <= told.at for each in record.breaks
+        each.at - each.reach <= before.heard <= each.at + HEARD_LATE and each.at <= told.at for each in record.breaks
     )
     if not (is_birth or is_unclean):
         yield Problem(DOUBLED, told.at, what)
