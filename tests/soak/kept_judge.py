@@ -118,14 +118,14 @@ class _Hearing:
             at = self._given.find(told.device, point, value, entry.at, told.at)
             if at is None:
                 yield Problem(INVENTED, told.at, f"{told.device} {point} {value} at {entry.at:.3f}")
-            else:
+            elif not (told.shares_time and point in self._record.slow):  # it does not tell which of its answers
                 answered[point] = at
         if not answered:
             return
         yield from _time(self._record, told, entry, answered)
         new = max(answered.values())
         for point, at in answered.items():
-            if not told.shares_time or at >= new - EARLY:
+            if not told.shares_time or at == new:
                 yield from self._value(told, entry, point, at)
         if told.shares_time and len(self._record.clock) == 1:
             if entry.at < self._last_time[told.device]:

@@ -107,7 +107,7 @@ class Stage:
         self.plant = PlantBroker(folder, loop)
         self.form = form
         self.choose = random.Random(seed)
-        self._record = Record(EVERY, TIMEOUT)
+        self._record = Record(EVERY, TIMEOUT, slow=frozenset({"slow"}))
         if form == SPARKPLUG:
             self._record.live_qos = self._record.history_qos = 0
             self._record.live_retained = False
