@@ -74,11 +74,6 @@ class BrokerConnection:
         """How many messages were sent and are not confirmed."""
         return len(self._awaited)
 
-    @property
-    def unconfirmed(self) -> Sequence[Message]:
-        """The messages that were sent and are not confirmed, in the order of sending; also once it is lost."""
-        return list(self._awaited.values())
-
     async def open(self) -> None:
         """Connect and log in.
 

@@ -13,8 +13,9 @@ from typing import Final, NamedTuple
 
 from soak.kept_record import Entry, Record, Told
 
-#: How much later than a device's answer the gateway may have taken it, and how much earlier for rounding, in seconds.
-LATE, EARLY = 1.0, 0.005
+#: How much later than a device has answered the gateway may take it, and how much earlier, as processors of virtual
+#: machines do not agree about the time, in seconds.
+LATE, EARLY = 1.0, 0.05
 #: How long after an unclean end a subscriber may hear what was sent before, in seconds.
 HEARD_LATE = 0.3
 #: How long after an answer its value may be published while history is sent, in seconds. A machine may be busy.
@@ -146,12 +147,17 @@ class _Hearing:
             yield Problem(DISORDER if told.is_history else BACKWARDS, told.at, what)
 
 
+def _kind(*, is_history: bool) -> str:
+    return "in history" if is_history else "live"
+
+
 def _time(record: Record, told: Told, entry: Entry, answered: Mapping[str, float]) -> Iterator[Problem]:
     """Whether an entry has the time of its answer: history of each value, a message with all values of the newest."""
     for at in {max(answered.values())} if told.shares_time else {*answered.values()}:
         ahead = {record.offset(at), *({record.offset(told.at)} if not told.is_history else ())}
         if not any(-EARLY <= entry.at - at - each <= LATE for each in ahead):
             what = f"{told.device} {dict(entry.values)} of {at:.3f} is told as of {entry.at:.3f}"
+            what = f"{what} {_kind(is_history=told.is_history)}"
             yield Problem(WRONG_TIME, told.at, what)
         if told.is_history:
             must = record.offset(at) != record.offset(told.at)
@@ -162,8 +168,8 @@ def _time(record: Record, told: Told, entry: Entry, answered: Mapping[str, float
 
 def _twice(record: Record, told: Told, entry: Entry, point: str, before: _Before) -> Iterator[Problem]:
     """Whether a value may come a second time, and has the same time."""
-    first = f"as of {before.told:.3f} at {before.heard:.3f} {'in history' if before.was_history else 'live'}"
-    again = f"as of {entry.at:.3f} at {told.at:.3f} {'in history' if told.is_history else 'live'}"
+    first = f"as of {before.told:.3f} at {before.heard:.3f} {_kind(is_history=before.was_history)}"
+    again = f"as of {entry.at:.3f} at {told.at:.3f} {_kind(is_history=told.is_history)}"
     what = f"{told.device} {point} {entry.values[point]}: {first}, {again}"
     if before.told != entry.at and len(record.clock) == 1:
         yield Problem(UNRECOGNISABLE, told.at, what)

@@ -47,6 +47,8 @@ class Backlog:
         self._open: dict[str, Chunk] = {}
         self._closed: deque[Chunk] = deque()
         self._next: dict[str, deque[tuple[Chunk, Record]]] = {}
+        #: What the broker may have already.
+        self._held: list[Chunk] = []
         self._gone: set[int] = set()
 
     @property
@@ -66,16 +68,25 @@ class Backlog:
 
     def keep(self, device: str, readings: Readings) -> None:
         """Add readings of a device."""
-        setting = self._clock()
-        if setting.is_set != self._setting.is_set or setting.has_stepped(self._setting):
-            self._close()
-            self._setting = setting
+        self._look_at_clock()
         self._open.setdefault(device, Chunk(device, self._setting)).add(readings)
-        self.in_memory += len(readings)
-        self.fresh += len(readings)
-        if self.in_memory > MOST_IN_MEMORY:
-            self._close()
-            self._give_up_oldest()
+        self._count(readings)
+
+    def hold(self, device: str, readings: Readings) -> Chunk:
+        """Add readings that the broker may have; neither they nor later ones of the device are sent before `let_go`."""
+        self._look_at_clock()
+        if device in self._open:
+            self._closed.append(self._open.pop(device))
+        chunk = Chunk(device, self._setting)
+        chunk.add(readings)
+        self._closed.append(chunk)
+        self._held.append(chunk)
+        self._count(readings)
+        return chunk
+
+    def let_go(self, chunk: Chunk) -> None:
+        """Hold a chunk no longer. If it is to be sent, `rewind` must follow."""
+        self._held.remove(chunk)
 
     def changes(self) -> tuple[list[Chunk], set[int]]:
         """Return what the file does not have, and the numbers that it has no longer to keep."""
@@ -102,8 +113,9 @@ class Backlog:
         if after != self.loaded_to:  # the connection was lost meanwhile
             return
         self.loaded_to = end
+        held = {chunk.number for chunk in self._held}
         for chunk in chunks:
-            if chunk.number not in self._gone:
+            if chunk.number not in self._gone and chunk.number not in held:
                 self._put_next(chunk)
 
     def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
@@ -111,9 +123,10 @@ class Backlog:
         if self.loaded_to == self.file_end:
             self._close()
             for chunk in self._closed:
-                if not (chunk.is_loaded or chunk.is_sent):
+                if not (chunk.is_loaded or chunk.is_sent or chunk in self._held):
                     self._put_next(chunk)
-        device = next((device for device in self._next if may_tell(device)), None)
+        held = {chunk.device for chunk in self._held}
+        device = next((device for device in self._next if may_tell(device) and device not in held), None)
         return None if device is None else self._batch(device, room)
 
     def sent(self, batch: Batch) -> int:
@@ -150,6 +163,19 @@ class Backlog:
     def _put_next(self, chunk: Chunk) -> None:
         chunk.is_loaded = True
         self._next.setdefault(chunk.device, deque()).extend((chunk, record) for record in chunk.records)
+
+    def _look_at_clock(self) -> None:
+        setting = self._clock()
+        if setting.is_set != self._setting.is_set or setting.has_stepped(self._setting):
+            self._close()
+            self._setting = setting
+
+    def _count(self, readings: Readings) -> None:
+        self.in_memory += len(readings)
+        self.fresh += len(readings)
+        if self.in_memory > MOST_IN_MEMORY:
+            self._close()
+            self._give_up_oldest()
 
     def _close(self) -> None:
         self._closed.extend(self._open.values())

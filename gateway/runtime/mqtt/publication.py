@@ -62,7 +62,7 @@ def reading(
     history = None if keeper is None else History(keeper, form)
     driver = PublisherDriver(settings, form, polls, router, emit, unix, carried_out, history)
     if keeper is not None:
-        keeper.ready = driver.look
+        keeper.ready, keeper.before_write = driver.look, driver.hold_slow
     driver.start()
     return driver
 
