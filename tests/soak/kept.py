@@ -58,7 +58,7 @@ def tell(stage: Stage, problems: list[Problem]) -> None:
         around = [
             f"{scene.text} ({scene.begun - problem.at:+.2f} to {scene.ended - problem.at:+.2f} s)"
             for scene in stage.story
-            if scene.begun - 3 < problem.at < scene.ended + 3
+            if scene.begun - 3 < problem.at < scene.ended + 12
         ]
         print(f"{problem.kind}: {problem.text}\n    {'; '.join(around)}", flush=True)
     if problems:

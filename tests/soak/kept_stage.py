@@ -115,6 +115,7 @@ class Stage:
         self._loop = loop
         self._keep = keep
         self._at_least = 1
+        self._stands_since = self._stood_until = 0.0
         self._clock = clock
         self._off = folder / "off"
         self._off.write_bytes(bytes(8))
@@ -309,7 +310,8 @@ class Stage:
 
     def _still(self, lasts: float, first: Callable[[], Does] | None = None, *, killed: bool = False) -> None:
         """The broker stands still for this time; at its end `first` happens, and then it goes on or is `killed`."""
-        at = time.time()
+        if time.time() - self._stood_until > KEEP_EVERY + MARGIN:  # else what it had not confirmed may not be yet
+            self._stands_since = time.time()
         self.plant.broker.signal(signal.SIGSTOP)
         time.sleep(lasts)
         then = first() if first else None
@@ -318,7 +320,8 @@ class Stage:
         else:
             self.plant.broker.signal(signal.SIGCONT)
         if then is not None or killed:
-            self._break(time.time() - at + UNSEEN)
+            self._break(time.time() - self._stands_since + UNSEEN)
+        self._stood_until = time.time()
         if then is not None:
             then()
         if killed:
