@@ -10,9 +10,6 @@ from gateway.profiles.published import PublishedDevice, PublishedPoint
 _ROW: Final = 220
 _VALUE: Final = 12
 _FLOAT64: Final = 20
-#: What does not fit into a fourth of a page of the file takes a page of its own besides.
-_LONG: Final = 1000
-_PAGE: Final = 4096
 
 
 class Outage(NamedTuple):
@@ -27,16 +24,14 @@ def longest_outage(mqtt: MqttPlan) -> Outage | None:
     points = [point for device in mqtt.devices for point in _read(device)]
     if not mqtt.keep or not points:
         return None
-    size_per_s = sum(_bytes_per_s(_read(device), mqtt.keep_every) for device in mqtt.devices)
-    return Outage(mqtt.keep / size_per_s, sum(1 / point.every for point in points))
+    rows = sum(_rows_per_s(device, mqtt.keep_every) for device in mqtt.devices)
+    values = sum(_bytes(point) / point.every for point in points)
+    return Outage(mqtt.keep / (_ROW * rows + values), sum(1 / point.every for point in points))
 
 
-def _bytes_per_s(points: list[PublishedPoint], keep_every: float) -> float:
-    if not points:
-        return 0.0
-    rows = min(1 / keep_every, sum(1 / every for every in {point.every for point in points}))
-    size = _ROW + sum(_bytes(point) / point.every for point in points) / rows
-    return rows * (size if size < _LONG else size + _PAGE)
+def _rows_per_s(device: PublishedDevice, keep_every: float) -> float:
+    reads = sum(1 / every for every in {point.every for point in _read(device)})
+    return min(1 / keep_every, reads)
 
 
 def _bytes(point: PublishedPoint) -> int:

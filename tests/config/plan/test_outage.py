@@ -49,8 +49,3 @@ def test_rows_that_are_written_less_often_need_less_room():
 def test_long_text_needs_more_room():
     number, text = outage(1.0), outage(1.0, type="string", count=32)
     assert text.seconds < number.seconds / 2
-
-
-def test_a_long_row_takes_a_page_of_the_file():
-    rows = outage(*[1.0] * 10, type="float64").seconds / 10
-    assert rows * 4096 < KEEP
