@@ -9,8 +9,10 @@ from zlib import crc32
 from gateway.plant.kept.records import Chunk
 from gateway.state.database import Database, Row, Table, open_table
 
-#: How many rows are read at once, and how many of the oldest are given up at once.
+#: How many rows are read at once.
 _ROWS: Final = 100
+#: The share of these that is given up at once.
+_GIVEN_UP: Final = 1 / 8
 _PAGE: Final = 4096
 
 
@@ -110,9 +112,10 @@ class KeptFile:
     def _give_up_oldest(self) -> int:
         given_up = 0
         while self._database.size > self._most:
-            rows = [row for row, _ in self._database.after(0, _ROWS)]
-            if not rows:
+            oldest = self._database.after(0, _ROWS)
+            if not oldest:
                 break
+            rows = [row for row, _ in oldest[: max(1, round(len(oldest) * _GIVEN_UP))]]
             self._database.write((), [(row[0],) for row in rows])
             given_up += sum(row[3] for row in rows)
         return given_up
