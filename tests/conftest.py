@@ -14,6 +14,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 import gateway
 from gateway.clock.exact_loop import new_exact_loop
+from kit.one_demo import set_of
 from kit.virtual_time import VirtualTimeLoop
 
 pytest_plugins = ["kit.left_out"]
@@ -24,9 +25,10 @@ _TESTS = Path(__file__).parent
 _REAL_TIME = frozenset({"system", "bench"})
 #: Files that take longest, in that order: none of these shall begin last.
 _LONGEST = (
-    *("test_accepted_configs", "test_systemd", "test_pages_in_browser", "test_web_api", "test_tutorials", "test_fleet"),
+    *("test_accepted_configs", "test_pages_in_browser", "test_traffic_page", "test_systemd", "test_web_api"),
+    *("test_tutorials", "test_fleet"),
     *("test_standby", "test_standing_still", "test_upstream", "test_manners"),
-    *("test_scan", "test_doctor", "test_history", "test_tls", "test_demo", "test_traffic_page", "test_kiosk"),
+    *("test_scan", "test_doctor", "test_history", "test_tls", "test_demo", "test_kiosk"),
     *("test_flood", "test_logins_in_browser", "test_overview_page", "test_tcp", "test_writing_page", "test_strip"),
     *("test_moving_listeners", "test_read_write", "test_plant_forms", "test_run", "test_control", "test_store"),
     *("test_device_server", "test_trace", "test_release_checks", "test_go", "test_mqtt", "test_bench"),
@@ -60,7 +62,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 class _ByFile(LoadScopeScheduling):
     def _split_scope(self, nodeid: str) -> str:
         file = Path(nodeid.partition("::")[0])
-        return nodeid if file.stem in _APART else str(file)
+        if file.stem in _APART:
+            return nodeid
+        return " ".join(sorted(set_of(file)))
 
 
 @pytest.hookimpl(optionalhook=True)  # mutation testing runs without xdist

@@ -160,7 +160,7 @@ class Broker:
                 await self._wait(connection)
             await self._leave(connection, (*(self._last or ()), *publisher.ended(driver.now())))
         finally:
-            publisher.disconnected(connection.unconfirmed)
+            publisher.disconnected()
             connection.close()
 
     async def _take_commands(self, connection: BrokerConnection, topics: Sequence[str]) -> None:

@@ -107,7 +107,7 @@ class BrokerClient(Client):
         sock = self.socket()
         if sock is None:
             raise BrokerError("it has closed the connection")
-        self.on_socket_register_write = lambda *_: self._turns.add_writer(sock, self._do, self.loop_write)
+        self.on_socket_register_write = lambda *_: self._more_to_write(sock)
         self.on_socket_unregister_write = lambda *_: self._all_written(sock)
         self.on_socket_close = lambda *_: self._unwatch(sock)
         self._turns.add_reader(sock, self._do, self._read)
@@ -154,6 +154,10 @@ class BrokerClient(Client):
             raise OSError("it was given up")
         with Socket(fileno=os.dup(sock.fileno())) as same:  # that of a WebSocket has no options
             same.setsockopt(IPPROTO_TCP, TCP_NODELAY, 1)
+
+    def _more_to_write(self, sock: Any) -> None:
+        if sock.fileno() >= 0:
+            self._turns.add_writer(sock, self._do, self.loop_write)
 
     def _all_written(self, sock: Any) -> None:
         if sock.fileno() >= 0:

@@ -3,6 +3,7 @@
 import asyncio
 import ssl
 from collections.abc import Callable, Sequence
+from typing import Final
 
 from paho.mqtt.client import MQTTMessage
 from paho.mqtt.properties import Properties
@@ -22,6 +23,9 @@ from gateway.plant.reasons import (
     refused_login,
 )
 from gateway.tls.reasons import explain
+
+#: MQTT gives no message this number.
+_NO_NUMBER: Final = 0
 
 
 class BrokerConnection:
@@ -69,11 +73,6 @@ class BrokerConnection:
     def in_flight(self) -> int:
         """How many messages were sent and are not confirmed."""
         return len(self._awaited)
-
-    @property
-    def unconfirmed(self) -> Sequence[Message]:
-        """The messages that were sent and are not confirmed, in the order of sending; also once it is lost."""
-        return list(self._awaited.values())
 
     async def open(self) -> None:
         """Connect and log in.
@@ -126,8 +125,7 @@ class BrokerConnection:
         One that is too large is refused here: the broker would end the connection.
         """
         if self._limit is not None and size(message) > self._limit:
-            refusal = f"{message.topic} has {size(message)} bytes, but the broker accepts no more than {self._limit}"
-            self._confirmed(message, refusal, False)
+            self._refuse(message, self._limit)
             return
         if not self._awaited:
             self.deadline = self._loop.time() + STEP_TIME
@@ -163,6 +161,14 @@ class BrokerConnection:
             self._answer.set_exception(error)
         if not self.lost.done():
             self.lost.set_result(str(error))
+
+    def _refuse(self, message: Message, limit: int) -> None:
+        refusal = f"{message.topic} has {size(message)} bytes, but the broker accepts no more than {limit}"
+        if message.qos:
+            self._confirmed(message, refusal, False)
+        else:  # of Sparkplug, whose messages have numbers: if one is missing, hosts ask for all anew, again and again
+            self._awaited[_NO_NUMBER] = message
+            self._fail(BrokerError(refusal))
 
     def _ask(self) -> None:
         """Ask the broker, if no answer is awaited, whether it has come to the messages with QoS 0."""

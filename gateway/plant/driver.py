@@ -102,6 +102,11 @@ class PublisherDriver:
         if self.publisher.history is not None:
             self._run(self.publisher.history.look)
 
+    def hold_slow(self) -> None:
+        """Keep the new readings for which the broker takes long."""
+        if self.publisher.history is not None:
+            self._run(self.publisher.history.hold_slow, self.now())
+
     def confirmed(self, message: Message) -> None:
         """Note that the broker has a message."""
         self._run(self.publisher.confirmed, message, self.now())

@@ -42,12 +42,12 @@ class PlainForm:
 
     def __init__(
         self,
-        site: str,
+        topics: Topics,
         devices: Sequence[PublishedDevice],
         announcements: Sequence[Message] = (),
         hosts: Sequence[str] = (),
     ) -> None:
-        self._topics = Topics(site)
+        self._topics = topics
         self._announcements = announcements
         self._hosts = hosts
         self._devices = {device.name: device for device in devices}
@@ -89,7 +89,7 @@ class PlainForm:
         values = {name: reading.value for name, reading in readings.items()}
         new = {name: readings[name] for name in changed if name in readings}
         if new and len(new) == len(changed):
-            at = max(reading.at for reading in new.values())
+            at = max(new.values(), key=lambda reading: reading.read_at).at  # the clock may have been set
         told = {name: Reading(reading.value, round(at, 3)) for name, reading in new.items()}
         return (self._json(self._topics.values(device.name), at, values, retain=True, device=device.name, told=told),)
 

@@ -156,10 +156,10 @@ class Publisher:
         if not self.form.is_held:
             self._be_born(now)
 
-    def disconnected(self, unconfirmed: Iterable[Message] = ()) -> None:
+    def disconnected(self) -> None:
         """Drop everything that was not published: the connection is lost. The last readings remain.
 
-        With a history, the new readings of `unconfirmed` messages and those that waited to be published are kept.
+        With a history, the new readings of what was not confirmed and those that waited to be published are kept.
         """
         self._is_connected = False
         self._births.forget()
@@ -169,8 +169,6 @@ class Publisher:
         self._changed.clear()
         if self.history is not None:
             self.history.end()
-            for message in unconfirmed:
-                self.history.keep(message.device, message.told)
         self._keep_all_due()
 
     @property
@@ -194,11 +192,18 @@ class Publisher:
         if message is not None:
             return (message,)
         if self._came_or_went:
-            return self._availability(_pop(self._came_or_went), now)
+            return self._telling(self._availability(_pop(self._came_or_went), now), now)
         if self._changed:
-            return self._values(_pop(self._changed), now)
+            return self._telling(self._values(_pop(self._changed), now), now)
         earlier = None if self.history is None else self.history.take(now, self._unix(now))
         return () if earlier is None else (earlier,)
+
+    def _telling(self, messages: Sequence[Message], now: float) -> Sequence[Message]:
+        """Have the new readings in messages kept if the broker does not confirm them."""
+        for message in messages:
+            if self.history is not None and message.told:
+                self.history.telling(message, now)
+        return messages
 
     def begin_history(self, now: float, largest: int) -> None:
         """Begin to publish kept readings, in messages of at most `largest` bytes: the broker has the birth."""
@@ -223,8 +228,6 @@ class Publisher:
             self.history.refused_birth(message.device)
         if is_passing and message.device in self._watches:
             self._refused.add(message.device)
-            if self.history is not None:
-                self.history.keep(message.device, message.told)
 
     def received(self, delivery: Delivery, now: float) -> None:
         """Do what a message from the broker asks for."""

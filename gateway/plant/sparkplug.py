@@ -37,17 +37,18 @@ _NUMBERS: Final = 256
 #: Commands with more bytes are ignored: nothing else runs while they are decoded.
 _LARGEST_COMMAND: Final = 8192
 
+#: UInt32 is left out: some hosts read its value from one field of the message only, some from another.
 _TYPES: Final = {
     "uint16": DataType.UINT16,
     "int16": DataType.INT16,
-    "uint32": DataType.UINT32,
+    "uint32": DataType.INT64,
     "int32": DataType.INT32,
     "uint64": DataType.UINT64,
     "int64": DataType.INT64,
     "float32": DataType.FLOAT,
     "float64": DataType.DOUBLE,
     "bcd16": DataType.UINT16,
-    "bcd32": DataType.UINT32,
+    "bcd32": DataType.INT64,
     "int8": DataType.INT8,
     "uint8": DataType.UINT8,
     "string": DataType.STRING,

@@ -1,26 +1,25 @@
-"""The topics of messages: plain ones, which are `modbus/SITE/DEVICE` and below, and Sparkplug B."""
+"""The topics of messages: plain ones, which are `PREFIX/SITE/DEVICE` and below, and Sparkplug B."""
 
 from dataclasses import dataclass
-from typing import Final
 
-_ROOT: Final = "modbus"
-_NAMESPACE: Final = "spBv1.0"
+from gateway.config.values.broker import PREFIX, SPARKPLUG
 
 
 @dataclass(frozen=True, slots=True)
 class Topics:
-    """The topics of a site."""
+    """The topics of a site. Its `prefix` may have several levels."""
 
     site: str
+    prefix: str = PREFIX
 
     @property
     def status(self) -> str:
         """The topic that tells whether the gateway is connected."""
-        return f"{_ROOT}/{self.site}/status"
+        return f"{self._root}/status"
 
     def values(self, device: str) -> str:
         """Return the topic of the last values of a device."""
-        return f"{_ROOT}/{self.site}/{device}"
+        return f"{self._root}/{device}"
 
     def availability(self, device: str) -> str:
         """Return the topic that tells whether a device answers."""
@@ -46,8 +45,9 @@ class Topics:
 
     def named(self, setting: str) -> tuple[str, str] | None:
         """Return the names of device and point in a topic that takes values; None if it is another topic."""
-        match setting.split("/"):
-            case [root, site, device, point, "set"] if root == _ROOT and site == self.site:
+        root = f"{self._root}/"
+        match setting.removeprefix(root).split("/"):
+            case [device, point, "set"] if setting.startswith(root):
                 return device, point
         return None
 
@@ -55,6 +55,10 @@ class Topics:
     def result(setting: str) -> str:
         """Return the topic of the results of writes, given the topic that takes the values."""
         return f"{setting.removesuffix('/set')}/result"
+
+    @property
+    def _root(self) -> str:
+        return f"{self.prefix}/{self.site}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +70,10 @@ class SparkplugTopics:
 
     def of(self, kind: str, device: str = "") -> str:
         """Return the topic of a `kind` of messages (NBIRTH, DDATA), of the node itself or of one of its devices."""
-        topic = f"{_NAMESPACE}/{self.group}/{kind}/{self.node}"
+        topic = f"{SPARKPLUG}/{self.group}/{kind}/{self.node}"
         return f"{topic}/{device}" if device else topic
 
     @staticmethod
     def state(host: str) -> str:
         """Return the topic that tells whether a host is online."""
-        return f"{_NAMESPACE}/STATE/{host}"
+        return f"{SPARKPLUG}/STATE/{host}"

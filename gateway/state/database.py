@@ -55,11 +55,11 @@ class Table:
     def set_up(self) -> str:
         """The statements that turn an empty file into this database."""
         columns = ", ".join(f"{name} {kind} NOT NULL" for name, kind in (*self.columns, ("check_sum", "INTEGER")))
-        is_numbered = self.is_large and self.keys == 1  # WITHOUT ROWID, rows of more than 1000 bytes take whole pages
-        rows = "" if is_numbered else " WITHOUT ROWID"
+        # Without a rowid a table is smaller, but a row of more than a fourth of a page then takes a page of its own.
+        form = "" if self.is_large and self.keys == 1 else "WITHOUT ROWID"
         return f"""
             BEGIN IMMEDIATE;
-            CREATE TABLE IF NOT EXISTS {self.name} ({columns}, PRIMARY KEY ({self._names(self.keys)})){rows};
+            CREATE TABLE IF NOT EXISTS {self.name} ({columns}, PRIMARY KEY ({self._names(self.keys)})) {form};
             PRAGMA application_id = {self.application};
             PRAGMA user_version = {self.version};
             COMMIT;

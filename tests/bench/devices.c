@@ -10,6 +10,8 @@
  *   --dead-port I    no unit of port I (counted from 0) ever answers
  *   --stamp          the first four registers of every read are the CLOCK_MONOTONIC
  *                    time in ns at which the request's first byte arrived
+ *   --count          all other registers of a read are the number of reads that the
+ *                    unit has answered
  *   --ascii          Modbus ASCII instead of RTU
  *   --delay FC:US    reply delay of one function code in microseconds
  *                    (FC 0 = every function); may be repeated
@@ -63,6 +65,7 @@ struct port {
     int64_t reply_end;            /* end of the previous reply on the line */
     int64_t begun;                /* when the request's first byte arrived */
     int spoiled;                  /* --strict: this request will not be understood */
+    uint16_t count[256];          /* --count: reads answered by a unit */
     uint16_t *regs[256];
     uint8_t *bits[256];
 };
@@ -71,7 +74,7 @@ static struct port ports[MAX_PORTS];
 static int n_ports;
 static uint8_t unit_ok[256], unit_dead[256];
 static int64_t delay_ns[256];
-static int ascii, stamp, dead_port = -1, fifo = 1;
+static int ascii, stamp, counts, dead_port = -1, fifo = 1;
 static int64_t char_ns, t35_ns, strict_ns;
 static volatile sig_atomic_t stop;
 static struct {
@@ -164,9 +167,11 @@ static size_t build_reply(struct port *p, const uint8_t *q, size_t n, uint8_t *r
         if (a + c > 65536) { ex = 2; break; }
         uint16_t *g = regs_of(p, u);
         r[2] = (uint8_t)(2 * c);
+        p->count[u]++;
         for (i = 0; i < c; i++) {
-            r[3 + 2 * i] = (uint8_t)(g[a + i] >> 8);
-            r[4 + 2 * i] = (uint8_t)g[a + i];
+            uint16_t v = counts ? p->count[u] : g[a + i];
+            r[3 + 2 * i] = (uint8_t)(v >> 8);
+            r[4 + 2 * i] = (uint8_t)v;
         }
         if (stamp && c >= WIRE_STAMP_REGS)
             put_stamp(r + 3, p->begun);
@@ -202,9 +207,11 @@ static size_t build_reply(struct port *p, const uint8_t *q, size_t n, uint8_t *r
         for (i = 0; i < wc && 12 + 2 * i < n; i++)
             g[wa + i] = (uint16_t)be16(q + 11 + 2 * i);
         r[2] = (uint8_t)(2 * c);
+        p->count[u]++;
         for (i = 0; i < c; i++) {
-            r[3 + 2 * i] = (uint8_t)(g[a + i] >> 8);
-            r[4 + 2 * i] = (uint8_t)g[a + i];
+            uint16_t v = counts ? p->count[u] : g[a + i];
+            r[3 + 2 * i] = (uint8_t)(v >> 8);
+            r[4 + 2 * i] = (uint8_t)v;
         }
         len = 3u + r[2];
         break;
@@ -387,6 +394,7 @@ int main(int argc, char **argv)
         const char *a = argv[i], *v = i + 1 < argc ? argv[i + 1] : "";
         if (!strcmp(a, "--ascii")) { ascii = 1; continue; }
         if (!strcmp(a, "--stamp")) { stamp = 1; continue; }
+        if (!strcmp(a, "--count")) { counts = 1; continue; }
         i++;
         if (!strcmp(a, "--link")) {
             if (n_ports < MAX_PORTS)

@@ -45,9 +45,9 @@ class FakeBroker:
         self.driver.begin_history(1_000_000)
         return topics
 
-    def lose(self, unconfirmed: Sequence[Message] = ()) -> None:
-        """The connection is lost, and the gateway does not know of these messages whether the broker has them."""
-        self.driver.publisher.disconnected(unconfirmed)
+    def lose(self) -> None:
+        """The connection is lost, and the gateway does not know whether the broker has what it has not confirmed."""
+        self.driver.publisher.disconnected()
 
     def take(self, *, confirmed: bool = True) -> list[Message]:
         """Take all that there is to publish, and confirm it."""

@@ -159,17 +159,22 @@ def look_at_a_desk(page: Any) -> None:
     page.set_viewport_size({"width": 1280, "height": 900})
 
 
-def page_findings(page: Any, *, contrast: bool) -> list[str]:
+def page_findings(page: Any) -> list[str]:
     """What is wrong with a page: as it is shown, then dark, and on a telephone."""
-    found = axe_findings(page, contrast=contrast)
+    found = axe_findings(page)
     page.emulate_media(color_scheme="dark")
-    found += contrast_findings(page) if contrast else []
+    found += contrast_findings(page)
+    return found + phone_findings(page)
+
+
+def phone_findings(page: Any) -> list[str]:
+    """What is wrong with where things are on a telephone, which depends on the language."""
     page.set_viewport_size({"width": 390, "height": 844})
     until(page, lambda: page.evaluate("innerWidth") == 390)
     page.evaluate(
         "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
     )  # what observes sizes has been called
-    found += axe_findings(page, "scrollable-region-focusable", "target-size", contrast=False)  # colours are the same
+    found = axe_findings(page, "scrollable-region-focusable", "target-size", contrast=False)  # colours are the same
     if (width := page.evaluate("document.documentElement.scrollWidth")) > 390:
         found.append(f"{width} pixels wide")
     return found

@@ -61,9 +61,17 @@ class Mosquitto:
         self._process.kill()
         self._process.wait()
 
+    def signal(self, number: signal.Signals) -> None:
+        """Send it a signal."""
+        self._process.send_signal(number)
+
+    def wait(self) -> None:
+        """Wait until it has ended."""
+        self._process.wait(PATIENCE)
+
     def reload(self) -> None:
         """Read the files again."""
-        self._process.send_signal(signal.SIGHUP)
+        self.signal(signal.SIGHUP)
 
     @property
     def log(self) -> str:

@@ -25,6 +25,7 @@ from gateway.plant.plain import PlainForm
 from gateway.plant.publisher import Publisher, PublisherSettings
 from gateway.plant.sparkplug import Sparkplug
 from gateway.plant.sparkplug_payload import DataType, Metric, Payload, decode, encode
+from gateway.plant.topics import Topics
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.timing.clock_setting import ClockSetting
@@ -184,10 +185,20 @@ class World:
             keep(device, readings)
 
         self.keeper._backlog.keep = kept
+        hold = self.keeper._backlog.hold
+
+        def held(device, readings):
+            for name, reading in readings.items():
+                self.kept[device, name, reading.at, reading.value] += 1
+                self.young.append((self.now(), (device, name, reading.at, reading.value)))
+                self.kept_under[device, name, reading.at].add(self.setting)
+            return hold(device, readings)
+
+        self.keeper._backlog.hold = held
         self.publish()
 
     def publish(self) -> None:
-        form = Sparkplug("g", "n", self.devices) if self.is_sparkplug else PlainForm("plant", self.devices)
+        form = Sparkplug("g", "n", self.devices) if self.is_sparkplug else PlainForm(Topics("plant", "modbus"), self.devices)
         history = History(self.keeper, form)
         born = history.born
 
@@ -197,6 +208,7 @@ class World:
 
         history.born = told
         self.keeper.ready = history.look
+        self.keeper.before_write = lambda: history.hold_slow(self.now())
         settings = PublisherSettings(self.devices, {each.name: 2.0 for each in self.devices}, "")
         self.publisher = Publisher(
             settings, form, None, None, self.event, self.now, lambda now: now + self.offset, CarriedOut(), history
@@ -244,7 +256,7 @@ class World:
         for message in self.in_flight:
             for fact in self.facts_of(message):
                 self.doubtful[fact] += 1
-        self.publisher.disconnected(self.in_flight)
+        self.publisher.disconnected()
         self.in_flight = []
         self.born_now.clear()
         self.is_up = self.has_begun = False

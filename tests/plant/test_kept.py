@@ -136,7 +136,7 @@ async def test_what_the_broker_has_not_confirmed_is_sent_again_with_the_same_tim
         await hall.count(1)
         messages = hall.broker.take(confirmed=False)
         assert [message.topic for message in messages] == [SILO]
-        hall.broker.lose(messages)
+        hall.broker.lose()
         await asyncio.sleep(3.0)
         await hall.count(1)
         hall.broker.connect()

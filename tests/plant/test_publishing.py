@@ -95,6 +95,28 @@ async def test_the_birth_tells_all_that_is_known_and_that_the_gateway_is_there()
         assert await settled(broker) == {}, "nothing has changed"
 
 
+@pytest.mark.parametrize("prefix", ["works", "works/hall 3"])
+async def test_all_topics_begin_with_the_prefix(prefix):
+    keys = f'prefix = "{prefix}"\nwrite = true\nhome_assistant = "ha"\npublish'
+    async with gateway_bench(CONFIG + MQTT.replace("publish", keys, 1)) as bench:
+        silo, _ = furnish(bench)
+        broker = FakeBroker.of(bench)
+        await asyncio.sleep(2.0)
+        assert broker.driver.publisher.will(0.0).topic == f"{prefix}/plant/status"
+        assert broker.connect() == [f"{prefix}/plant/+/+/set", "ha/status", "homeassistant/status"]
+        device = f"{prefix}/plant/silo-1"
+        born = [device, f"{device}/availability", f"{prefix}/plant/status"]
+        assert [message.topic for message in broker.messages] == born
+        broker.send(f"{device}/state/set", "on")
+        said = await settled(broker, 0.3)
+        assert silo.holding[2] == 1
+        assert said[f"{device}/state/result"] == {"value": "on", "result": "ok"}
+        assert broker.send("modbus/plant/silo-1/state/set", "off") == {}
+        assert broker.send(f"{prefix}/other/silo-1/state/set", "off") == {}
+        await asyncio.sleep(REBIRTH_PAUSE)
+        assert list(broker.send("ha/status", "online")) == born, "Home Assistant has started"
+
+
 async def test_of_a_virtual_unit_only_the_values_of_a_silent_device_are_missing():
     hall = """
 [[image]]

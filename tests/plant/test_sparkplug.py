@@ -121,7 +121,8 @@ def test_each_requirement_is_tested_or_left_out_for_a_reason():
         (Point("a", Area.HOLDING, 0, "uint8", bits=(8, 15)), 255, DataType.UINT8),
         (Point("a", Area.HOLDING, 0, "int8", bits=(0, 7)), -128, DataType.INT8),
         (Point("a", Area.HOLDING, 0, "bcd16"), 9999, DataType.UINT16),
-        (Point("a", Area.HOLDING, 0, "bcd32", count=2), 99999999, DataType.UINT32),
+        (Point("a", Area.HOLDING, 0, "bcd32", count=2), 99999999, DataType.INT64),
+        (Point("a", Area.HOLDING, 0, "uint32", count=2), 2**32 - 1, DataType.INT64),
         (Point("a", Area.HOLDING, 0, bits=(3, 3)), 1, DataType.BOOLEAN),
         (Point("a", Area.HOLDING, 0, bits=(3, 3), labels={0: "off", 1: "on"}), "on", DataType.STRING),
         (Point("a", Area.HOLDING, 0, bits=(4, 6)), 7, DataType.UINT16),
@@ -314,7 +315,7 @@ def test_the_birth_of_a_device_has_all_of_its_points():
         "mode": (DataType.STRING, None),
         "run": (DataType.BOOLEAN, True),
         "gain": (DataType.FLOAT, None),
-        "hours": (DataType.UINT32, None),
+        "hours": (DataType.INT64, None),
     }
 
 

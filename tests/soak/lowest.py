@@ -2,12 +2,14 @@
 
     .venv/bin/python tests/soak/lowest.py
 
-It makes an environment of its own, with this Python, and leaves nothing behind. Arguments go to pytest, in place of
-the tests that are chosen here.
+It makes an environment of its own, with this Python, whose libraries go before those of this one; what tests is the
+same. It leaves nothing behind. Arguments go to pytest, in place of the tests that are chosen here.
 """
 
+import os
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import tomllib
 from pathlib import Path
@@ -53,11 +55,22 @@ def main(tests: list[str]) -> int:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
         python = f"{folder}/bin/python"
         pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
-        pip += ["--no-binary", "argparse-manpage"]  # has no wheel
-        subprocess.run([*pip, "--no-deps", "--requirement", CHECKOUT / "deploy/requirements-dev.txt"], check=True)
+        pip += ["--no-compile"]
+        subprocess.run([*pip, "--no-deps", "--requirement", CHECKOUT / "deploy/requirements.txt"], check=True)
         subprocess.run([*pip, *wanted], check=True)
+        look_here_too(python)
         pytest = [python, "-m", "pytest", "--quiet", "--numprocesses", "auto", "--dist", "loadfile"]
-        return subprocess.run([*pytest, *(tests or (*TESTS, *REAL_TIME))], cwd=CHECKOUT, check=False).returncode
+        own = os.environ | {"PYTHONPYCACHEPREFIX": str(Path(sys.prefix, "bytecode"))}
+        own.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes start
+        chosen = tests or (*TESTS, *REAL_TIME)
+        return subprocess.run([*pytest, *chosen], cwd=CHECKOUT, env=own, check=False).returncode
+
+
+def look_here_too(python: str) -> None:
+    """Let another environment find what is installed in this one and not in its own."""
+    where = "import sysconfig; print(sysconfig.get_path('purelib'))"
+    folder = subprocess.check_output([python, "-c", where], text=True).strip()
+    Path(folder, "tools.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from kit.chromium import chromium, demo_page
+from kit.one_demo import Shared, set_of
 from kit.process import prepared
 
 #: Those that a demo takes if nobody listens there: of its clients, its page, its secured clients.
@@ -34,15 +35,27 @@ def _processes_are_prepared(testrun_uid: str) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session")
+def _of_a_set() -> Iterator[Shared]:
+    shared = Shared()
+    yield shared
+    shared.begin(frozenset())
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _shared(_of_a_set: Shared, request: pytest.FixtureRequest) -> Shared:
+    """What the files of a set share; what those before shared ends, whatever this file needs."""
+    _of_a_set.begin(set_of(request.path))
+    return _of_a_set
+
+
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser(_shared: Shared) -> Any:
     """A Chromium."""
-    with chromium() as browser:
-        yield browser
+    return _shared.get(chromium)
 
 
 @pytest.fixture(scope="module")
-def address() -> Iterator[str]:
+def address(_shared: Shared) -> Any:
     """The address of the page of a demo."""
-    with demo_page() as address:
-        yield address
+    return _shared.get(demo_page)

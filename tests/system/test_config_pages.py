@@ -177,7 +177,7 @@ def test_the_page_of_a_change_is_accessible(page: Any) -> None:
     page.locator(".beside .error").wait_for()
     page.keyboard.press("Control+Space")
     page.locator(".completion:not([hidden])").wait_for()
-    assert page_findings(page, contrast=True) == []
+    assert page_findings(page) == []
 
 
 def test_a_config_from_before_is_taken_back_by_the_commands(gateway: SimpleNamespace, plain: Any) -> None:
@@ -206,5 +206,5 @@ def test_the_page_of_a_config_from_before_is_accessible(gateway: SimpleNamespace
     page.goto(f"{gateway.address}/config")
     page.locator("a[href^='/config/applied/']").last.click()
     page.locator("h2").first.wait_for()
-    assert page_findings(page, contrast=True) == []
+    assert page_findings(page) == []
     context.close()

@@ -279,6 +279,11 @@ def test_our_config_of_the_broker_works_beside_that_of_debian(tmp_path):
             broker.publish(STATUS, "online")
         for user in "telegraf", "plant-2":
             broker.publish(f"homeassistant/device/{user}/silo/config", "{}", "-r", *logins[user])
+        with Subscriber(broker, "modbus/#", logins["telegraf"]) as reader:
+            for user in "telegraf", "plant-2":
+                broker.publish(f"modbus/plant-2/{user}/history", "[]", *logins[user])
+            reader.wait_for("modbus/plant-2/plant-2/history")
+            assert "modbus/plant-2/telegraf/history" not in reader.latest, "who reads publishes nothing"
         with Subscriber(broker, "homeassistant/#", logins["homeassistant"]) as announced:
             announced.wait_for("homeassistant/device/plant-2/silo/config")
             broker.publish("homeassistant/status", "online", *logins["homeassistant"])

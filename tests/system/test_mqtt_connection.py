@@ -24,7 +24,13 @@ from kit.mqtt_peer import (
 )
 from kit.process import PATIENCE
 
+CLEAN = 0x02
 MAXIMUM_PACKET_SIZE, RECEIVE_MAXIMUM = 0x27, 0x21
+
+
+async def test_a_small_message_does_not_wait_for_the_acknowledgement_of_the_one_before():
+    async with connected() as (connection, _):
+        assert connection._client.socket().getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
@@ -78,6 +84,16 @@ async def test_a_message_that_the_broker_would_not_take_is_refused_without_it():
         ]
         assert connection.in_flight == 1
         assert 250 < len(await peer.next(PUBLISH)) < limit
+        numbered = Message(topic, bytes(400), qos=0)  # of Sparkplug: none may be missing
+        connection.publish(numbered)
+        assert (await connection.lost).endswith("but the broker accepts no more than 300")
+        assert connection.unconfirmed[-1] == numbered
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+async def test_the_broker_keeps_nothing_of_earlier_sessions(version):
+    async with connected(version) as (_, peer):
+        assert (await peer.next(CONNECT))[len(b"\0\4MQTT5")] & CLEAN
 
 
 async def test_it_asks_for_no_large_packets():
@@ -95,6 +111,11 @@ async def test_a_packet_that_is_too_large_ends_the_connection_before_it_is_read(
         peer.say(bytes((PUBLISH, 0xFF, 0xFF, 0xFF, 0x7F)) + bytes(1000))
         async with asyncio.timeout(PATIENCE):
             assert await connection.lost == f"it has sent a message of more than {LARGEST_PACKET} bytes"
+        behind = [Message("value", b"1"), Message("value", b"2", qos=0)]
+        for message in behind:
+            connection.publish(message)
+        connection.end(with_will=False)
+        assert connection.unconfirmed == behind
 
 
 async def test_an_error_of_the_library_while_it_pings_ends_the_connection(monkeypatch):

@@ -8,7 +8,8 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from gateway.errors import BrokerError
 from gateway.plant.messages import Message
-from gateway.plant.reasons import SubscriptionRefusedError, WrongVersionError
+from gateway.plant.reasons import UNTOLD, SubscriptionRefusedError, WrongVersionError
+from gateway.plant.reasons import lost as lost_without_a_word
 from kit.mqtt_peer import CONNACK, DISCONNECT, PUBACK, PUBLISH, SUBACK, SUBSCRIBE, closed, connected, packet, until
 from kit.process import PATIENCE
 
@@ -97,6 +98,11 @@ async def test_what_a_broker_adds_is_told_without_what_a_terminal_would_obey():
 @pytest.mark.parametrize("reason", [b"\xff", b"\x84"])
 async def test_a_reason_that_does_not_exist_ends_the_connection_too(reason):
     assert (await lost(reason)).startswith("what it sends is not understood")
+
+
+def test_a_broker_that_no_longer_answers_is_told_from_one_that_has_gone():
+    silent, gone = (ReasonCode(PacketTypes.DISCONNECT, name) for name in ("Keep alive timeout", "Unspecified error"))
+    assert (lost_without_a_word(silent), lost_without_a_word(gone)) == ("it does not answer a ping", UNTOLD)
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,38 @@ def test_a_device_that_is_no_longer_published_is_offline_and_its_values_are_gone
         panel.wait_for("modbus/plant-2/silo-2", where=lambda payload: not payload)
 
 
+def test_below_another_prefix_all_is_published_and_below_the_one_before_nothing_is_there_any_more(broker, tmp_path):
+    def text(prefix: str) -> str:
+        return config(broker, f'home_assistant = true\nprefix = "{prefix}"')
+
+    def wait_for_the_move(before: str, now: str) -> None:
+        device = f"{now}/plant-2/silo-1"
+        panel.wait_for_all([f"{now}/plant-2/status", f"{device}/availability"], b"online")
+        panel.wait_for_all([f"{before}/plant-2/silo-1"], b"")
+        with Listener(broker, "#") as late:
+            late.wait_for_all([f"{now}/plant-2/status"], b"online")
+            kept = {each.topic: each.payload for each in late.heard if each.topic.startswith(f"{before}/")}
+            assert kept == dict.fromkeys(
+                (f"{before}/plant-2/status", f"{before}/plant-2/silo-1/availability"), b"offline"
+            )
+            assert json.loads(late.wait_for(SILO))["stat_t"] == device
+
+    with Listener(broker, "#") as panel:
+        with GatewayProcess(tmp_path, text("modbus")) as gateway:
+            panel.wait_for_all(["modbus/plant-2/status"], b"online")
+            gateway.config.write_text(text("works/hall-a"))
+            gateway.signal(signal.SIGHUP)
+            wait_for_the_move("modbus", "works/hall-a")
+            announced, deadline = tmp_path / "home-assistant.json", time.monotonic() + PATIENCE
+            while not announced.exists() or "works/hall-a" not in announced.read_text():
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+            gateway.signal(signal.SIGKILL)
+            gateway.wait()
+        with GatewayProcess(tmp_path, text("plc")):
+            wait_for_the_move("works/hall-a", "plc")
+
+
 def metrics(payload: bytes) -> dict[str, object]:
     return {metric.name: metric.value for metric in decode(payload).metrics}
 

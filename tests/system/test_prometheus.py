@@ -19,6 +19,8 @@ DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 RULES = DEPLOY / "prometheus/modbus-gateway-alerts.yml"
 DASHBOARD = DEPLOY / "grafana/modbus-gateway.json"
 CONFIG = """
+site = "plant"
+
 [[listen]]
 name = "scada"
 bind = "tcp://127.0.0.1:0"
@@ -26,7 +28,7 @@ bind = "tcp://127.0.0.1:0"
 [[line]]
 name = "hall-a"
 port = "{folder}/absent"
-devices = [{{ unit = 1 }}]
+devices = [{{ unit = 1, name = "silo", points = [{{ name = "weight", holding = 0 }}] }}]
 
 [[image]]
 unit = 200
@@ -34,6 +36,11 @@ holding = 1
 
 [web]
 bind = "http://127.0.0.1:{port}"
+
+[mqtt]
+broker  = "mqtt://127.0.0.1:1"
+publish = [{{ device = "silo", every = "1 s" }}]
+keep    = "1 MiB"
 """
 
 pytestmark = pytest.mark.needs("promtool")

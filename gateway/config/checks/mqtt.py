@@ -1,15 +1,15 @@
 """Cross-checks of `[mqtt]`: what it needs, and that its rows mean something that it may read and write."""
 
+import fnmatch
 from collections.abc import Iterator
-from fnmatch import fnmatchcase
 from typing import Final
 
-from gateway.config.plan.mqtt import Publishable, names_device, publishable
+from gateway.config.plan.mqtt import EXCLUDES, Publishable, names_device, names_point, publishable
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.mqtt import Mqtt, Publish
-from gateway.config.values.broker import is_topic_part
+from gateway.config.values.broker import SPARKPLUG, is_topic_part
 from gateway.config.values.reserved_names import MQTT
 from gateway.modbus.functions import READERS
 from gateway.profiles.published import PublishedDevice, PublishedPoint
@@ -21,6 +21,8 @@ _MOST_NAMES: Final = 3
 #: Names in plain messages: the topic beside those of devices, and the key beside those of points.
 _STATUS: Final = "status"
 _TIME: Final = "time"
+#: A key beside points in values that were kept.
+_CLOCK: Final = "clock"
 
 
 def check_mqtt(config: Config, _failed: frozenset[str]) -> Iterator[Problem]:
@@ -34,9 +36,7 @@ def check_mqtt(config: Config, _failed: frozenset[str]) -> Iterator[Problem]:
     if not mqtt.publish:
         remedy = 'write publish = [{ device = "silo-*", every = "1 s" }]'
         yield error((*mqtt.path, "publish"), "is empty", remedy)
-    if mqtt.sparkplug is not None and mqtt.home_assistant is not None:
-        what = "Home Assistant does not understand Sparkplug B"
-        yield error((*mqtt.path, "home_assistant"), what, "leave one of the two out")
+    yield from _check_prefix(config.site, mqtt)
 
 
 def check_published(config: Config, plan: Plan) -> Iterator[Problem]:
@@ -60,6 +60,24 @@ def _check_site(site: str, mqtt: Mqtt) -> Iterator[Problem]:
         yield error((*mqtt.path, "broker"), what, 'add site = "plant-2" at the top of the file')
     elif not is_topic_part(site):
         yield error(("site",), "is a part of topics, where +, # and / mean something else", "choose another name")
+
+
+def _check_prefix(site: str, mqtt: Mqtt) -> Iterator[Problem]:
+    """Find a prefix of topics that nothing uses, or that others use."""
+    announced = mqtt.home_assistant
+    if mqtt.sparkplug is not None:
+        if announced is not None:
+            what = "Home Assistant does not understand Sparkplug B"
+            yield error((*mqtt.path, "home_assistant"), what, "leave one of the two out")
+        if mqtt.has("prefix"):
+            what = f"has no effect with sparkplug, whose topics begin with {SPARKPLUG}"
+            yield error((*mqtt.path, "prefix"), what, "leave one of the two out")
+    elif announced is not None and f"{mqtt.prefix}/".startswith(f"{announced}/"):
+        what = f"below {announced} Home Assistant is told what there is, so values need other topics"
+        yield error((*mqtt.path, "prefix" if mqtt.has("prefix") else "home_assistant"), what, "choose another prefix")
+    elif announced == f"{mqtt.prefix}/{site}":
+        what = f"{announced}/{_STATUS} says whether the gateway is there, not whether Home Assistant is"
+        yield error((*mqtt.path, "home_assistant"), what, "choose another prefix")
 
 
 def _check_broker(mqtt: Mqtt) -> Iterator[Problem]:
@@ -95,10 +113,14 @@ def _check_row(row: Publish, known: tuple[Publishable, ...]) -> Iterator[Problem
         remedy = "give points to its profile, or to the device itself"
         yield error((*row.path, "device"), f"{_named([each.name for each in meant])} {what}", remedy)
         return
-    for index, pattern in enumerate(row.points):
-        if not any(fnmatchcase(point.name, pattern) for point in points):
-            what = f'{_named([each.name for each in meant])} has no point "{pattern}"'
-            yield error((*row.path, "points", index), what, did_you_mean(pattern, (point.name for point in points)))
+    names = [point.name for point in points]
+    missing = [each for each in enumerate(row.points) if not fnmatch.filter(names, each[1].removeprefix(EXCLUDES))]
+    for index, pattern in missing:
+        name = pattern.removeprefix(EXCLUDES)
+        what = f'{_named([each.name for each in meant])} has no point "{name}"'
+        yield error((*row.path, "points", index), what, did_you_mean(name, names))
+    if not missing and not any(names_point(row, name) for name in names):
+        yield error((*row.path, "points"), "leaves no point to publish", "leave the row out, or fewer of its points")
 
 
 def _check_topics(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:
@@ -130,13 +152,18 @@ def _check_alike(mqtt: Mqtt, names: list[str], what: str) -> Iterator[Problem]:
 
 def _check_taken(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:
     """Find devices and points with a name that plain messages use for something else."""
+    taken = {_TIME: "the time of each message"}
+    if mqtt.keep:
+        taken[_CLOCK] = "what kept values tell of the clock"
     for device in devices:
         if device.name == _STATUS:
             what = f"the topic of {_STATUS} says whether the gateway is there"
             yield error((*mqtt.path, "publish"), what, "give the device another name: name = ...")
-        if device.point(_TIME):
-            what = f'the point "{_TIME}" of {device.name} has the name of the time of each message'
-            yield error((*mqtt.path, "publish"), what, "give the point another name, or leave it out of points here")
+        for name, meaning in taken.items():
+            if device.point(name):
+                what = f'the point "{name}" of {device.name} has the name of {meaning}'
+                remedy = "give the point another name, or leave it out of points here"
+                yield error((*mqtt.path, "publish"), what, remedy)
 
 
 def _check_rights(mqtt: Mqtt, devices: tuple[PublishedDevice, ...], plan: Plan) -> Iterator[Problem]:

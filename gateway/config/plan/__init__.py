@@ -8,6 +8,7 @@
 - web, mqtt, fleet    the settings of the add-ons, made of their tables
 - names, reach, areas    names of devices, which listener leads where, addresses by area: for the checks, too
 - wanted_polls    who wants to have polled what of the devices
+- outage        how long what is kept while the broker is away lasts
 - forecast, line_load    the time limits that follow, and the share of a line that polls take
 - rights_in_words    access rights for people
 - differences    how two plans differ: what a reload changes

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from gateway.config.plan.settings import MqttPlan, Plan
 from gateway.config.schema.config import Config
@@ -15,6 +15,9 @@ from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.tls.settings import ClientTls
+
+#: Before a pattern of `points` in a row of `publish`: these are left out.
+EXCLUDES: Final = "!"
 
 
 class Publishable(NamedTuple):
@@ -49,6 +52,18 @@ def names_device(row: Publish, name: str) -> bool:
     return fnmatchcase(name, row.device)
 
 
+def names_point(row: Publish, name: str) -> bool:
+    """Tell whether a row means the point with this name, of a device that it means. What it excludes it never means."""
+    excluded = [pattern[1:] for pattern in row.points if pattern.startswith(EXCLUDES)]
+    named = [pattern for pattern in row.points if not pattern.startswith(EXCLUDES)]
+    is_named = _matches(name, named) if named else bool(excluded)
+    return is_named and not _matches(name, excluded)
+
+
+def _matches(name: str, patterns: Iterable[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
 def _mqtt(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
     return MqttPlan(
         site=site,
@@ -58,6 +73,7 @@ def _mqtt(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
         password=mqtt.password,
         tls=_tls(mqtt),
         write=mqtt.write,
+        prefix=mqtt.prefix,
         keep=mqtt.keep,
         keep_every=mqtt.keep_every,
         home_assistant=mqtt.home_assistant,
@@ -79,7 +95,7 @@ def _published(unit: Publishable, mqtt: Mqtt) -> PublishedDevice:
 def _points(points: Iterable[Point], rows: Iterable[Publish], *, may_write: bool) -> Iterator[PublishedPoint]:
     rows = tuple(rows)
     for point in points:
-        row = next((row for row in rows if any(fnmatchcase(point.name, each) for each in row.points)), None)
+        row = next((row for row in rows if names_point(row, point.name)), None)
         is_writable = may_write and point.write != "no"
         if row is not None and (is_writable or point.write != "only"):
             yield PublishedPoint(point, row.every, is_writable, row.on_change, row.at_least)

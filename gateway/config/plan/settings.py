@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Final, Literal, NamedTuple
 
 from gateway.config.values.address import Address
-from gateway.config.values.broker import Broker, Sparkplug
+from gateway.config.values.broker import PREFIX, Broker, Sparkplug
 from gateway.config.values.reserved_names import FLEET, MQTT, WEB
 from gateway.config.values.size import DEFAULT_RING
 from gateway.config.values.unitset import show_units
@@ -198,8 +198,9 @@ class WebPlan:
 class MqttPlan:
     """Where values are published, and which. `home_assistant` is the prefix of its discovery; None without.
 
-    With `write`, points are written from there. What cannot be published is kept on disk: at most `keep` bytes, written
-    every `keep_every` seconds; nothing if `keep` is 0. `source` is its place in the config.
+    With `write`, points are written from there. Topics begin with `prefix`. What cannot be published is kept on disk:
+    at most `keep` bytes, written every `keep_every` seconds; nothing if `keep` is 0. `source` is its place in the
+    config.
     """
 
     needs_restart: ClassVar[bool] = False
@@ -210,6 +211,7 @@ class MqttPlan:
     password: SecretFile | None = None
     tls: ClientTls | None = None
     write: bool = False
+    prefix: str = PREFIX
     keep: int = 0
     keep_every: float = 10.0
     home_assistant: str | None = None

@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from gateway.config.schema.table import Table
+from gateway.config.values.broker import PREFIX
 from gateway.config.values.key_types import (
     BrokerAddress,
     CredentialFile,
@@ -15,6 +16,7 @@ from gateway.config.values.key_types import (
     PasswordFile,
     Size,
     SparkplugNames,
+    TopicPrefix,
     WriteDuration,
 )
 
@@ -24,7 +26,9 @@ class Publish(Table):
 
     device: Name = Field(description="The names of devices, images or mirrors; `*` stands for any characters.")
     points: Annotated[tuple[Name, ...], ListOf] = Field(
-        ("*",), description="The names of points, in the same way. Default: all that can be read."
+        ("*",),
+        description="The names of points, in the same way; those behind a `!` are left out: "
+        '`["!comms-*"]` is all others. Default: all that can be read.',
     )
     every: LongerDuration = Field(description="Time from one read to the next.")
     on_change: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
@@ -50,6 +54,9 @@ class Mqtt(Table):
     )
     publish: Annotated[tuple[Publish, ...], ListOf] = Field(description="What is published.")
     write: bool = Field(False, description="Whether points with `write` = true can be written through the broker.")
+    prefix: TopicPrefix = Field(
+        PREFIX, description="The first level of all topics, or the first ones with `/` between them."
+    )
     keep: Size = Field(
         0,
         description="How much disk the values may take that could not be published while the broker was away. They "

@@ -7,6 +7,12 @@ from gateway.config.problem import NotText, WrongValue
 from gateway.config.values.address import Address, parse_address
 from gateway.tls.settings import SecretFile
 
+#: The first level of topics, unless the config says otherwise.
+PREFIX: Final = "modbus"
+#: The first level of Sparkplug's topics.
+SPARKPLUG: Final = "spBv1.0"
+#: The longest prefix, in characters: whatever names follow it, a topic is short enough for MQTT.
+_LONGEST_PREFIX: Final = 256
 #: What Home Assistant listens to unless it is told otherwise.
 HOME_ASSISTANT: Final = "homeassistant"
 #: Where brokers take WebSocket connections, unless the address says it.
@@ -80,6 +86,25 @@ def parse_password(value: object) -> SecretFile:
     raise WrongValue("names no file", remedy)
 
 
+def parse_prefix(value: object) -> str:
+    """Parse the first level or levels of topics.
+
+    Raises:
+        WrongValue: topics cannot begin so.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    levels = value.split("/")
+    if not all(map(is_topic_part, levels)) or value.startswith("$"):
+        what = f'"{value}" cannot be the beginning of topics'
+        raise WrongValue(what, "it may have no +, no #, no $ at first, and nothing empty before, behind or between /")
+    if len(value) > _LONGEST_PREFIX:
+        raise WrongValue(f"must have at most {_LONGEST_PREFIX} characters")
+    if levels[0] == SPARKPLUG:
+        raise WrongValue(f"topics below {SPARKPLUG} are those of Sparkplug B", "choose another prefix")
+    return value
+
+
 def parse_home_assistant(value: object) -> str | None:
     """Parse the prefix of discovery topics; None without discovery.
 
@@ -88,8 +113,8 @@ def parse_home_assistant(value: object) -> str | None:
     """
     if isinstance(value, bool):
         return HOME_ASSISTANT if value else None
-    if isinstance(value, str) and value and not set(value) & set("+#\0") and value.strip("/") == value:
-        return value
+    if isinstance(value, str):
+        return parse_prefix(value)
     raise WrongValue(f'must be true, false or a prefix of topics such as "{HOME_ASSISTANT}"')
 
 

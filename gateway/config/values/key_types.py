@@ -14,6 +14,7 @@ from gateway.config.values.broker import (
     parse_broker,
     parse_home_assistant,
     parse_password,
+    parse_prefix,
     parse_sparkplug,
 )
 from gateway.config.values.character_format import parse_format
@@ -237,6 +238,7 @@ HomeAssistant = Annotated[
     PlainValidator(parse_home_assistant),
     Kind(f'`true`, `false` or a prefix such as `"{HOME_ASSISTANT}"`', any_of(TRUTH, WORD), _is_off),
 ]
+TopicPrefix = Annotated[str, PlainValidator(parse_prefix), Kind("text", WORD, '"{}"'.format)]
 SparkplugNames = Annotated[
     Sparkplug | None,
     PlainValidator(parse_sparkplug),

@@ -5,4 +5,5 @@
 - file         the file of the rest
 - keeper       writes and reads the file from time to time
 - history      when the next message with kept readings is sent, and what became of it
+- unconfirmed  readings that were sent, and are kept if the broker takes long to confirm them
 """

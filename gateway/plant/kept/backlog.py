@@ -1,7 +1,7 @@
 """Readings that wait to be sent, the oldest first: what of them is in memory, and where the file goes on."""
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from heapq import merge
 from typing import Final
@@ -14,6 +14,8 @@ from gateway.timing.clock_setting import ClockSetting
 MOST_IN_MEMORY: Final = 50_000
 #: From so many values on the file is written before its time.
 MANY: Final = 10_000
+#: The file is loaded while fewer records than this wait to be sent.
+_MOST_LOADED: Final = 5_000
 #: A chunk gets no further records from so many values on: it is packed in one go.
 _LARGE: Final = 500
 #: About how many bytes a value needs in a message beside its name and its text, and a record beside its values.
@@ -52,6 +54,8 @@ class Backlog:
         self._left_out: set[str] = set()
         #: What was taken, and neither confirmed nor refused.
         self._taken: dict[Chunk, int] = {}
+        #: What the broker may have already.
+        self._held: list[Chunk] = []
         self._gone: set[int] = set()
         #: Chunks of the file that are told in part.
         self._partly: dict[int, Chunk] = {}
@@ -63,24 +67,35 @@ class Backlog:
 
     @property
     def must_load(self) -> bool:
-        """Whether the file has more to send."""
-        return self.loaded_to < self.file_end
+        """Whether the file has more to send, and memory has room for it."""
+        return self.loaded_to < self.file_end and sum(map(len, self._next.values())) < _MOST_LOADED
 
     def keep(self, device: str, readings: Readings) -> None:
         """Add readings of a device."""
-        setting = self._clock()
-        if setting.is_set != self._setting.is_set or setting.has_stepped(self._setting):
-            self._close()
-            self._setting = setting
+        self._look_at_clock()
         chunk = self._open.get(device)
         if chunk is None:
             chunk = self._open[device] = Chunk(device, self._setting)
         chunk.add(readings)
         if chunk.readings >= _LARGE:
             self._put_away(self._open.pop(device))
-        self.in_memory += len(readings)
-        self.fresh += len(readings)
-        self._give_up_oldest()
+        self._count(readings)
+
+    def hold(self, device: str, readings: Readings) -> Chunk:
+        """Add readings that the broker may have; neither they nor later ones of the device are sent before `let_go`."""
+        self._look_at_clock()
+        if device in self._open:
+            self._put_away(self._open.pop(device))
+        chunk = Chunk(device, self._setting)
+        chunk.add(readings)
+        self._held.append(chunk)
+        self._put_away(chunk)
+        self._count(readings)
+        return chunk
+
+    def let_go(self, chunk: Chunk) -> None:
+        """Hold a chunk no longer. If it is to be sent, `rewind` must follow."""
+        self._held.remove(chunk)
 
     def changes(self) -> tuple[list[Chunk], set[int]]:
         """Return what the file does not have, and the numbers that it has no longer to keep."""
@@ -103,8 +118,7 @@ class Backlog:
 
     def lost_file(self) -> None:
         """Note that the file is damaged and gone: what was loaded of it is in memory again."""
-        loaded = {chunk: None for waiting in self._next.values() for chunk, _ in waiting} | self._taken
-        saved = [chunk for chunk in loaded if chunk.number is not None]
+        saved = [chunk for chunk in dict.fromkeys(self._in_use()) if chunk.number is not None]
         self._take_back(saved)
         self.given_up += self.in_file
         self.in_file = self.file_end = self.loaded_to = 0
@@ -117,7 +131,8 @@ class Backlog:
         for chunk, number in done.chunks:
             if chunk.number == number:  # the rest of one
                 continue
-            if chunk.is_loaded and self.loaded_to == self.file_end:
+            is_passed = chunk.is_loaded or chunk.is_over or chunk in self._held
+            if is_passed and self.loaded_to == self.file_end:
                 self.loaded_to = number
             chunk.number = self.file_end = number
             if chunk.is_over:
@@ -141,8 +156,9 @@ class Backlog:
         if after != self.loaded_to:  # the connection was lost meanwhile
             return
         self.loaded_to = found.end
+        known = self._gone | {chunk.number for chunk in self._in_use()}
         for chunk in found.chunks:
-            if chunk.number in self._gone:
+            if chunk.number in known:
                 continue
             before = None if chunk.number is None else self._partly.get(chunk.number)
             self._put_next(chunk if before is None else before)
@@ -154,13 +170,14 @@ class Backlog:
         if self.loaded_to == self.file_end:
             self._close()
             for chunk in self._closed:
-                if not (chunk.is_loaded or chunk.is_over):
+                if not (chunk.is_loaded or chunk.is_over or chunk in self._held):
                     self._put_next(chunk)
         for device in [device for device in self._next if not may_tell(device)]:
             self._left_out.add(device)
             del self._next[device]
-        while self._next:
-            batch = self._batch(next(iter(self._next)), room)
+        held = {chunk.device for chunk in self._held}
+        for device in [device for device in self._next if device not in held]:
+            batch = self._batch(device, room)
             if batch.records:
                 self._taken = batch.parts
                 return batch
@@ -168,7 +185,8 @@ class Backlog:
 
     def sent(self, batch: Batch) -> None:
         """Forget what this batch has told."""
-        self._taken = {}
+        if batch.parts is self._taken:
+            self._taken = {}
         for chunk, count in batch.parts.items():
             values = chunk.tell(count)
             number = chunk.number
@@ -214,6 +232,23 @@ class Backlog:
         else:
             waiting.extend(records)
 
+    def _look_at_clock(self) -> None:
+        setting = self._clock()
+        if setting.is_set != self._setting.is_set or setting.has_stepped(self._setting):
+            self._close()
+            self._setting = setting
+
+    def _count(self, readings: Readings) -> None:
+        self.in_memory += len(readings)
+        self.fresh += len(readings)
+        self._give_up_oldest()
+
+    def _in_use(self) -> Iterator[Chunk]:
+        """Yield the chunks that are to be sent next, are under way, or are held; some often."""
+        yield from (chunk for waiting in self._next.values() for chunk, _ in waiting)
+        yield from self._taken
+        yield from self._held
+
     def _close(self) -> None:
         for chunk in self._open.values():
             self._put_away(chunk)
@@ -227,7 +262,7 @@ class Backlog:
         while self.in_memory > MOST_IN_MEMORY:
             if not self._closed:
                 self._close()
-            if self._closed[0] in self._taken:  # soon over
+            if self._closed[0] in self._taken or self._closed[0] in self._held:  # soon over
                 return
             chunk = self._closed.popleft()
             if not chunk.is_over:
@@ -238,7 +273,7 @@ class Backlog:
     def _file_has_given_up(self, rows: Iterable[tuple[int, int]]) -> None:
         """Give up rows of the file, but not what is under way, which is in memory again."""
         loaded = {chunk.number: chunk for waiting in self._next.values() for chunk, _ in waiting}
-        under_way = {chunk.number: chunk for chunk in self._taken}
+        under_way = {chunk.number: chunk for chunk in (*self._taken, *self._held)}
         for number, readings in rows:
             if number in self._gone:
                 self._gone.discard(number)

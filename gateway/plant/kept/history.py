@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Final, Protocol
 
 from gateway.plant.kept.backlog import Batch
+from gateway.plant.kept.unconfirmed import Holds, Unconfirmed
 from gateway.plant.messages import Form, Message, Reading, Readings, Record
 
 #: The least time between two of these messages, and that before one is sent again which the broker has refused for now.
@@ -17,11 +18,8 @@ SMALLEST: Final = 1_000
 QUICKLY: Final = 1.0
 
 
-class Keeps(Protocol):
+class Keeps(Holds, Protocol):
     """What keeps readings: see Keeper."""
-
-    def keep(self, device: str, readings: Readings) -> None:
-        """Keep readings of a device."""
 
     def take(self, may_tell: "MayTell", room: int) -> Batch | None:
         """Return the next records to send; None if there are none at present."""
@@ -48,6 +46,7 @@ class History:
 
     def __init__(self, keeps: Keeps, form: Form) -> None:
         self._keeps = keeps
+        self._unconfirmed = Unconfirmed(keeps)
         self._form = form
         #: What the births have told, and what was left out for those that are not confirmed yet.
         self._told: dict[str, Readings] = {}
@@ -64,8 +63,17 @@ class History:
     def keep(self, device: str, readings: Readings) -> None:
         """Keep readings of a device."""
         if readings:
+            self._unconfirmed.hold(device)
             self._keeps.keep(device, readings)
             self._is_idle = False
+
+    def telling(self, message: Message, now: float) -> None:
+        """Note that a message is published which tells new readings."""
+        self._unconfirmed.sent(message, now)
+
+    def hold_slow(self, now: float) -> None:
+        """Keep the readings for which the broker takes long, as they may be lost with the gateway."""
+        self._unconfirmed.hold_slow(now)
 
     def look(self) -> None:
         """Note that there may be something to send again."""
@@ -91,7 +99,8 @@ class History:
         self._next_at, self._is_idle = now, False
 
     def end(self) -> None:
-        """Send no more: the connection is lost."""
+        """Send no more: the connection is lost. The new readings of all that is not confirmed are kept."""
+        self._unconfirmed.end()
         if self._message is not None:
             self._resize(1 / 4)
         self._next_at = self._message = None
@@ -120,18 +129,24 @@ class History:
         self._is_idle = True
         return None
 
-    def confirmed(self, message: Message, now: float) -> bool:
-        """Note that the broker has a message; tell whether it is one of these."""
-        if message is not self._message:
-            return False
-        self._keeps.sent(self._batch)
-        self._resize(2 if now - self._sent_at < QUICKLY else 1 / 2)
-        self._message, self._next_at = None, now + PAUSE
-        return True
+    def confirmed(self, message: Message, now: float) -> None:
+        """Note that the broker has a message."""
+        if message is self._message:
+            self._keeps.sent(self._batch)
+            self._resize(2 if now - self._sent_at < QUICKLY else 1 / 2)
+            self._message, self._next_at = None, now + PAUSE
+        elif self._unconfirmed.answered(message):
+            self._is_idle = False
 
     def refused(self, message: Message, now: float, *, is_passing: bool) -> bool:
-        """Note that the broker has refused a message, for now or for ever; tell whether it is one of these."""
+        """Note that the broker has refused a message, for now or for ever; tell whether it is one of these.
+
+        If another one is refused for now, its new readings are kept.
+        """
         if message is not self._message:
+            self._unconfirmed.answered(message)
+            if is_passing:
+                self.keep(message.device, message.told)
             return False
         if is_passing:
             self._keeps.rewind()

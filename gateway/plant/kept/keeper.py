@@ -14,7 +14,7 @@ from gateway.errors import StateError
 from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.plant.kept.backlog import MANY, Backlog, Batch
 from gateway.plant.kept.file import KeptFile
-from gateway.plant.kept.records import Totals, Written
+from gateway.plant.kept.records import Chunk, Totals, Written
 from gateway.plant.messages import Readings
 from gateway.plant.status import KeptStatus
 from gateway.state.database import is_damage
@@ -31,7 +31,7 @@ CLOSING_DEADLINE: Final = 1.0
 class Keeper:
     """Keeps readings in `folder`, at most `most` bytes, written every `every` seconds; without a folder in memory only.
 
-    `ready` is called when there is something to send again.
+    `ready` is called when there is something to send again, `before_write` when the file is about to be written.
     """
 
     def __init__(
@@ -44,6 +44,7 @@ class Keeper:
     ) -> None:
         self.most, self.every = most, every
         self.ready: Callable[[], None] = lambda: None
+        self.before_write: Callable[[], None] = lambda: None
         self._path = None if folder is None else folder / FILE_NAME
         self._emit = emit
         self._backlog = Backlog(clock)
@@ -71,6 +72,16 @@ class Keeper:
         self._backlog.keep(device, readings)
         if self._backlog.fresh >= MANY:
             self._wake.set()
+
+    def hold(self, device: str, readings: Readings) -> Chunk:
+        """Keep readings that the broker may have, until `let_go`."""
+        return self._backlog.hold(device, readings)
+
+    def let_go(self, chunk: Chunk, *, must_send: bool) -> None:
+        """Forget what was held; or if the connection was lost, have it sent."""
+        self._backlog.let_go(chunk)
+        if not must_send:
+            self.sent(Batch(chunk.device, parts={chunk: len(chunk.records)}))
 
     def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
         """Return the next records to send; None if there are none at present: `ready` is called when there are."""
@@ -135,6 +146,7 @@ class Keeper:
 
     async def _write(self) -> None:
         self._backlog.fresh = 0
+        self.before_write()
         if self._path is None:
             return
         file = self._file or await self._open(self._path)

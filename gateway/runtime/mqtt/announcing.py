@@ -49,7 +49,7 @@ class Announcing:
 
 def _made(plan: MqttPlan, before: Announced) -> tuple[Sequence[Message], Announced]:
     """Make the messages, and the list of what they announce."""
-    topics = Topics(plan.site)
+    topics = Topics(plan.site, plan.prefix)
     discovery = Discovery(topics, plan.home_assistant or "")
     found = () if plan.home_assistant is None else plan.devices
     now = dict(discovery.announced(found))

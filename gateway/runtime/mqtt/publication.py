@@ -24,6 +24,7 @@ from gateway.plant.plain import PlainForm
 from gateway.plant.publisher import PublisherSettings
 from gateway.plant.sparkplug import Sparkplug
 from gateway.plant.status import BrokerStatus
+from gateway.plant.topics import Topics
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password
 from gateway.request import Target
@@ -61,7 +62,7 @@ def reading(
     history = None if keeper is None else History(keeper, form)
     driver = PublisherDriver(settings, form, polls, router, emit, unix, carried_out, history)
     if keeper is not None:
-        keeper.ready = driver.look
+        keeper.ready, keeper.before_write = driver.look, driver.hold_slow
     driver.start()
     return driver
 
@@ -206,7 +207,7 @@ def _destinations(plan: MqttPlan, router: Router) -> Mapping[str, Target]:
 
 def _form(plan: MqttPlan, announcements: Sequence[Message]) -> Form:
     if plan.sparkplug is None:
-        return PlainForm(plan.site, plan.devices, announcements, _hosts(plan.home_assistant))
+        return PlainForm(Topics(plan.site, plan.prefix), plan.devices, announcements, _hosts(plan.home_assistant))
     names = plan.sparkplug
     return Sparkplug(names.group, names.node or plan.site, plan.devices, names.primary_host or None, announcements)
 

@@ -934,6 +934,7 @@ write = true
     ("form", "said", "topic"),
     [
         ("home_assistant = true", "  Announced to Home Assistant below homeassistant/\n", "modbus/plant-2/shift"),
+        ('prefix = "a/b"', "  JSON; a/b/plant-2/status says whether the gateway is there\n", "a/b/plant-2/shift"),
         ("", "  JSON; modbus/plant-2/status says whether the gateway is there\n", "modbus/plant-2/shift"),
         ('sparkplug = { group = "hall" }', "  Sparkplug B\n", "spBv1.0/hall/DDATA/plant-2/shift"),
     ],
@@ -950,8 +951,30 @@ def test_topics_are_in_the_picture(tmp_path, capsys, form, said, topic):
     assert main(["check", "--json", str(file)]) == 0
     published = json.loads(capsys.readouterr().out)["published"]
     assert published["devices"] == [
-        {"device": "shift", "topic": topic, "points": ["a", "b", "d", "e"], "settable": ["b", "c"]}
+        {"device": "shift", "topic": topic, "points": ["a", "b", "d", "e"], "left_out": [], "settable": ["b", "c"]}
     ]
+
+
+def test_what_is_left_out_is_in_the_picture(tmp_path, capsys):
+    file = tmp_path / "g.toml"
+    file.write_text(PUBLISHED.replace("every", 'points = ["!b"], every'))
+    assert main(["check", str(file)]) == 0
+    text = capsys.readouterr().out
+    assert "  DEVICE  TOPIC                 POINTS   LEFT OUT  SET THROUGH THE BROKER\n" in text
+    assert "  shift   modbus/plant-2/shift  a, d, e  b         c\n" in text
+    assert main(["check", "--json", str(file)]) == 0
+    (device,) = json.loads(capsys.readouterr().out)["published"]["devices"]
+    assert (device["points"], device["left_out"]) == (["a", "d", "e"], ["b"])
+
+
+def test_how_long_an_outage_is_kept_is_in_the_picture(tmp_path, capsys):
+    file = tmp_path / "g.toml"
+    file.write_text(PUBLISHED + 'keep = "64 MiB"')
+    assert main(["check", str(file)]) == 0
+    assert "  Kept while the broker is away: 64 MiB, at least 11 days at 4 values/s\n" in capsys.readouterr().out
+    assert main(["check", "--json", str(file)]) == 0
+    kept = json.loads(capsys.readouterr().out)["published"]["keep"]
+    assert (kept["bytes"], kept["at_least_s"] // 86400, kept["values_per_s"]) == (64 * 2**20, 11, 4)
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ points = [
 """
 BROKER = 'broker = "mqtt://broker"\n'
 ROW = 'publish = [{ device = "silo-1", every = "1 s" }]\n'
+OWN_STATUS = "modbus/plant-2/status says whether the gateway is there"
 
 
 def problems(text):
@@ -103,12 +104,64 @@ def test_what_is_needed_is_enough():
         (BROKER + ROW + "sparkplug = { }", "mqtt.sparkplug: must be false or a table with a group"),
         (
             BROKER + ROW + 'home_assistant = "#"',
+            'mqtt.home_assistant: "#" cannot be the beginning of topics',
+        ),
+        (
+            BROKER + ROW + "home_assistant = 1",
             'mqtt.home_assistant: must be true, false or a prefix of topics such as "homeassistant"',
+        ),
+        *(
+            (BROKER + ROW + f'prefix = "{prefix}"', f'mqtt.prefix: "{prefix}" cannot be the beginning of topics')
+            for prefix in ("", "/", "/a", "a/", "a//b", "a/+", "a#", "$SYS/a")
+        ),
+        (BROKER + ROW + "prefix = 1", "mqtt.prefix: must be text"),
+        (BROKER + ROW + f'prefix = "{"a" * 257}"', "mqtt.prefix: must have at most 256 characters"),
+        (BROKER + ROW + 'prefix = "spBv1.0/a"', "mqtt.prefix: topics below spBv1.0 are those of Sparkplug B"),
+        (
+            BROKER + ROW + 'prefix = "modbus"\nsparkplug = { group = "a" }',
+            "mqtt.prefix: has no effect with sparkplug, whose topics begin with spBv1.0",
+        ),
+        *(
+            (
+                BROKER + ROW + f'prefix = "{prefix}"\nhome_assistant = true',
+                "mqtt.prefix: below homeassistant Home Assistant is told what there is, so values need other topics",
+            )
+            for prefix in ("homeassistant", "homeassistant/values")
+        ),
+        (
+            BROKER + ROW + 'home_assistant = "modbus"',
+            "mqtt.home_assistant: below modbus Home Assistant is told what there is, so values need other topics",
+        ),
+        (
+            BROKER + ROW + 'home_assistant = "modbus/plant-2"',
+            f"mqtt.home_assistant: {OWN_STATUS}, not whether Home Assistant is",
+        ),
+        (
+            BROKER + 'publish = [{ device = "silo-*", points = ["*", "!wight*"], every = "1 s" }]',
+            'mqtt.publish[0].points[1]: silo-1, silo-2 has no point "wight*"',
+        ),
+        *(
+            (
+                BROKER + f'publish = [{{ device = "silo-1", points = [{points}], every = "1 s" }}]',
+                "mqtt.publish[0].points: leaves no point to publish",
+            )
+            for points in ("", '"weight", "!weight"', '"!*"')
         ),
     ],
 )
 def test_what_does_not_fit_together_is_told_with_its_key(keys, said):
     assert of_mqtt(keys) == [f"error: {said}"]
+
+
+@pytest.mark.parametrize("keys", ['prefix = "homeassistants"\nhome_assistant = true', 'home_assistant = "modbus/ha"'])
+def test_a_prefix_beside_that_of_home_assistant_is_one(keys):
+    assert of_mqtt(BROKER + ROW + keys) == []
+
+
+@pytest.mark.parametrize("prefix", ["factory", "factory/hall 3/line-a", "v1.0/$x", "w" * 256])
+def test_a_prefix_may_have_several_levels(prefix):
+    assert plan_of(ROW + f'prefix = "{prefix}"').mqtt.prefix == prefix
+    assert plan_of(ROW).mqtt.prefix == "modbus"
 
 
 def test_what_is_kept_is_in_the_plan():
@@ -146,6 +199,28 @@ def test_the_first_row_counts_that_matches_device_and_point():
     assert (first.points[0].on_change, first.points[0].at_least) == (0.5, 60.0)
     assert [(point.name, point.every) for point in second.points] == [("weight", 5.0), ("state", 5.0), ("level", 5.0)]
     assert (first.name, first.unit, first.profile) == ("silo-1", 41, "A scale")
+
+
+@pytest.mark.parametrize(
+    ("points", "named"),
+    [
+        (["*", "!w*"], ["state", "level"]),
+        (["!w*"], ["state", "level"]),
+        (["!weight", "!level"], ["state"]),
+        (["!weight", "weight", "level"], ["level"]),
+        (["level", "!weight"], ["level"]),
+        (["l*", "w*", "!*t"], ["level"]),
+    ],
+)
+def test_points_behind_an_exclamation_mark_are_left_out(points, named):
+    assert published(f'publish = [{{ device = "silo-1", points = {points}, every = "1 s" }}]') == {"silo-1": named}
+
+
+def test_what_a_row_leaves_out_a_later_one_may_take():
+    (device,) = plan_of(
+        'publish = [{ device = "silo-1", points = ["!level"], every = "1 s" }, { device = "silo-1", every = "5 s" }]'
+    ).mqtt.devices
+    assert [(point.name, point.every) for point in device.points] == [("weight", 1.0), ("state", 1.0), ("level", 5.0)]
 
 
 def test_what_is_only_written_is_there_if_writing_is():
@@ -186,6 +261,14 @@ def test_names_that_plain_messages_use_for_something_else_are_refused():
     assert of_mqtt(BROKER + row.replace("POINT", "weight"), devices) == [status]
     assert of_mqtt(BROKER + row.replace("POINT", "time"), devices) == [status, time]
     assert of_mqtt(BROKER + row.replace("POINT", "time") + 'sparkplug = { group = "a" }', devices) == []
+
+
+def test_with_keep_a_point_must_not_have_the_name_of_what_is_told_of_the_clock():
+    devices = DEVICES.replace('"level"', '"clock"')
+    said = 'error: mqtt.publish: the point "clock" of silo-1 has the name of what kept values tell of the clock'
+    assert of_mqtt(BROKER + ROW, devices) == []
+    assert of_mqtt(BROKER + ROW + 'keep = "1 MiB"', devices) == [said]
+    assert of_mqtt(BROKER + ROW + 'keep = "1 MiB"\nsparkplug = { group = "a" }', devices) == []
 
 
 def test_a_site_is_printable():

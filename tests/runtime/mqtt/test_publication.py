@@ -1,5 +1,7 @@
 """What is published beside values: what announces devices, and takes back those that are gone."""
 
+import json
+
 import pytest
 
 from gateway.config.load import parse
@@ -58,6 +60,19 @@ async def test_another_form_or_site_takes_back_what_was_announced_before(more):
     ]
     (await announcing(announced, "im1", **more)).done()
     assert await told(announced, "im1", **more) == []
+
+
+async def test_another_prefix_takes_back_what_was_published_below_the_one_before():
+    announced = AnnouncedDevices()
+    (await announcing(announced, "im1", more=HOME)).done()
+    announcements = await told(announced, "im1", more=f'{HOME}\nprefix = "works/a"')
+    assert announcements[:2] == OTHER_GONE
+    topic, description, _ = announcements[2]
+    assert topic == "homeassistant/device/p/im1/config"
+    assert json.loads(description)["stat_t"] == "works/a/p/im1"
+    (await announcing(announced, "im1", more='prefix = "works/a"')).done()
+    back = await told(announced, "im1")
+    assert back == [("works/a/p/im1/availability", b"offline", True), ("works/a/p/im1", b"", True)]
 
 
 async def test_what_is_withdrawn_for_good_is_forgotten():

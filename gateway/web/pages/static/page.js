@@ -3,7 +3,7 @@ import { textsOf } from "./texts.js";
 
 const TEXTS = await textsOf("page");
 const main = document.querySelector("main");
-const every = main.querySelector("[data-every]")?.dataset.every; // of a page that ends what it shows when nobody asks for it
+const every = main.querySelector("[data-renew-every]")?.dataset.renewEvery; // of a page that ends what it shows when nobody asks for it
 const EVERY = Number(every ?? 5000); // milliseconds
 const isKiosk = document.documentElement.classList.contains("kiosk");
 const told = document.createElement("p"); // that the gateway cannot be reached

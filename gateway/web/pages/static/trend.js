@@ -36,11 +36,13 @@ class Trend {
   constructor(figure) {
     this.figure = figure;
     this.hours = Number(figure.dataset.hours);
+    const chosen = figure.parentElement.querySelector("input[name=span]");
     this.links = [...figure.parentElement.querySelectorAll("a[data-hours]")];
     for (const link of this.links)
       link.addEventListener("click", (event) => {
         event.preventDefault();
         history.replaceState(null, "", link.href);
+        chosen.value = new URL(link.href).searchParams.get("span"); // which another point keeps
         this.show(Number(link.dataset.hours));
       });
     this.sizes = new ResizeObserver(() => this.plot?.setSize(this.size()));
