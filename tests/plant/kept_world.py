@@ -465,7 +465,8 @@ class World:
                 self.publisher.took(device.name, items, self.now())
             self.take()
             self.confirm()
-            if not (self.in_flight or self.keeper.status.values or self.publisher.waiting) and self.has_begun:
+            is_open = self.keeper._file is not None and self.has_begun
+            if is_open and not (self.in_flight or self.keeper.status.values or self.publisher.waiting):
                 break
         self.judge()
         await self.keeper.close()
