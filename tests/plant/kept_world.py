@@ -198,7 +198,8 @@ class World:
         self.publish()
 
     def publish(self) -> None:
-        form = Sparkplug("g", "n", self.devices) if self.is_sparkplug else PlainForm(Topics("plant", "modbus"), self.devices)
+        plain = PlainForm(Topics("plant", "modbus"), self.devices)
+        form = Sparkplug("g", "n", self.devices) if self.is_sparkplug else plain
         history = History(self.keeper, form)
         born = history.born
 

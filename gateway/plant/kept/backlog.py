@@ -114,7 +114,8 @@ class Backlog:
     def opened(self, readings: int, end: int) -> None:
         """Note that the file was opened: it has so many readings, with numbers up to `end`."""
         self.in_file, self.file_end = readings, end
-        self.rewind()
+        if not self._taken:  # the file has what is older
+            self.rewind()
 
     def lost_file(self) -> None:
         """Note that the file is damaged and gone: what was loaded of it is in memory again."""
