@@ -288,6 +288,18 @@ def test_what_a_message_has_told_of_a_chunk_is_not_told_again_after_a_loss():
     assert [record.values["p"] for record in first.records + rest.records] == list(range(10))
 
 
+def test_another_process_counts_all_values_of_a_chunk_that_was_told_in_part(tmp_path):
+    file = opened(tmp_path)
+    backlog = Backlog(lambda: SET)
+    for at in range(10):
+        backlog.keep("d", {"p": Reading(at, BEGIN + at)})
+    backlog.sent(backlog.take(always, 200))
+    backlog.written(written(file, *backlog.changes()))
+    assert backlog.in_file < 10
+    assert file.readings() == 10
+    file.close()
+
+
 def test_what_comes_late_is_told_in_order():
     backlog = Backlog(lambda: SET)
     backlog.keep("d", {"p": Reading(2, BEGIN + 2)})

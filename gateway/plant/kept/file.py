@@ -133,7 +133,7 @@ class KeptFile:
             number = chunk.number
             if number is None:
                 number = self._last = self._last + 1
-            row = (number, chunk.device, chunk.at, chunk.readings, chunk.pack())
+            row = (number, chunk.device, chunk.at, chunk.values, chunk.pack())
             if part and size + _size(row) > self._part:
                 yield part
                 part, size = [], 0

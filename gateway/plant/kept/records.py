@@ -38,6 +38,11 @@ class Chunk:
         """The time of its first record."""
         return self.records[0].at
 
+    @property
+    def values(self) -> int:
+        """How many values its records have."""
+        return _values(self.records)
+
     def add(self, readings: Readings) -> None:
         """Add readings, as one record for each time."""
         in_order = sorted(readings.items(), key=lambda item: item[1].at)
