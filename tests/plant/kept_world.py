@@ -478,7 +478,8 @@ class World:
         assert (status.values, status.since) == (0, None), status
         assert self.keeper._backlog.in_memory == self.keeper._backlog.in_file == 0
         known = set(self.history) | self.told | self.born
-        missing = [key for key in self.kept.elements() if key not in known and key not in self.excused]
+        kept = self.kept.elements() if self.is_exact else self.kept
+        missing = [key for key in kept if key not in known and key not in self.excused]
         if self.is_exact:
             assert len(missing) == self.given_up, f"{len(missing)} missing, {self.given_up} given up: {missing[:4]}"
         else:

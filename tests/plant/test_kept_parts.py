@@ -1,5 +1,6 @@
 """What readings are kept in: chunks, the backlog in memory, and the file."""
 
+import asyncio
 import math
 import sqlite3
 import zlib
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from gateway.errors import StateError
 from gateway.plant.kept.backlog import MOST_IN_MEMORY, Backlog
 from gateway.plant.kept.file import TABLE, KeptFile
+from gateway.plant.kept.keeper import Keeper
 from gateway.plant.kept.records import Chunk, Totals, Written
 from gateway.plant.messages import Reading, Record
 from gateway.state.database import open_table
@@ -298,6 +300,44 @@ def test_another_process_counts_all_values_of_a_chunk_that_was_told_in_part(tmp_
     assert backlog.in_file < 10
     assert file.readings() == 10
     file.close()
+
+
+def test_at_a_proper_end_the_file_has_only_the_rest_of_a_chunk(tmp_path):
+    file = opened(tmp_path)
+    backlog = Backlog(lambda: SET)
+    for at in range(10):
+        backlog.keep("d", {"p": Reading(at, BEGIN + at)})
+    backlog.written(written(file, *backlog.changes()))
+    backlog.load(file.after(0), 0)
+    batch = backlog.take(always, 200)
+    backlog.sent(batch)
+    backlog.rewind()
+    chunks, gone = backlog.changes()
+    backlog.written(written(file, [*chunks, *backlog.rests()], gone))
+    assert told(file.after(0)) == [{"p": at} for at in range(len(batch.records), 10)]
+    assert file.readings() == backlog.in_file == 10 - len(batch.records)
+    file.close()
+
+
+async def test_a_write_that_fails_halfway_is_not_written_again(tmp_path):
+    keeper = Keeper(tmp_path, 65536, 10.0, lambda event: None, lambda: SET)
+    await asyncio.sleep(1.0)
+    database = keeper._file._database
+    whole, calls = database.write, []
+
+    def fail(*rows):
+        calls.append(1)
+        if len(calls) == 2:
+            raise sqlite3.OperationalError("disk I/O error")
+        whole(*rows)
+
+    database.write = fail
+    for at in range(6):
+        keeper.keep(f"d{at}", {f"p{each}": Reading(math.sin(at * each), BEGIN) for each in range(200)})
+    await asyncio.sleep(25.0)
+    assert len(calls) > 2
+    assert keeper._file.readings() == 1200 - keeper.status.given_up == keeper.status.values
+    await keeper.close()
 
 
 def test_what_comes_late_is_told_in_order():
