@@ -49,7 +49,8 @@ class KeptFile:
 
     def __init__(self, database: Database, most: int) -> None:
         self._database = database
-        self._most = most - most // 8
+        #: How many bytes its rows may take.
+        self.room = most - most // 8
         #: Numbers are never used again while it is open.
         self._last: int = database.ends()[1] or 0
         database.limit_journal(max(1, most // 16 // _PAGE))
@@ -111,7 +112,7 @@ class KeptFile:
 
     def _give_up_oldest(self) -> int:
         given_up = 0
-        while self._database.size > self._most:
+        while self._database.size > self.room:
             oldest = self._database.after(0, _ROWS)
             if not oldest:
                 break

@@ -2,18 +2,24 @@
 
 import asyncio
 import sqlite3
+import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
 
 from gateway.clock.setting import clock_setting
 from gateway.clock.threads import ThreadPerCall
+from gateway.clock.times import rfc_3339
+from gateway.config.values.size import show_size
 from gateway.errors import StateError
 from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
-from gateway.plant.kept.backlog import MANY, Backlog, Batch
+from gateway.plant.kept.backlog import MANY, MOST_IN_MEMORY, Backlog, Batch
 from gateway.plant.kept.file import KeptFile, Totals
+from gateway.plant.kept.given_up import GivenUp
+from gateway.plant.kept.progress import Progress
 from gateway.plant.kept.records import Chunk
 from gateway.plant.messages import Readings
 from gateway.plant.status import KeptStatus
@@ -41,18 +47,22 @@ class Keeper:
         every: float,
         emit: Emit,
         clock: Callable[[], ClockSetting] = clock_setting,
+        unix: Callable[[], float] = time.time,
     ) -> None:
         self.most, self.every = most, every
         self.ready: Callable[[], None] = lambda: None
         self.before_write: Callable[[], None] = lambda: None
         self._path = None if folder is None else folder / FILE_NAME
         self._emit = emit
+        self._unix = unix
         self._backlog = Backlog(clock)
         self._file: KeptFile | None = None
         self._totals = Totals()
-        self._given_up = 0
+        now = asyncio.get_running_loop().time
+        self._given_up = GivenUp(emit, now)
+        self._progress = Progress(emit, now)
         self._trouble = ""
-        self._must_load = False
+        self._must_load = self._is_closing = False
         self._wake = asyncio.Event()
         self._task = asyncio.create_task(self._run(), name="kept readings")
 
@@ -60,29 +70,47 @@ class Keeper:
     def status(self) -> KeptStatus:
         """How much is kept, and since when."""
         backlog, totals = self._backlog, self._totals
-        values = totals.readings + backlog.in_memory
+        values, full_in, given_up_ago = self._values, None, self._given_up.age
+        if self._file is not None:
+            full_in = self._progress.full_in(totals.size, self._file.room)
         times = [each for each in (totals.since, backlog.since) if each is not None]
         since = min(times, default=None) if values else None
-        given_up = self._given_up + backlog.given_up
-        return KeptStatus(values, since, totals.size, self.most, given_up, self._trouble)
+        return KeptStatus(
+            values=values,
+            since=None if since is None else rfc_3339(since),
+            age_ms=None if since is None else 1000 * max(0.0, self._unix() - since),
+            bytes=totals.size,
+            limit=self.most,
+            full_in_ms=None if full_in is None else 1000 * full_in,
+            given_up=self._given_up.values,
+            given_up_ms=None if given_up_ago is None else 1000 * given_up_ago,
+            trouble=self._trouble,
+        )
+
+    @property
+    def _values(self) -> int:
+        return self._totals.readings + self._backlog.in_memory
 
     def keep(self, device: str, readings: Readings) -> None:
         """Keep readings of a device."""
         if not readings:
             return
         self._backlog.keep(device, readings)
+        self._count_given_up()
         if self._backlog.fresh >= MANY:
             self._wake.set()
 
     def hold(self, device: str, readings: Readings) -> Chunk:
         """Keep readings that the broker may have, until `let_go`."""
-        return self._backlog.hold(device, readings)
+        chunk = self._backlog.hold(device, readings)
+        self._count_given_up()
+        return chunk
 
     def let_go(self, chunk: Chunk, *, must_send: bool) -> None:
         """Forget what was held; or if the connection was lost, have it sent."""
         self._backlog.let_go(chunk)
         if not must_send:
-            self.sent(Batch(chunk.device, ends=[chunk]))
+            self._forget(Batch(chunk.device, ends=[chunk]))
 
     def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
         """Return the next records to send; None if there are none at present: `ready` is called when there are."""
@@ -94,48 +122,65 @@ class Keeper:
 
     def sent(self, batch: Batch) -> None:
         """Forget a batch: it was confirmed."""
-        in_file = self._backlog.sent(batch)
-        self._totals = Totals(self._totals.readings - in_file, self._totals.since, self._totals.size)
+        self._progress.sent(_size(batch))
+        self._forget(batch)
 
     def give_up(self, batch: Batch) -> None:
         """Forget a batch that cannot be sent."""
-        self._given_up += sum(len(record.values) for record in batch.records)
-        self.sent(batch)
+        self._given_up.add(_size(batch), "the broker refuses them, or the points are gone")
+        self._forget(batch)
 
     def rewind(self) -> None:
         """Send again what was not confirmed: the connection is lost."""
         self._backlog.rewind()
+        self._progress.begin()
 
     async def close(self) -> None:
-        """Write the rest, and close the file; give up after CLOSING_DEADLINE."""
-        self._task.cancel()
-        await asyncio.wait([self._task])
-        try:
-            async with asyncio.timeout(CLOSING_DEADLINE):
-                await self._write()
-                if self._file is not None:
-                    await _in_thread(self._file.close)
-        except TimeoutError:
+        """Write the rest, and close the file. After CLOSING_DEADLINE that goes on without being waited for."""
+        self._is_closing = True
+        self._wake.set()
+        _, hanging = await asyncio.wait([self._task], timeout=CLOSING_DEADLINE)
+        if hanging:
             self._tell("the disk takes too long")
+        self._given_up.add(self._backlog.in_memory, "they could not be written at the end")
+        self._given_up.tell(is_last=True)
+
+    def _count_given_up(self) -> None:
+        given_up, self._backlog.given_up = self._backlog.given_up, 0
+        self._given_up.add(given_up, f"they could not be written, and {MOST_IN_MEMORY} newer ones are in memory")
+
+    def _forget(self, batch: Batch) -> None:
+        in_file = self._backlog.sent(batch)
+        self._totals = replace(self._totals, readings=self._totals.readings - in_file)
+        self._progress.left(self._values)
 
     async def _run(self) -> None:
-        """Write every so often, or sooner if there is much; load when asked to."""
+        """Write every so often, or sooner if there is much, and at the end; load when asked to."""
         loop = asyncio.get_running_loop()
         write_at = loop.time()
-        while True:
+        is_last = False
+        while not is_last:
+            is_last = self._is_closing
             try:
-                if loop.time() >= write_at or self._backlog.fresh >= MANY:
+                if is_last or loop.time() >= write_at or self._backlog.fresh >= MANY:
                     write_at = loop.time() + self.every
                     self.before_write()
                     await self._write()
-                if self._must_load:
+                if self._must_load and not is_last:
                     await self._load()
+                self._given_up.tell()
             except Exception as error:  # noqa: BLE001 - an error boundary: values are published all the same
                 self._emit(PartFailed.of("kept readings", error))
-            with suppress(TimeoutError):
-                async with asyncio.timeout_at(write_at):
-                    await self._wake.wait()
-            self._wake.clear()
+            if not is_last:
+                await self._wait(write_at)
+        if self._file is not None:
+            await _in_thread(self._file.close)
+
+    async def _wait(self, until: float) -> None:
+        with suppress(TimeoutError):
+            async with asyncio.timeout_at(until):
+                await self._wake.wait()
+        self._wake.clear()
 
     async def _write(self) -> None:
         if self._path is None:
@@ -144,9 +189,12 @@ class Keeper:
         try:
             file = self._file or await self._open(self._path)
             if chunks or gone:
-                self._given_up += await _in_thread(file.write, chunks, gone)
+                given_up = await _in_thread(file.write, chunks, gone)
+                self._given_up.add(given_up, f"{show_size(self.most)} are full: the oldest go first")
                 self._backlog.written(chunks, gone)
                 self._totals = await _in_thread(file.totals)
+                self._progress.written(self._totals.size)
+                self._progress.left(self._values)
         except (StateError, sqlite3.Error) as error:
             await self._failed(error)
         else:
@@ -171,7 +219,7 @@ class Keeper:
         except sqlite3.Error as error:
             await self._failed(error)
             return
-        self._given_up += damaged
+        self._given_up.add(damaged, "the file was damaged")
         self._backlog.load(chunks, after, end)
         self.ready()
 
@@ -188,6 +236,10 @@ class Keeper:
         if self._trouble and not trouble:
             self._emit(StateKeptAgain(str(self._path)))
         self._trouble = trouble
+
+
+def _size(batch: Batch) -> int:
+    return sum(len(record.values) for record in batch.records)
 
 
 async def _in_thread(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
