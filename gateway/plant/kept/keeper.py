@@ -164,7 +164,8 @@ class Keeper:
             try:
                 if is_last or loop.time() >= write_at or self._backlog.fresh >= MANY:
                     write_at = loop.time() + self.every
-                    self.before_write()
+                    if not is_last:  # then nothing is in flight any more
+                        self.before_write()
                     await self._write()
                 if self._must_load and not is_last:
                     await self._load()
