@@ -28,15 +28,16 @@ class KeptStatus:
 
 
 def show_kept(kept: KeptStatus) -> str:
-    """Show how much is kept, and of how long: `12340 values of the last 20 min (3.1 of 64 MiB)`."""
+    """Show how much is kept, and of how long: `12340 values of the last 20 min (3.1/64 MiB)`."""
     if kept.age_ms is None:
         return "none"
     return f"{kept.values} values of the last {show_age(kept.age_ms)} ({show_use(kept)})"
 
 
 def show_use(kept: KeptStatus) -> str:
-    """Show what is used of the disk: `3.1 of 64 MiB`."""
-    return f"{kept.bytes / 2**20:.1f} of {kept.limit / 2**20:.3g} MiB"
+    """Show what is used of the disk, as in any language: `3.1/64 MiB`."""
+    unit, name = (2**20, "MiB") if kept.limit >= 2**20 else (2**10, "KiB")
+    return f"{kept.bytes / unit:.1f}/{kept.limit / unit:g} {name}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -235,7 +235,7 @@ async def test_the_oldest_are_given_up_when_there_is_no_more_room(tmp_path):
         status = hall.keeper.status
         assert status.given_up > 1000
         told = [event.values for event in bench.events if event.name == "values_given_up"]
-        assert 0 < status.given_up - sum(told) < 1000, "the rest is told within a minute"
+        assert 0 <= status.given_up - sum(told) < 1000, "the rest is told within a minute"
         assert len(told) < 20_000 / 60
         assert status.bytes <= status.limit == 65536
         assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 2 * 65536

@@ -256,7 +256,7 @@ def test_what_is_kept_for_a_broker_has_a_table(monkeypatch, capsys) -> None:
     rows = shown(as_told(replace(STATUS, brokers=(replace(broker, kept=kept),))), monkeypatch, capsys)
     place = rows.index("Kept for the broker")
     assert rows[place + 1].split() == ["VALUES", "OLDEST", "DISK", "FULL", "IN", "GIVEN", "UP", "TROUBLE"]
-    assert rows[place + 2].split() == ["12340", "20", "min", "3.0", "of", "64", "MiB", "3", "h", "7", "-"]
+    assert rows[place + 2].split() == ["12340", "20", "min", "3.0/64", "MiB", "3", "h", "7", "-"]
     assert "Kept for the broker" not in shown(as_told(replace(STATUS, brokers=(broker,))), monkeypatch, capsys)
 
 

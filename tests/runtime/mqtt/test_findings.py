@@ -61,7 +61,7 @@ def test_a_broker_that_is_away_while_nothing_is_kept_is_a_note():
 
 
 def test_what_waits_is_said_with_its_age_and_what_it_takes():
-    what = "12340 values of the last 20 min (3.0 of 64 MiB) wait to be sent"
+    what = "12340 values of the last 20 min (3.0/64 MiB) wait to be sent"
     assert about_kept(WAITS, **AWAY) == [("note", what)]
     assert about_kept(WAITS) == [("ok", what)], "they are being sent"
     assert about_kept(KEPT) == []

@@ -96,7 +96,7 @@ async def test_a_broker_has_its_state_since_when_and_what_passes(bench):
 
 async def test_what_is_kept_for_a_broker_is_beside_it(bench):
     row = (await rows(bench))["MQTT broker"]
-    assert "12340 values kept, the oldest 20 min ago, 3.0 of 64 MiB · full in 3 h 0 min" in row
+    assert "12340 values kept, the oldest 20 min ago, 3.0/64 MiB · full in 3 h 0 min" in row
     assert "7 values given up, the last ones 5 s ago · kept in memory only: disk <full>" in row
     assert "2 of 3 devices available · 12340 values kept" in (await bench.browser().get("/")).text
 
