@@ -31,6 +31,23 @@ class BrokerRefused(Event):
     reason: str
 
 
+class ValuesGivenUp(Event):
+    """Values that were kept for the broker will never be sent: so many since this was told, at most once a minute."""
+
+    level = Level.WARNING
+    says = "{values} values that were kept for the broker were given up: {reason}"
+    values: int
+    reason: str
+
+
+class KeptValuesSent(Event):
+    """All values that were kept while the broker was away were sent: the first time in a connection."""
+
+    says = "{values} values that were kept for the broker were sent in {seconds} s"
+    values: int
+    seconds: float
+
+
 class CommandRefused(Event):
     """Somebody wants to write what the broker's `topic` names, but there is no such point, or it must not be written.
 

@@ -3,21 +3,41 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from gateway.config.values.duration import show_age
+
 
 @dataclass(frozen=True, slots=True)
 class KeptStatus:
-    """The readings that wait to be sent: how many `values`, the oldest of the Unix time `since`, and what they take.
+    """The readings that wait to be sent: how many `values`, the oldest of the time `since` (RFC 3339), `age_ms` old.
 
-    `bytes` of the file are in use, of `limit`. `given_up` values were never sent. `trouble` says why they are kept in
-    memory only; it is empty if the file can be written.
+    `bytes` of the file are in use; at seven eighths of the `limit` the oldest are given up, as its journal needs the
+    rest. It will be full `full_in_ms` from now at the present rate; None if that is unknown. `given_up` values will
+    never be sent, the last were given up `given_up_ms` ago. `trouble` says why values are kept in memory only; it is
+    empty if the file can be written.
     """
 
     values: int
-    since: float | None
+    since: str | None
+    age_ms: float | None
     bytes: int
     limit: int
+    full_in_ms: float | None
     given_up: int
+    given_up_ms: float | None
     trouble: str
+
+
+def show_kept(kept: KeptStatus) -> str:
+    """Show how much is kept, and of how long: `12340 values of the last 20 min (3.1/64 MiB)`."""
+    if kept.age_ms is None:
+        return "none"
+    return f"{kept.values} values of the last {show_age(kept.age_ms)} ({show_use(kept)})"
+
+
+def show_use(kept: KeptStatus) -> str:
+    """Show what is used of the disk, as in any language: `3.1/64 MiB`."""
+    unit, name = (2**20, "MiB") if kept.limit >= 2**20 else (2**10, "KiB")
+    return f"{kept.bytes / unit:.1f}/{kept.limit / unit:g} {name}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,6 +115,7 @@ async def test_every_change_while_the_broker_was_away_comes_once_in_order_with_i
         assert all(0.5 < later - earlier < 1.5 for earlier, later in pairwise(times(records)))
         assert await hall.drain() == []
         assert (hall.keeper.status.values, hall.keeper.status.since, hall.keeper.status.given_up) == (0, None, 0)
+        assert [event.values for event in hall.bench.events if event.name == "kept_values_sent"][-1] == 60
 
 
 async def test_what_was_read_is_told_with_the_time_at_which_the_device_answered():
@@ -233,6 +234,9 @@ async def test_the_oldest_are_given_up_when_there_is_no_more_room(tmp_path):
         await hall.count(20_000)
         status = hall.keeper.status
         assert status.given_up > 1000
+        told = [event.values for event in bench.events if event.name == "values_given_up"]
+        assert 0 <= status.given_up - sum(told) < 1000, "the rest is told within a minute"
+        assert len(told) < 20_000 / 60
         assert status.bytes <= status.limit == 65536
         assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 2 * 65536
         hall.keeper.ready = hall.broker.driver.look

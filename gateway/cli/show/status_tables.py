@@ -24,7 +24,7 @@ from gateway.operator.answers.status import (
     UpstreamStatus,
     VirtualStatus,
 )
-from gateway.plant.status import BrokerStatus
+from gateway.plant.status import BrokerStatus, KeptStatus, show_use
 from gateway.state.status import StateFileStatus
 from gateway.tls.status import EARLY, CertificateStatus
 
@@ -207,6 +207,18 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "COMMANDS": lambda broker: broker.commands,
             "POLLS": lambda broker: broker.polls,
             "FAILED": lambda broker: broker.failed_polls,
+        },
+    ),
+    Table[Status, KeptStatus](
+        "Kept for the broker",
+        lambda status: [each.kept for each in status.brokers if each.kept is not None],
+        {
+            "VALUES": lambda kept: kept.values,
+            "OLDEST": lambda kept: _age(kept.age_ms),
+            "DISK": show_use,
+            "FULL IN": lambda kept: _age(kept.full_in_ms),
+            "GIVEN UP": lambda kept: yellow(str(kept.given_up)) if kept.given_up else 0,
+            "TROUBLE": lambda kept: red(kept.trouble) if kept.trouble else _NOTHING,
         },
     ),
     Table[Status, LeaseStatus](

@@ -45,7 +45,7 @@ class KeptFile:
     def __init__(self, database: Database, most: int) -> None:
         self._database = database
         #: The most bytes of its rows, and of those that are written at once.
-        self._most = most - max(most // 8, _JOURNAL)
+        self.room = most - max(most // 8, _JOURNAL)
         self._part = min(max(_PAGE, most // 32), _LARGEST_PART)
         #: Numbers are never used again while it is open.
         self._last = _number(database.ends()[1])
@@ -144,7 +144,7 @@ class KeptFile:
     def _oldest(self, needed: int, gone: Collection[int]) -> dict[int, int]:
         """Return the oldest rows that must go to have room for so many bytes, with their readings."""
         oldest: dict[int, int] = {}
-        room, last = self._most - self._database.size, 0
+        room, last = self.room - self._database.size, 0
         while room < needed and (rows := self._database.after(last, _ROWS)):
             for row, _ in rows:
                 last = row[0]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from gateway.observe.families import Family
-from gateway.plant.status import BrokerStatus
+from gateway.plant.status import BrokerStatus, KeptStatus
 
 
 def metrics_of(mqtt: BrokerStatus | None) -> Iterator[Family]:
@@ -25,3 +25,21 @@ def metrics_of(mqtt: BrokerStatus | None) -> Iterator[Family]:
     devices.add(mqtt.available, "online")
     devices.add(mqtt.devices - mqtt.available, "offline")
     yield from (up, messages, commands, polls, devices)
+    if mqtt.kept is not None:
+        yield from _metrics_of_kept(mqtt.kept)
+
+
+def _metrics_of_kept(kept: KeptStatus) -> Iterator[Family]:
+    """Tell what waits to be sent."""
+    values = Family("gauge", "mqtt_kept_values", "Values that are kept until they can be sent to the MQTT broker.")
+    values.add(kept.values)
+    used = Family("gauge", "mqtt_kept_bytes", "What kept values take of the disk; full at 7/8 of the limit.")
+    used.add(kept.bytes)
+    limit = Family("gauge", "mqtt_kept_limit_bytes", "What kept values and their journal may take of the disk.")
+    limit.add(kept.limit)
+    since = Family("gauge", "mqtt_kept_since_seconds", "The age of the oldest kept value; absent if there is none.")
+    if kept.age_ms is not None:
+        since.add(kept.age_ms / 1000)
+    given_up = Family("counter", "mqtt_given_up_values", "Kept values that will never be sent.")
+    given_up.add(kept.given_up)
+    yield from (values, used, limit, since, given_up)

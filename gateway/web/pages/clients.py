@@ -16,6 +16,7 @@ from gateway.operator.rights import Verdict, rights_in_words, routers, verdict
 from gateway.operator.status import recent_status
 from gateway.operator.trace_reader import latest
 from gateway.operator.units import units_of
+from gateway.plant.status import show_use
 from gateway.tls.status import EARLY
 from gateway.trace.pdus import FUNCTIONS
 from gateway.web.access.guard import VISITOR, Need
@@ -56,6 +57,7 @@ class ClientsPage:
             "clients.html",
             request,
             status=status,
+            use=show_use,
             clients=clients[:MOST_CLIENTS],
             more=max(0, len(clients) - MOST_CLIENTS),
             denied=await self._denied(request[VISITOR].host),

@@ -17,7 +17,7 @@ State = Literal["up", "failing", "down", "known"]
 class Tile:
     """A tile: `count` of `total` are as they should be, or a `value` in milliseconds or per second.
 
-    `about` says of what, or how it is.
+    `about` says of what, or how it is; `kept` values wait for a broker.
     `link` is where it is explained. The state is `up` if all is well, `known` where nothing is good or bad.
     """
 
@@ -28,6 +28,7 @@ class Tile:
     total: int = 0
     value: float | None = None
     about: str = ""
+    kept: int = 0
 
 
 def tiles_of(status: Status, states: Mapping[str, ShownState], with_page: Container[str]) -> tuple[Tile, ...]:
@@ -53,7 +54,8 @@ def _tiles(status: Status, states: Mapping[str, ShownState], with_page: Containe
     yield Tile("clients", "known", "/clients", len(status.clients))
     for broker in status.brokers:
         state: State = "down" if broker.state == "down" else "failing" if broker.available < broker.devices else "up"
-        yield Tile("broker", state, _CONNECTIONS, broker.available, broker.devices, about=broker.state)
+        kept = 0 if broker.kept is None else broker.kept.values
+        yield Tile("broker", state, _CONNECTIONS, broker.available, broker.devices, about=broker.state, kept=kept)
     for fleet in status.fleets:
         yield Tile("fleet", "failing" if fleet.unseen else fleet.state, _CONNECTIONS, about=fleet.state)
     if status.leases:

@@ -26,7 +26,7 @@ from gateway.operator.answers.status import (
     VirtualStatus,
 )
 from gateway.operator.answers.trouble import Trouble
-from gateway.plant.status import BrokerStatus
+from gateway.plant.status import BrokerStatus, KeptStatus
 from gateway.timing.measured import Phases
 from kit.control import telling
 
@@ -248,6 +248,16 @@ def test_a_table_that_is_too_wide_in_any_case_is_not_shortened(monkeypatch, caps
     rows = shown(as_told(replace(STATUS, brokers=(broker,))), monkeypatch, capsys)
     [row] = [row for row in rows if broker.broker in row]
     assert refused in row
+
+
+def test_what_is_kept_for_a_broker_has_a_table(monkeypatch, capsys) -> None:
+    broker = BrokerStatus("mqtt://b", "", "down", "refused", 9.0, "5", 1, 2, 0, 3, 0, 0, 0, 0, 0, 0)
+    kept = KeptStatus(12340, "2026-05-01T10:05:00Z", 1_200_000.0, 3 * 2**20, 64 * 2**20, 10_800_000.0, 7, 5000.0, "")
+    rows = shown(as_told(replace(STATUS, brokers=(replace(broker, kept=kept),))), monkeypatch, capsys)
+    place = rows.index("Kept for the broker")
+    assert rows[place + 1].split() == ["VALUES", "OLDEST", "DISK", "FULL", "IN", "GIVEN", "UP", "TROUBLE"]
+    assert rows[place + 2].split() == ["12340", "20", "min", "3.0/64", "MiB", "3", "h", "7", "-"]
+    assert "Kept for the broker" not in shown(as_told(replace(STATUS, brokers=(broker,))), monkeypatch, capsys)
 
 
 def test_no_command_in_a_note_is_broken_in_its_middle() -> None:

@@ -8,7 +8,7 @@ from gateway.fleet.status import FleetStatus, SiteStatus
 from gateway.operator.answers.status import LeaseStatus
 from gateway.operator.operator import Operator
 from gateway.operator.status import recent_status
-from gateway.plant.status import BrokerStatus
+from gateway.plant.status import BrokerStatus, KeptStatus
 from gateway.tls.status import CertificateStatus
 from gateway.web.pages import clients, situation
 from gateway.web.pages.tiles import tiles_of
@@ -48,6 +48,17 @@ BROKER = BrokerStatus(
     up_ms=7_200_000.0,
     messages_per_s=2.5,
     waiting=4,
+    kept=KeptStatus(
+        values=12340,
+        since="2026-05-01T10:05:00Z",
+        age_ms=1_200_000.0,
+        bytes=3 * 2**20,
+        limit=64 * 2**20,
+        full_in_ms=10_800_000.0,
+        given_up=7,
+        given_up_ms=5000.0,
+        trouble="disk <full>",
+    ),
 )
 FLEET = FleetStatus(
     "nats://hub", "gateway.toml:2", "plant-2", "down", "refused", "", 60_000.0, 3, 5, 4, 0, 0, 0, 0, 0, 0
@@ -81,6 +92,13 @@ async def test_a_broker_has_its_state_since_when_and_what_passes(bench):
     assert "2.5 messages/s, 1234 in all, 4 waiting" in row
     assert "2 of 3 devices available" in row
     assert "2 messages refused, the last one 5 s ago" in row
+
+
+async def test_what_is_kept_for_a_broker_is_beside_it(bench):
+    row = (await rows(bench))["MQTT broker"]
+    assert "12340 values kept, the oldest 20 min ago, 3.0/64 MiB · full in 3 h 0 min" in row
+    assert "7 values given up, the last ones 5 s ago · kept in memory only: disk <full>" in row
+    assert "2 of 3 devices available · 12340 values kept" in (await bench.browser().get("/")).text
 
 
 async def test_the_fleet_says_why_it_is_down_and_a_lease_who_holds_it(bench):
