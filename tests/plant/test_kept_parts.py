@@ -184,6 +184,7 @@ def test_a_second_process_cannot_open_it(tmp_path):
     file.close()
 
 
+@pytest.mark.interpreted
 def test_a_write_that_fails_halfway_tells_what_is_on_the_disk(tmp_path):
     file = opened(tmp_path, 65536)
     whole, calls = file._database.write, []
@@ -319,6 +320,7 @@ def test_at_a_proper_end_the_file_has_only_the_rest_of_a_chunk(tmp_path):
     file.close()
 
 
+@pytest.mark.interpreted
 async def test_a_write_that_fails_halfway_is_not_written_again(tmp_path):
     keeper = Keeper(tmp_path, 65536, 10.0, lambda event: None, lambda: SET)
     await asyncio.sleep(1.0)
