@@ -29,8 +29,8 @@ from soak.standby import wall_clock
 
 #: Between so many rounds everything is sent, and judged.
 CHAPTER = 20
-#: So many problems are told with what happened around them.
-MOST_TOLD = 20
+#: So many problems are told with what happened around them, and what was heard so many seconds around the first one.
+MOST_TOLD, WORTH_TELLING = 20, 4.0
 
 
 def soak(rounds: int, stage: Stage, only: str = "") -> list[Problem]:
@@ -61,6 +61,12 @@ def tell(stage: Stage, problems: list[Problem]) -> None:
             if scene.begun - 3 < problem.at < scene.ended + 12
         ]
         print(f"{problem.kind}: {problem.text}\n    {'; '.join(around)}", flush=True)
+    for problem in problems[:1]:
+        device, record = problem.text.split()[0], stage.record()
+        for told in record.heard:
+            if told.device == device and abs(told.at - problem.at) < WORTH_TELLING:
+                entries = [(round(entry.at - problem.at, 3), *entry.values.items()) for entry in told.entries]
+                print(f"  {told.at - problem.at:+.3f} s {'history' if told.is_history else 'live'}: {entries}")
     if problems:
         stage.tell()
 

@@ -19,7 +19,7 @@ LATE, EARLY = 1.0, 0.05
 #: How long after an unclean end a subscriber may hear what was sent before, in seconds.
 HEARD_LATE = 0.3
 #: How long after an answer its value may be published while history is sent, in seconds. A machine may be busy.
-WAITS = 0.5
+WAITS = 1.0
 #: The most history messages in a second, and how exactly their times are seen, in seconds.
 MOST_IN_A_SECOND, BLUR = 10, 0.05
 #: Kinds of problems.

@@ -1,6 +1,7 @@
 """A gateway that keeps readings, and faults: it is killed, ended, reloaded, and its broker is away or stands still."""
 
 import json
+import math
 import mmap
 import os
 import random
@@ -195,15 +196,16 @@ class Stage:
         """What has happened up to now; of the last answers nothing is asked."""
         record, tap = self._record, self.plant.tap
         now = time.time()
-        record.answers = [*self.counters.answers]
+        heard = [*self.plant.consumer.heard]
         packets, confirmed = [*tap.packets], {**tap.confirmed}
+        record.answers = [*self.counters.answers]  # last: whatever was heard was answered before
         told = (
             self._told(each, each.connection, each.qos, each.is_retained, confirmed.get(place))
             for place, each in enumerate(packets)
         )
         record.sent = [each for each in told if each is not None]
-        record.heard = [each for each in map(self._told, [*self.plant.consumer.heard]) if each is not None]
-        return replace(record, may_lose=[*record.may_lose, (now - LAST, now)])
+        record.heard = [each for each in map(self._told, heard) if each is not None]
+        return replace(record, may_lose=[*record.may_lose, (now - LAST, math.inf)])
 
     @property
     def kept(self) -> Any:
