@@ -11,7 +11,7 @@ import pytest
 
 from gateway.plant.kept.history import PAUSE, REFUSED_PAUSE
 from gateway.plant.kept.keeper import FILE_NAME, Keeper
-from gateway.plant.messages import Message
+from gateway.plant.messages import Message, Reading
 from gateway.plant.sparkplug_payload import decode
 from gateway.timing.clock_setting import ClockSetting
 from kit.broker import BEGIN, FakeBroker
@@ -263,6 +263,20 @@ async def test_what_is_confirmed_late_is_not_sent_as_history(tmp_path):
         assert weights(await hall.drain()) == list(range(before + 2, before + 16))
         await asyncio.sleep(11.0)
         assert hall.keeper.status.values == 0
+
+
+async def test_older_ones_of_the_file_go_first_however_long_it_takes_to_open(tmp_path):
+    for value in (1.0, 2.0):
+        keeper = Keeper(tmp_path, 2**20, 10.0, print, lambda: SET)
+        keeper.keep("silo-1", {"weight": Reading(value, BEGIN + value, value)})
+        assert keeper.take(lambda _: True, 1000) is None, "it is not open yet"
+        await asyncio.sleep(1.0)
+        if value == 2.0:
+            keeper.take(lambda _: True, 1000)
+            await asyncio.sleep(1.0)
+            batch = keeper.take(lambda _: True, 1000)
+            assert [record.values["weight"] for record in batch.records] == [1.0, 2.0]
+        await keeper.close()
 
 
 async def test_a_proper_end_loses_nothing(tmp_path):

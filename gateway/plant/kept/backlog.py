@@ -100,6 +100,7 @@ class Backlog:
         self._gone -= gone
         for chunk in chunks:
             self.file_end = chunk.number or 0
+            chunk.is_in_file = True
             self.loaded_to = self.file_end if chunk.is_loaded else self.loaded_to
             if chunk.is_sent:
                 self._gone.add(self.file_end)
@@ -115,6 +116,7 @@ class Backlog:
         self.loaded_to = end
         held = {chunk.number for chunk in self._held}
         for chunk in chunks:
+            chunk.is_in_file = True
             if chunk.number not in self._gone and chunk.number not in held:
                 self._put_next(chunk)
 
@@ -133,13 +135,20 @@ class Backlog:
         """Forget the chunks that end with this batch; return how many of their values are in the file."""
         in_file = 0
         for chunk in batch.ends:
-            if chunk.number is not None:
+            if chunk.is_in_file and chunk.number is not None:
                 self._gone.add(chunk.number)
                 in_file += chunk.readings
             elif not chunk.is_sent:
                 self.in_memory -= chunk.readings
             chunk.is_sent = True
         return in_file
+
+    def forget_file(self) -> None:
+        """Forget what is in the file, which is damaged. What was loaded is still sent."""
+        self.file_end = self.loaded_to = 0
+        self._gone.clear()
+        for chunk in {chunk for waiting in self._next.values() for chunk, _ in waiting if chunk.is_in_file}:
+            chunk.is_in_file, chunk.is_sent = False, True
 
     def rewind(self) -> None:
         """Begin again with the oldest that was not sent: the connection is lost."""

@@ -114,6 +114,8 @@ class Keeper:
 
     def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
         """Return the next records to send; None if there are none at present: `ready` is called when there are."""
+        if self._path is not None and self._file is None and not self._trouble:
+            return None  # the file may have older ones
         batch = self._backlog.take(may_tell, room)
         if batch is None and self._backlog.must_load:
             self._must_load = True
@@ -228,8 +230,10 @@ class Keeper:
         """Go on in memory. A damaged file is set aside by the next attempt."""
         if is_damage(error) and self._file is not None:
             await _in_thread(self._file.close)
-            self._file, self._totals, self._backlog.file_end = None, Totals(), 0
+            self._file, self._totals = None, Totals()
+            self._backlog.forget_file()
         self._tell(str(error))
+        self.ready()
 
     def _tell(self, trouble: str) -> None:
         if trouble and not self._trouble:

@@ -17,7 +17,8 @@ _PAST: Final = 1_793_491_200.0
 class Chunk:
     """Records of one device in order, made under one setting of the clock: a row of the file, whose `number` it has.
 
-    `is_loaded`: it is among those to be sent next. `is_sent`: all of it was confirmed, or given up.
+    `is_loaded`: it is among those to be sent next. `is_sent`: all of it was confirmed, or given up. `is_in_file`: the
+    file has it, and it counts no longer as in memory.
     """
 
     device: str
@@ -26,6 +27,7 @@ class Chunk:
     number: int | None = None
     is_loaded: bool = False
     is_sent: bool = False
+    is_in_file: bool = False
 
     @property
     def at(self) -> float:
