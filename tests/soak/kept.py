@@ -5,8 +5,9 @@
 
 A gateway with `keep` reads devices that know what they have answered, and publishes to mosquitto. Each round has one
 fault, or two at once. A subscriber is there whenever the broker is; what it has heard is compared with what the devices
-have answered: see kept_judge. Only what was answered less than `keep_every` (and MARGIN) before a `kill -9` of the
-gateway may be missing. The gateway connects again after a second at most here, not after 30.
+have answered: see kept_judge. Only what was answered less than `keep_every` before a `kill -9` of the gateway may be
+missing, and a second more, as the disk takes its time. The gateway connects again after a second at most here, not
+after 30.
 
 `--clock` sets the wall clock of the gateway in between. `--lie` breaks the gateway on purpose: the judge must notice.
 """

@@ -22,8 +22,6 @@ from soak.kept_tap import Packet
 from soak.kept_world import DEVICES, EVERY, PROFILE, TIMEOUT, Counters, Loop, PlantBroker
 
 KEEP_EVERY = 1.0
-#: How much later than `keep_every` the disk has it, on a busy machine, in seconds.
-MARGIN = 0.7
 #: What was confirmed may not be seen as such when the connection is lost so soon after, in seconds.
 UNSEEN = 1.0
 #: The longest time that a fault lasts, in seconds.
@@ -32,8 +30,6 @@ LONGEST = 3.0
 TAKEN = 0.1
 #: All history was sent when none has come for so long, in seconds.
 QUIET = 2 * KEEP_EVERY + 1.0
-#: What was answered so lately may still be on its way, in seconds.
-LAST = 1.0
 RELOADED = "config_applied"
 PLAIN, SPARKPLUG = "plain", "sparkplug"
 CONFIG = """
@@ -101,14 +97,26 @@ Does = Callable[[], None]
 class Stage:
     """A gateway, what surrounds it, and what happens to it. Faults take a time in seconds."""
 
-    def __init__(self, folder: Path, loop: Loop, seed: int, form: str, *, keep: bool = True, clock: Path | None = None):
+    def __init__(
+        self,
+        folder: Path,
+        loop: Loop,
+        seed: int,
+        form: str,
+        *,
+        keep: bool = True,
+        clock: Path | None = None,
+        late: float = 1.0,
+    ) -> None:
         self.faults: Counter[str] = Counter()
         self.story: list[Scene] = []
         self.counters = Counters()
         self.plant = PlantBroker(folder, loop)
         self.form = form
         self.choose = random.Random(seed)
-        self._record = Record(EVERY, TIMEOUT, slow=frozenset({"slow"}))
+        self._record = Record(EVERY, TIMEOUT, late, slow=frozenset({"slow"}))
+        #: What was answered so lately may not be on the disk.
+        self._unwritten = KEEP_EVERY + late
         if form == SPARKPLUG:
             self._record.live_qos = self._record.history_qos = 0
             self._record.live_retained = False
@@ -164,9 +172,12 @@ class Stage:
             self._loop.do(self.counters.stop())
 
     def round(self, kind: str) -> None:
-        """This fault, at any moment and for any time; afterwards values come again."""
+        """This fault, at any moment and for any time."""
         time.sleep(self.choose.uniform(0.0, 1.0))
-        lasts = self.choose.uniform(0.0, LONGEST)
+        self.suffer(kind, self.choose.uniform(0.0, LONGEST))
+
+    def suffer(self, kind: str, lasts: float) -> None:
+        """This fault; afterwards values come again."""
         self.faults[kind] += 1
         begun = time.time()
         self.kinds[kind](lasts)
@@ -205,7 +216,7 @@ class Stage:
         )
         record.sent = [each for each in told if each is not None]
         record.heard = [each for each in map(self._told, heard) if each is not None]
-        return replace(record, may_lose=[*record.may_lose, (now - LAST, math.inf)])
+        return replace(record, may_lose=[*record.may_lose, (now - record.late, math.inf)])
 
     @property
     def kept(self) -> Any:
@@ -240,8 +251,8 @@ class Stage:
         at = time.time()
         self._gateway.signal(signal.SIGKILL)
         self._gateway.wait()
-        self._break(KEEP_EVERY + MARGIN, at)
-        return lambda: self._start_again(at - KEEP_EVERY - MARGIN)
+        self._break(self._unwritten, at)
+        return lambda: self._start_again(at - self._unwritten)
 
     def _end(self) -> Does:
         """End it in order; call what is returned to start another one."""
@@ -249,6 +260,7 @@ class Stage:
         at = time.time()
         code = self._gateway.stop()
         assert code == 0, (code, self._gateway.log[-20:], self._gateway.rest)
+        self._record.clean_ends.append(Break(at, at - self._record.ends[-1] + self._record.late))
         self._record.ends.append(at)
         return lambda: self._start_again(at - TAKEN)
 
@@ -312,7 +324,7 @@ class Stage:
 
     def _still(self, lasts: float, first: Callable[[], Does] | None = None, *, killed: bool = False) -> None:
         """The broker stands still for this time; at its end `first` happens, and then it goes on or is `killed`."""
-        if time.time() - self._stood_until > KEEP_EVERY + MARGIN:  # else what it had not confirmed may not be yet
+        if time.time() - self._stood_until > self._unwritten:  # else what it had not confirmed may not be yet
             self._stands_since = time.time()
         self.plant.broker.signal(signal.SIGSTOP)
         time.sleep(lasts)
