@@ -9,14 +9,18 @@ have answered: see kept_judge. Only what was answered less than `keep_every` bef
 missing, and a second more, as the disk takes its time. The gateway connects again after a second at most here, not
 after 30.
 
-`--clock` sets the wall clock of the gateway in between. `--lie` breaks the gateway on purpose: the judge must notice.
+`--clock` sets the wall clock of the gateway in between, `--disk` fills its disk. `--lie` breaks the gateway on purpose:
+the judge must notice.
 """
 
 import argparse
 import signal
+import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 if __name__ == "__main__":
@@ -72,6 +76,17 @@ def tell(stage: Stage, problems: list[Problem]) -> None:
         stage.tell()
 
 
+@contextmanager
+def small_disk(at: Path) -> Iterator[Path]:
+    """A disk of its own, in memory."""
+    at.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2M", "tmpfs", at], check=True)
+    try:
+        yield at
+    finally:
+        subprocess.run(["umount", "--lazy", at], check=True)
+
+
 def figures(stage: Stage) -> str:
     """What was told, in words."""
     record = stage.record()
@@ -88,16 +103,18 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--form", choices=(PLAIN, SPARKPLUG), default=PLAIN)
     parser.add_argument("--clock", action="store_true", help="the gateway's wall clock is set in between")
+    parser.add_argument("--disk", action="store_true", help="its disk is full now and then; needs root")
     parser.add_argument("--no-keep", action="store_true", help="the gateway keeps nothing: values must be missing")
     parser.add_argument("--lie", choices=LIES, default="", help="break the gateway")
     parser.add_argument("--only", default="", help="only faults with these words")
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing is left behind
     process.COMMAND[:] = [sys.executable, "-P", "-c", PROGRAM.format(lie=LIES[arguments.lie])]
-    with tempfile.TemporaryDirectory() as name, Loop() as loop:
+    with tempfile.TemporaryDirectory() as name, Loop() as loop, ExitStack() as stack:
         folder = Path(name)
         clock = wall_clock(folder) if arguments.clock else None
-        stage = Stage(folder, loop, arguments.seed, arguments.form, keep=not arguments.no_keep, clock=clock)
+        disk = stack.enter_context(small_disk(folder / "disk")) if arguments.disk else None
+        stage = Stage(folder, loop, arguments.seed, arguments.form, keep=not arguments.no_keep, clock=clock, disk=disk)
         problems = soak(arguments.rounds, stage, arguments.only)
         for kind, times in sorted(stage.faults.items()):
             print(f"{times:4} times: {kind}")

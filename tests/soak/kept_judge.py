@@ -15,6 +15,8 @@ from soak.kept_record import Entry, Record, Told
 
 #: How much earlier than it was answered a value may seem to be, in seconds.
 EARLY = 0.05
+#: A late answer comes so soon after its limit, in seconds.
+SOON = 0.3
 #: The most history messages in a second, and how exactly their times are seen, in seconds.
 MOST_IN_A_SECOND, BLUR = 10, 0.05
 #: Kinds of problems.
@@ -79,6 +81,8 @@ def _lost(record: Record) -> Iterator[Problem]:
     for answer in record.answers:
         if any(begin < answer.at <= end for begin, end in record.may_lose):
             continue
+        if any(answer.device == device and abs(answer.at - at) < SOON for device, at in record.too_late):
+            continue
         for point, value in answer.values.items():
             if (answer.device, point, value) not in came:
                 yield Problem(LOST, answer.at, f"{answer.device} {point} {value} of {answer.at:.3f}")
@@ -121,7 +125,7 @@ class _Hearing:
         yield from _time(self._record, told, entry, answered)
         new = max(answered.values())
         for point, at in answered.items():
-            if not told.shares_time or at == new:
+            if point not in self._record.slow and (at == new or not told.shares_time):
                 yield from self._value(told, entry, point, at)
         if told.shares_time and len(self._record.clock) == 1:
             if entry.at < self._last_time[told.device]:

@@ -65,6 +65,8 @@ class Record:
     heard: list[Told] = field(default_factory=list)
     #: What was answered between these times may be lost.
     may_lose: list[tuple[float, float]] = field(default_factory=list)
+    #: When a device had not answered in time: what it answers then is not taken.
+    too_late: list[tuple[str, float]] = field(default_factory=list)
     breaks: list[Break] = field(default_factory=list)
     #: A proper end may come before all history was sent: what a birth has told meanwhile may be in it again.
     clean_ends: list[Break] = field(default_factory=list)

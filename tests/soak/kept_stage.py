@@ -10,8 +10,9 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -75,10 +76,6 @@ keeper.Keeper.sent = lambda self, batch: self.rewind()
 from gateway.plant.kept import file
 file.KeptFile.write = lambda self, chunks, gone: 0
 """,
-    "is never old": """
-from gateway.plant import changes
-changes.Watch.readings = lambda self, now: dict(self._latest)
-""",
 }
 
 
@@ -106,6 +103,7 @@ class Stage:
         *,
         keep: bool = True,
         clock: Path | None = None,
+        disk: Path | None = None,
         late: float = 1.0,
     ) -> None:
         self.faults: Counter[str] = Counter()
@@ -126,9 +124,11 @@ class Stage:
         self._at_least = 1
         self._stands_since = self._stood_until = 0.0
         self._clock = clock
+        self._disk = disk
         self._off = folder / "off"
         self._off.write_bytes(bytes(8))
         self._gateway: GatewayProcess | None = None
+        self._logs: list[list[dict[str, Any]]] = []
         self.kinds: dict[str, Callable[[float], None]] = {
             "the gateway is killed": self._killed,
             "the gateway ends": self._ended,
@@ -154,6 +154,9 @@ class Stage:
                 "the clock is set": self._set_clock,
                 "the broker is away, the clock is set": lambda lasts: self._meanwhile(lasts, self._set_clock),
             }
+
+        if disk is not None:
+            self.kinds["the disk is full, the broker is away"] = self._full
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -216,6 +219,10 @@ class Stage:
         )
         record.sent = [each for each in told if each is not None]
         record.heard = [each for each in map(self._told, heard) if each is not None]
+        events = [event for log in self._logs for event in [*log] if event["event"] == "request_timeout"]
+        record.too_late = [
+            (event["device"], datetime.fromisoformat(event["timestamp"]).timestamp()) for event in events
+        ]
         return replace(record, may_lose=[*record.may_lose, (now - record.late, math.inf)])
 
     @property
@@ -234,10 +241,14 @@ class Stage:
     def _start(self) -> None:
         if self._clock is not None:
             os.environ |= {"LD_PRELOAD": str(self._clock), "WALL_CLOCK_OFF": str(self._off)}
+        if self._disk is not None:
+            os.environ["STATE_DIRECTORY"] = str(self._disk)
         try:
             self._gateway = GatewayProcess(self._folder, self._config(), level="info").__enter__()
         finally:
-            os.environ.pop("LD_PRELOAD", None)
+            for name in ("LD_PRELOAD", "STATE_DIRECTORY"):
+                os.environ.pop(name, None)
+        self._logs.append(self._gateway.log)
 
     def _config(self) -> str:
         form = f'sparkplug = {{ group = "{GROUP}" }}' if self.form == SPARKPLUG else ""
@@ -260,8 +271,7 @@ class Stage:
         at = time.time()
         code = self._gateway.stop()
         assert code == 0, (code, self._gateway.log[-20:], self._gateway.rest)
-        self._record.clean_ends.append(Break(at, at - self._record.ends[-1] + self._record.late))
-        self._record.ends.append(at)
+        self._note_end(at)
         return lambda: self._start_again(at - TAKEN)
 
     def _start_again(self, lost_from: float) -> None:
@@ -286,7 +296,8 @@ class Stage:
         self._gateway.signal(signal.SIGHUP)
         self._gateway.wait_for(RELOADED)
         if changed:
-            self._record.ends += (at, time.time())
+            self._note_end(at)
+            self._record.ends.append(time.time())
             self._record.may_lose.append((at - TAKEN, time.time() + TAKEN))
 
     # --- faults ---
@@ -353,6 +364,23 @@ class Stage:
         time.sleep(lasts)
         self.counters.silent.discard(unit)
 
+    def _full(self, lasts: float) -> None:
+        """The disk is full while the broker is away, and has room again before the broker is back, or after."""
+        assert self._disk is not None
+        filling = self._disk / "filling"
+        with suppress(OSError), filling.open("wb", buffering=0) as file:
+            while True:
+                file.write(bytes(4096))
+        self.plant.end(signal.SIGKILL)
+        self._break(self._record.late)
+        time.sleep(KEEP_EVERY + lasts)
+        if self.choose.random() < 0.5:
+            filling.unlink()
+            time.sleep(lasts)
+        self.plant.start()
+        self.wait_for_values()
+        filling.unlink(missing_ok=True)
+
     def _set_clock(self, lasts: float) -> None:
         """Set the wall clock of the gateway; it stays so."""
         off = self.choose.choice((-86400, -3600, -5, 0, 5, 3600, 86400))
@@ -363,9 +391,16 @@ class Stage:
         time.sleep(lasts / 2)
 
     def _break(self, reach: float, at: float | None = None) -> None:
-        """Note an unclean end."""
+        """Note an unclean end. What a broker had not confirmed when it stood still may not be confirmed yet."""
         at = time.time() if at is None else at
+        if at - self._stood_until < self._unwritten:
+            reach = max(reach, at - self._stands_since + UNSEEN)
         self._record.breaks.append(Break(at, reach))
+        self._record.ends.append(at)
+
+    def _note_end(self, at: float) -> None:
+        """Note a proper end."""
+        self._record.clean_ends.append(Break(at, at - self._record.ends[-1] + self._record.late))
         self._record.ends.append(at)
 
     def _told(self, heard: Heard | Packet, *more: Any) -> Told | None:
