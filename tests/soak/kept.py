@@ -41,6 +41,7 @@ MOST_TOLD, WORTH_TELLING = 20, 4.0
 def soak(rounds: int, stage: Stage, only: str = "") -> list[Problem]:
     """So many faults; all problems."""
     problems: list[Problem] = []
+    left: list[Problem] = []
     begun = time.monotonic()
     with stage.running():
         for number in range(1, rounds + 1):
@@ -48,12 +49,13 @@ def soak(rounds: int, stage: Stage, only: str = "") -> list[Problem]:
             stage.round(stage.choose.choice(kinds))
             if number % CHAPTER == 0 or number == rounds:
                 stage.wait_until_sent()
-                known, problems = {*problems}, judge(stage.record())
+                kept = stage.kept_in_the_end
+                if kept and kept["values"]:
+                    left.append(Problem("still kept", time.time(), f"all of it {kept}"))
+                known, problems = {*problems}, judge(stage.record()) + left
                 tell(stage, [each for each in problems if each not in known])
                 took = time.monotonic() - begun
-                print(
-                    f"{number} rounds, {took:.0f} s, kept: {stage.kept}: {count(problems) or 'no problem'}", flush=True
-                )
+                print(f"{number} rounds, {took:.0f} s, kept: {kept}: {count(problems) or 'no problem'}", flush=True)
     return problems
 
 

@@ -231,6 +231,14 @@ class Stage:
         told = command("status", "--json", "--control", str(self._folder / "control.sock"))
         return json.loads(told.stdout)["brokers"][0].get("kept")
 
+    @property
+    def kept_in_the_end(self) -> Any:
+        """What it says when it had time to write that all was sent."""
+        deadline = time.monotonic() + PATIENCE / 10
+        while (kept := self.kept) and kept["values"] and time.monotonic() < deadline:
+            time.sleep(KEEP_EVERY)
+        return kept
+
     def tell(self) -> None:
         """Print the last that the gateway has logged."""
         for event in [] if self._gateway is None else self._gateway.log[-20:]:
