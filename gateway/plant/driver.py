@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
@@ -16,6 +16,10 @@ from gateway.plant.messages import Command, Delivery, Form, Message
 from gateway.plant.publisher import Publisher, PublisherSettings
 from gateway.profiles.point import Point
 from gateway.request import Request, Target
+
+#: Clocks that are looked at within so many seconds show the same time, and how often this is tried.
+_SAME_TIME: Final = 0.0005
+_MOST_LOOKS: Final = 10
 
 
 class PublisherDriver:
@@ -54,7 +58,7 @@ class PublisherDriver:
             self,
             emit,
             loop.time,
-            lambda now: unix() - loop.time() + now,
+            lambda now: now + _ahead(unix, loop.time),
             carried_out,
             history,
         )
@@ -132,3 +136,15 @@ class PublisherDriver:
             self._timer.set(publisher.deadline(now))
         if publisher.has_messages or publisher.must_leave or publisher.has_history(now):
             self.wake.set()
+
+
+def _ahead(unix: Callable[[], float], time: Callable[[], float]) -> float:
+    """Return how far Unix times are ahead of another clock.
+
+    Another thread may run between two looks at clocks: then they are looked at again.
+    """
+    for _ in range(_MOST_LOOKS):
+        before, at, after = time(), unix(), time()
+        if after - before < _SAME_TIME:
+            break
+    return at - after

@@ -161,7 +161,7 @@ def _send_without_confirmation(record: Record) -> None:
 
 def _let_live_values_wait(record: Record) -> None:
     record.sent = [
-        told._replace(connection=2, at=told.at + 0.9) if not told.is_history and told.at > BACK else told
+        told._replace(connection=2, at=told.at + 1.4) if not told.is_history and told.at > BACK else told
         for told in record.sent
     ]
     record.sent.append(history(7.0))

@@ -11,7 +11,7 @@ import pytest
 
 from gateway.plant.kept.history import PAUSE, REFUSED_PAUSE
 from gateway.plant.kept.keeper import FILE_NAME, Keeper
-from gateway.plant.messages import Message
+from gateway.plant.messages import Message, Reading
 from gateway.plant.sparkplug_payload import decode
 from gateway.timing.clock_setting import ClockSetting
 from kit.broker import BEGIN, FakeBroker
@@ -215,6 +215,68 @@ async def test_another_process_sends_what_one_that_was_killed_has_kept(tmp_path)
         hall.broker.connect()
         records = await hall.drain()
         assert weights(records)[:30] == list(range(1, 31)), "all but the last ten seconds"
+
+
+async def test_what_a_slow_broker_has_not_confirmed_is_not_lost_with_the_gateway(tmp_path):
+    async with gateway_bench(CONFIG) as bench:
+        killed = Plant(bench, tmp_path, lambda: SET)
+        await killed.count(2)
+        await killed.connect()
+        before = killed.silo.holding[0]
+        for _ in range(35):
+            await killed.count(1)
+            killed.broker.take(confirmed=False)
+        killed.keeper._task.cancel()
+        killed.keeper._file.close()
+    async with plant(tmp_path) as hall:
+        await asyncio.sleep(2.0)
+        hall.broker.connect()
+        records = await hall.drain()
+        assert weights(records)[:24] == list(range(before + 1, before + 25)), "all but the last ten seconds"
+
+
+async def test_what_was_not_confirmed_comes_before_what_waited_behind_it(tmp_path):
+    async with plant(tmp_path) as hall:
+        await hall.count(2)
+        await hall.connect()
+        before = hall.silo.holding[0]
+        await hall.count(1)
+        hall.broker.take(confirmed=False)
+        await hall.count(15)  # all of these wait, the last one in the end
+        hall.broker.lose()
+        await hall.count(1)
+        hall.broker.connect()
+        assert weights(await hall.drain()) == list(range(before + 1, before + 18))
+
+
+async def test_what_is_confirmed_late_is_not_sent_as_history(tmp_path):
+    async with plant(tmp_path) as hall:
+        await hall.count(2)
+        await hall.connect()
+        before = hall.silo.holding[0]
+        await hall.count(1)
+        (slow,) = hall.broker.take(confirmed=False)
+        await hall.count(15)
+        waited = hall.history(hall.broker.take()) + await hall.drain()
+        assert waited == [], "they are behind what may still be lost"
+        hall.broker.driver.confirmed(slow)
+        assert weights(await hall.drain()) == list(range(before + 2, before + 16))
+        await asyncio.sleep(11.0)
+        assert hall.keeper.status.values == 0
+
+
+async def test_older_ones_of_the_file_go_first_however_long_it_takes_to_open(tmp_path):
+    for value in (1.0, 2.0):
+        keeper = Keeper(tmp_path, 2**20, 10.0, print, lambda: SET)
+        keeper.keep("silo-1", {"weight": Reading(value, BEGIN + value, value)})
+        assert keeper.take(lambda _: True, 1000) is None, "it is not open yet"
+        await asyncio.sleep(1.0)
+        if value == 2.0:
+            keeper.take(lambda _: True, 1000)
+            await asyncio.sleep(1.0)
+            batch = keeper.take(lambda _: True, 1000)
+            assert [record.values["weight"] for record in batch.records] == [1.0, 2.0]
+        await keeper.close()
 
 
 async def test_a_proper_end_loses_nothing(tmp_path):

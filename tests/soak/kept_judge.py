@@ -13,13 +13,10 @@ from typing import Final, NamedTuple
 
 from soak.kept_record import Entry, Record, Told
 
-#: How much later than a device has answered the gateway may take it, and how much earlier, as processors of virtual
-#: machines do not agree about the time, in seconds.
-LATE, EARLY = 1.0, 0.05
-#: How long after an unclean end a subscriber may hear what was sent before, in seconds.
-HEARD_LATE = 0.3
-#: How long after an answer its value may be published while history is sent, in seconds. A machine may be busy.
-WAITS = 0.5
+#: How much earlier than it was answered a value may seem to be, in seconds.
+EARLY = 0.05
+#: A late answer comes so soon after its limit, in seconds.
+SOON = 0.3
 #: The most history messages in a second, and how exactly their times are seen, in seconds.
 MOST_IN_A_SECOND, BLUR = 10, 0.05
 #: Kinds of problems.
@@ -84,6 +81,8 @@ def _lost(record: Record) -> Iterator[Problem]:
     for answer in record.answers:
         if any(begin < answer.at <= end for begin, end in record.may_lose):
             continue
+        if any(answer.device == device and abs(answer.at - at) < SOON for device, at in record.too_late):
+            continue
         for point, value in answer.values.items():
             if (answer.device, point, value) not in came:
                 yield Problem(LOST, answer.at, f"{answer.device} {point} {value} of {answer.at:.3f}")
@@ -126,7 +125,7 @@ class _Hearing:
         yield from _time(self._record, told, entry, answered)
         new = max(answered.values())
         for point, at in answered.items():
-            if not told.shares_time or at == new:
+            if point not in self._record.slow and (at == new or not told.shares_time):
                 yield from self._value(told, entry, point, at)
         if told.shares_time and len(self._record.clock) == 1:
             if entry.at < self._last_time[told.device]:
@@ -155,7 +154,7 @@ def _time(record: Record, told: Told, entry: Entry, answered: Mapping[str, float
     """Whether an entry has the time of its answer: history of each value, a message with all values of the newest."""
     for at in {max(answered.values())} if told.shares_time else {*answered.values()}:
         ahead = {record.offset(at), *({record.offset(told.at)} if not told.is_history else ())}
-        if not any(-EARLY <= entry.at - at - each <= LATE for each in ahead):
+        if not any(-EARLY <= entry.at - at - each <= record.late for each in ahead):
             what = f"{told.device} {dict(entry.values)} of {at:.3f} is told as of {entry.at:.3f}"
             what = f"{what} {_kind(is_history=told.is_history)}"
             yield Problem(WRONG_TIME, told.at, what)
@@ -173,9 +172,11 @@ def _twice(record: Record, told: Told, entry: Entry, point: str, before: _Before
     what = f"{told.device} {point} {entry.values[point]}: {first}, {again}"
     if before.told != entry.at and len(record.clock) == 1:
         yield Problem(UNRECOGNISABLE, told.at, what)
-    is_birth = not told.is_history and any(before.heard - LATE <= end <= told.at for end in record.ends)
+    is_birth = not told.is_history and any(before.heard - record.late <= end <= told.at for end in record.ends)
+    is_cut_short = told.is_history and not before.was_history
     is_unclean = any(
-        each.at - each.reach <= before.heard <= each.at + HEARD_LATE and each.at <= told.at for each in record.breaks
+        each.at - each.reach <= before.heard <= each.at + record.late / 3 and each.at <= told.at
+        for each in (*record.breaks, *(record.clean_ends if is_cut_short else ()))
     )
     if not (is_birth or is_unclean):
         yield Problem(DOUBLED, told.at, what)
@@ -189,7 +190,7 @@ def _ages(record: Record, given: _Given) -> Iterator[Problem]:
         for entry in told.entries:
             for point, value in entry.values.items():
                 at = given.find(told.device, point, value, entry.at, told.at)
-                if at is not None and told.at - at > record.every[point] + record.limit + LATE / 2:
+                if at is not None and told.at - at > record.every[point] + record.limit + record.late:
                     yield Problem(OLD, told.at, f"{told.device} {point} {value} of {at:.3f}: {told.at - at:.3f} s old")
 
 
@@ -226,7 +227,7 @@ def _before_live(record: Record, given: _Given) -> Iterator[Problem]:
         )
         new = max((at for at in found if at is not None), default=told.at)
         # Between when it was read and when it was sent: after the first of this connection, which follows the birth.
-        begin = bisect_left(times, max(new + WAITS, times[0]))
+        begin = bisect_left(times, max(new + record.late, times[0]))
         if begin < bisect_left(times, told.at):
             yield Problem(BEFORE_LIVE, told.at, f"{told.device}: a value of {new:.3f} waited until {told.at:.3f}")
 

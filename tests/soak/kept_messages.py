@@ -42,15 +42,16 @@ def _entry(told: dict[str, Any]) -> Entry:
 
 
 def _sparkplug(heard: Heard | Packet, device: str, more: dict[str, Any]) -> Told:
-    """Its metrics: names, times, values of uint32, and whether they are historical."""
+    """Its metrics: names, times, whole values, and whether they are historical."""
     entries, kinds = [], set()
     for field, body in _fields(heard.payload):
         if field != 2:
             continue
         metric = dict(_fields(body))
         kinds.add(bool(metric.get(5)))
-        if 10 in metric:
-            entries.append(Entry(metric[3] / 1000, {metric[1].decode(): metric[10]}))
+        value = metric.get(10, metric.get(11))
+        if value is not None:
+            entries.append(Entry(metric[3] / 1000, {metric[1].decode(): value}))
     assert len(kinds) < 2, "history and live values in one message"
     return Told(heard.at, device, kinds == {True}, tuple(entries), **more)
 

@@ -44,7 +44,7 @@ class Told(NamedTuple):
 
 
 class Break(NamedTuple):
-    """An unclean end at a time: what was heard up to `reach` seconds before it may be told again."""
+    """An end at a time: what was heard up to `reach` seconds before it may be told again."""
 
     at: float
     reach: float
@@ -56,6 +56,8 @@ class Record:
 
     every: Mapping[str, float]
     limit: float
+    #: How long this machine may be busy with something else, in seconds.
+    late: float = 1.0
     #: Points that keep their value over several answers: it must come once.
     slow: frozenset[str] = frozenset()
     answers: list[Answer] = field(default_factory=list)
@@ -63,7 +65,11 @@ class Record:
     heard: list[Told] = field(default_factory=list)
     #: What was answered between these times may be lost.
     may_lose: list[tuple[float, float]] = field(default_factory=list)
+    #: When a device had not answered in time: what it answers then is not taken.
+    too_late: list[tuple[str, float]] = field(default_factory=list)
     breaks: list[Break] = field(default_factory=list)
+    #: A proper end may come before all history was sent: what a birth has told meanwhile may be in it again.
+    clean_ends: list[Break] = field(default_factory=list)
     #: When sessions may have begun or ended in any way: a birth tells the latest values again.
     ends: list[float] = field(default_factory=list)
     #: How much the gateway's clock is ahead from a time on.

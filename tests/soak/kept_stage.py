@@ -1,6 +1,7 @@
 """A gateway that keeps readings, and faults: it is killed, ended, reloaded, and its broker is away or stands still."""
 
 import json
+import math
 import mmap
 import os
 import random
@@ -9,8 +10,9 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,8 +23,6 @@ from soak.kept_tap import Packet
 from soak.kept_world import DEVICES, EVERY, PROFILE, TIMEOUT, Counters, Loop, PlantBroker
 
 KEEP_EVERY = 1.0
-#: How much later than `keep_every` the disk has it, on a busy machine, in seconds.
-MARGIN = 0.7
 #: What was confirmed may not be seen as such when the connection is lost so soon after, in seconds.
 UNSEEN = 1.0
 #: The longest time that a fault lasts, in seconds.
@@ -31,8 +31,6 @@ LONGEST = 3.0
 TAKEN = 0.1
 #: All history was sent when none has come for so long, in seconds.
 QUIET = 2 * KEEP_EVERY + 1.0
-#: What was answered so lately may still be on its way, in seconds.
-LAST = 1.0
 RELOADED = "config_applied"
 PLAIN, SPARKPLUG = "plain", "sparkplug"
 CONFIG = """
@@ -78,10 +76,6 @@ keeper.Keeper.sent = lambda self, batch: self.rewind()
 from gateway.plant.kept import file
 file.KeptFile.write = lambda self, chunks, gone: 0
 """,
-    "is never old": """
-from gateway.plant import changes
-changes.Watch.readings = lambda self, now: dict(self._latest)
-""",
 }
 
 
@@ -100,14 +94,27 @@ Does = Callable[[], None]
 class Stage:
     """A gateway, what surrounds it, and what happens to it. Faults take a time in seconds."""
 
-    def __init__(self, folder: Path, loop: Loop, seed: int, form: str, *, keep: bool = True, clock: Path | None = None):
+    def __init__(
+        self,
+        folder: Path,
+        loop: Loop,
+        seed: int,
+        form: str,
+        *,
+        keep: bool = True,
+        clock: Path | None = None,
+        disk: Path | None = None,
+        late: float = 1.0,
+    ) -> None:
         self.faults: Counter[str] = Counter()
         self.story: list[Scene] = []
         self.counters = Counters()
         self.plant = PlantBroker(folder, loop)
         self.form = form
         self.choose = random.Random(seed)
-        self._record = Record(EVERY, TIMEOUT, slow=frozenset({"slow"}))
+        self._record = Record(EVERY, TIMEOUT, late, slow=frozenset({"slow"}))
+        #: What was answered so lately may not be on the disk.
+        self._unwritten = KEEP_EVERY + late
         if form == SPARKPLUG:
             self._record.live_qos = self._record.history_qos = 0
             self._record.live_retained = False
@@ -117,9 +124,11 @@ class Stage:
         self._at_least = 1
         self._stands_since = self._stood_until = 0.0
         self._clock = clock
+        self._disk = disk
         self._off = folder / "off"
         self._off.write_bytes(bytes(8))
         self._gateway: GatewayProcess | None = None
+        self._logs: list[list[dict[str, Any]]] = []
         self.kinds: dict[str, Callable[[float], None]] = {
             "the gateway is killed": self._killed,
             "the gateway ends": self._ended,
@@ -146,6 +155,9 @@ class Stage:
                 "the broker is away, the clock is set": lambda lasts: self._meanwhile(lasts, self._set_clock),
             }
 
+        if disk is not None:
+            self.kinds["the disk is full, the broker is away"] = self._full
+
     @contextmanager
     def running(self) -> Iterator[None]:
         """All of it runs, in this context."""
@@ -163,9 +175,12 @@ class Stage:
             self._loop.do(self.counters.stop())
 
     def round(self, kind: str) -> None:
-        """This fault, at any moment and for any time; afterwards values come again."""
+        """This fault, at any moment and for any time."""
         time.sleep(self.choose.uniform(0.0, 1.0))
-        lasts = self.choose.uniform(0.0, LONGEST)
+        self.suffer(kind, self.choose.uniform(0.0, LONGEST))
+
+    def suffer(self, kind: str, lasts: float) -> None:
+        """This fault; afterwards values come again."""
         self.faults[kind] += 1
         begun = time.time()
         self.kinds[kind](lasts)
@@ -195,21 +210,34 @@ class Stage:
         """What has happened up to now; of the last answers nothing is asked."""
         record, tap = self._record, self.plant.tap
         now = time.time()
-        record.answers = [*self.counters.answers]
+        heard = [*self.plant.consumer.heard]
         packets, confirmed = [*tap.packets], {**tap.confirmed}
+        record.answers = [*self.counters.answers]  # last: whatever was heard was answered before
         told = (
             self._told(each, each.connection, each.qos, each.is_retained, confirmed.get(place))
             for place, each in enumerate(packets)
         )
         record.sent = [each for each in told if each is not None]
-        record.heard = [each for each in map(self._told, [*self.plant.consumer.heard]) if each is not None]
-        return replace(record, may_lose=[*record.may_lose, (now - LAST, now)])
+        record.heard = [each for each in map(self._told, heard) if each is not None]
+        events = [event for log in self._logs for event in [*log] if event["event"] == "request_timeout"]
+        record.too_late = [
+            (event["device"], datetime.fromisoformat(event["timestamp"]).timestamp()) for event in events
+        ]
+        return replace(record, may_lose=[*record.may_lose, (now - record.late, math.inf)])
 
     @property
     def kept(self) -> Any:
         """What the status says of what is kept; None if it says nothing."""
         told = command("status", "--json", "--control", str(self._folder / "control.sock"))
         return json.loads(told.stdout)["brokers"][0].get("kept")
+
+    @property
+    def kept_in_the_end(self) -> Any:
+        """What it says when it had time to write that all was sent."""
+        deadline = time.monotonic() + PATIENCE / 10
+        while (kept := self.kept) and kept["values"] and time.monotonic() < deadline:
+            time.sleep(KEEP_EVERY)
+        return kept
 
     def tell(self) -> None:
         """Print the last that the gateway has logged."""
@@ -221,10 +249,14 @@ class Stage:
     def _start(self) -> None:
         if self._clock is not None:
             os.environ |= {"LD_PRELOAD": str(self._clock), "WALL_CLOCK_OFF": str(self._off)}
+        if self._disk is not None:
+            os.environ["STATE_DIRECTORY"] = str(self._disk)
         try:
             self._gateway = GatewayProcess(self._folder, self._config(), level="info").__enter__()
         finally:
-            os.environ.pop("LD_PRELOAD", None)
+            for name in ("LD_PRELOAD", "STATE_DIRECTORY"):
+                os.environ.pop(name, None)
+        self._logs.append(self._gateway.log)
 
     def _config(self) -> str:
         form = f'sparkplug = {{ group = "{GROUP}" }}' if self.form == SPARKPLUG else ""
@@ -238,8 +270,8 @@ class Stage:
         at = time.time()
         self._gateway.signal(signal.SIGKILL)
         self._gateway.wait()
-        self._break(KEEP_EVERY + MARGIN, at)
-        return lambda: self._start_again(at - KEEP_EVERY - MARGIN)
+        self._break(self._unwritten, at)
+        return lambda: self._start_again(at - self._unwritten)
 
     def _end(self) -> Does:
         """End it in order; call what is returned to start another one."""
@@ -247,7 +279,7 @@ class Stage:
         at = time.time()
         code = self._gateway.stop()
         assert code == 0, (code, self._gateway.log[-20:], self._gateway.rest)
-        self._record.ends.append(at)
+        self._note_end(at)
         return lambda: self._start_again(at - TAKEN)
 
     def _start_again(self, lost_from: float) -> None:
@@ -272,7 +304,8 @@ class Stage:
         self._gateway.signal(signal.SIGHUP)
         self._gateway.wait_for(RELOADED)
         if changed:
-            self._record.ends += (at, time.time())
+            self._note_end(at)
+            self._record.ends.append(time.time())
             self._record.may_lose.append((at - TAKEN, time.time() + TAKEN))
 
     # --- faults ---
@@ -310,7 +343,7 @@ class Stage:
 
     def _still(self, lasts: float, first: Callable[[], Does] | None = None, *, killed: bool = False) -> None:
         """The broker stands still for this time; at its end `first` happens, and then it goes on or is `killed`."""
-        if time.time() - self._stood_until > KEEP_EVERY + MARGIN:  # else what it had not confirmed may not be yet
+        if time.time() - self._stood_until > self._unwritten:  # else what it had not confirmed may not be yet
             self._stands_since = time.time()
         self.plant.broker.signal(signal.SIGSTOP)
         time.sleep(lasts)
@@ -339,6 +372,23 @@ class Stage:
         time.sleep(lasts)
         self.counters.silent.discard(unit)
 
+    def _full(self, lasts: float) -> None:
+        """The disk is full while the broker is away, and has room again before the broker is back, or after."""
+        assert self._disk is not None
+        filling = self._disk / "filling"
+        with suppress(OSError), filling.open("wb", buffering=0) as file:
+            while True:
+                file.write(bytes(4096))
+        self.plant.end(signal.SIGKILL)
+        self._break(self._record.late)
+        time.sleep(KEEP_EVERY + lasts)
+        if self.choose.random() < 0.5:
+            filling.unlink()
+            time.sleep(lasts)
+        self.plant.start()
+        self.wait_for_values()
+        filling.unlink(missing_ok=True)
+
     def _set_clock(self, lasts: float) -> None:
         """Set the wall clock of the gateway; it stays so."""
         off = self.choose.choice((-86400, -3600, -5, 0, 5, 3600, 86400))
@@ -349,9 +399,16 @@ class Stage:
         time.sleep(lasts / 2)
 
     def _break(self, reach: float, at: float | None = None) -> None:
-        """Note an unclean end."""
+        """Note an unclean end. What a broker had not confirmed when it stood still may not be confirmed yet."""
         at = time.time() if at is None else at
+        if at - self._stood_until < self._unwritten:
+            reach = max(reach, at - self._stands_since + UNSEEN)
         self._record.breaks.append(Break(at, reach))
+        self._record.ends.append(at)
+
+    def _note_end(self, at: float) -> None:
+        """Note a proper end."""
+        self._record.clean_ends.append(Break(at, at - self._record.ends[-1] + self._record.late))
         self._record.ends.append(at)
 
     def _told(self, heard: Heard | Packet, *more: Any) -> Told | None:

@@ -120,7 +120,10 @@ class _Answering(asyncio.Protocol):
 
 
 class Consumer:
-    """Subscribes to everything, with QoS 1. `heard` are all messages that were published while it was there."""
+    """Subscribes to everything. `heard` are all messages that were published while it was there.
+
+    It confirms none: who writes to a broker that has gone does not read what that has sent last.
+    """
 
     def __init__(self, port: int) -> None:
         self.heard: list[Heard] = []
@@ -135,7 +138,7 @@ class Consumer:
         self._gone = gone = threading.Event()
         properties = Properties(PacketTypes.CONNECT)
         properties.ReceiveMaximum = 65535
-        options = SubscribeOptions(qos=1, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND)
+        options = SubscribeOptions(qos=0, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND)
         client.on_connect = lambda *_: client.subscribe("#", options=options)
         client.on_subscribe = lambda *_: subscribed.set()
         client.on_disconnect = lambda *_: gone.set()

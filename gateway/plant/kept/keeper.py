@@ -114,6 +114,8 @@ class Keeper:
 
     def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
         """Return the next records to send; None if there are none at present: `ready` is called when there are."""
+        if self._path is not None and self._file is None and not self._trouble:
+            return None  # the file may have older ones
         batch = self._backlog.take(may_tell, room)
         if batch is None and self._backlog.must_load:
             self._must_load = True
@@ -187,6 +189,7 @@ class Keeper:
                 self._backlog.lost_file()
                 self._count_given_up("the file was damaged")
             self._tell(str(error))
+            self.ready()  # what is in memory can be sent
         except Exception as error:  # noqa: BLE001 - an error boundary: values are published all the same
             self._emit(PartFailed.of("kept readings", error))
 
