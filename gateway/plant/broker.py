@@ -19,6 +19,8 @@ from gateway.timing.measured import NEVER
 
 #: How long the last messages may take at a stop, in seconds.
 ENDING_TIME: Final = 1.0
+#: How long after the subscription the retained state of a primary host may take, in seconds.
+HOST_TIME: Final = 2.0
 #: After this many messages, lines and clients get a turn.
 _SLICE: Final = 10
 #: Messages are counted in steps of so many seconds.
@@ -146,7 +148,7 @@ class Broker:
             await connection.open()
             await connection.subscribe(form.early_subscriptions())
             publisher.connected(driver.now())
-            await self._until(connection, lambda: publisher.is_born or self._is_stopping)
+            await self._until_born(connection)
             if form.takes_commands_first:
                 await self._take_commands(connection, form.command_subscriptions())
             await self._publish(connection, lambda: publisher.has_birth and not publisher.must_leave)
@@ -162,6 +164,16 @@ class Broker:
         finally:
             publisher.disconnected()
             connection.close()
+
+    async def _until_born(self, connection: BrokerConnection) -> None:
+        """Wait until something may be published; say it if the primary host is not there for that."""
+        publisher = self._driver.publisher
+        with suppress(TimeoutError):
+            async with asyncio.timeout(HOST_TIME):
+                await self._until(connection, lambda: publisher.is_born or self._is_stopping)
+                return
+        self._lost("connected, but the primary host is not online")
+        await self._until(connection, lambda: publisher.is_born or self._is_stopping)
 
     async def _take_commands(self, connection: BrokerConnection, topics: Sequence[str]) -> None:
         """Subscribe to commands. If the broker refuses that, values are still published."""

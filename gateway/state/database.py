@@ -250,6 +250,8 @@ def _advice(error: sqlite3.Error, table: Table) -> str:
 def _explain_permission(file: Path) -> str:
     """Say which permission is missing; empty if none is."""
     for part in filter(Path.exists, _parts(file)):
+        if os.statvfs(part).f_flag & os.ST_RDONLY:  # no owner could write there
+            return f"{part}: its file system is read-only"
         if not os.access(part, os.R_OK | os.W_OK, effective_ids=True):
             return f"{part}: no permission to read and write it; as root: chown --reference={part.parent} {part}"
     return ""

@@ -238,6 +238,24 @@ async def test_nothing_is_born_when_the_primary_host_has_gone_before(connections
         assert connections[0].messages == []
 
 
+async def test_a_primary_host_that_is_not_there_is_told_once(connections):
+    """The connection is kept, and what is said is not that of a broker that cannot be reached."""
+    async with publishing(CONFIG + 'sparkplug = { group = "plant", primary_host = "scada" }\n') as (bench, _, broker):
+        await asyncio.sleep(60.0)
+        assert broker.reason == "connected, but the primary host is not online"
+        assert [event.reason for event in bench.events if isinstance(event, BrokerLost)] == [broker.reason]
+        assert len(connections) == 1
+
+
+async def test_a_primary_host_that_is_there_is_not_missed(connections, monkeypatch):
+    host = "spBv1.0/STATE/scada"
+    monkeypatch.setattr(FakeConnection, "states", {host: (host, b'{"online": true, "timestamp": 1}')})
+    async with publishing(CONFIG + 'sparkplug = { group = "plant", primary_host = "scada" }\n') as (bench, _, broker):
+        await asyncio.sleep(60.0)
+        assert not broker.reason
+        assert not [event for event in bench.events if isinstance(event, BrokerLost)]
+
+
 @asynccontextmanager
 async def taken_over(connections, reason):
     """Each connection is lost a second after it was made, as by another gateway of this name."""

@@ -5,6 +5,7 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest.mock import Mock
 from zlib import crc32
 
 import pytest
@@ -205,6 +206,17 @@ def test_a_file_of_somebody_else_is_said_to_lack_the_permission() -> None:
             os.seteuid(0)
         advice = f"as root: chown --reference={folder} {file}"
         assert str(refusal.value) == f"{file}: no permission to read and write it; {advice}"
+
+
+def test_a_file_on_a_read_only_file_system_needs_no_other_owner(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    open_database(folder).database.close()
+    (folder / FILE_NAME).chmod(0o400)
+    refused = sqlite3.OperationalError("attempt to write a readonly database")
+    monkeypatch.setattr("gateway.state.database._open", Mock(side_effect=refused))
+    monkeypatch.setattr(os, "statvfs", lambda _: Mock(f_flag=os.ST_RDONLY))
+    with pytest.raises(StateError) as refusal:
+        open_database(folder)
+    assert str(refusal.value) == f"{folder / FILE_NAME}: its file system is read-only"
 
 
 def _only(folder: Path, content: bytes) -> None:

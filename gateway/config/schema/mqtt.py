@@ -59,8 +59,8 @@ class Mqtt(Table):
     )
     keep: Size = Field(
         0,
-        description="How much disk the values may take that could not be published while the broker was away. They "
-        "are sent when it is back; if there are more, the oldest are given up. See "
+        description="How much disk the values may take that could not be published while the broker was away, from "
+        "64 KiB to 1 GiB. They are sent when it is back; if there are more, the oldest are given up. See "
         "[plant](plant.md#while-the-broker-is-away).",
     )
     keep_every: WriteDuration = Field(
