@@ -106,10 +106,7 @@ class PlainForm:
 
     def history(self, device: str, records: Sequence[Record], at: float) -> Message | None:  # noqa: ARG002
         """Return one message with a JSON array of the records."""
-        content = [
-            {"time": rfc_3339(each.at), **each.values, **({"clock": "unsure"} if each.is_unsure else {})}
-            for each in records
-        ]
+        content = [_told(each) for each in records]
         text = json.dumps(content, ensure_ascii=False, allow_nan=False)
         return Message(self._topics.history(device), text.encode())
 
@@ -155,6 +152,12 @@ def gone(topic: str) -> Sequence[Message]:
         Message(Topics.availability_of(topic), OFFLINE, retain=True),
         Message(topic, b"", retain=True),
     )
+
+
+def _told(record: Record) -> Mapping[str, Any]:
+    """Make the object of a record. A point that was kept for Sparkplug may be called `time`; here that is its time."""
+    time, clock = {"time": rfc_3339(record.at)}, {"clock": "unsure"} if record.is_unsure else {}
+    return time | record.values | time | clock
 
 
 def _command(device: PublishedDevice, point: PublishedPoint, delivery: Delivery) -> Command:

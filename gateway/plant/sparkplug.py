@@ -258,6 +258,8 @@ def _refusal(point: PublishedPoint, metric: Metric, delivery: Delivery) -> str:
     """Say why a command must not be carried out; empty if it may."""
     if delivery.is_retained or delivery.is_duplicate:
         return "the message is retained or repeated: it may be an old one"
+    if metric.is_historical:
+        return "it is a value of earlier"
     if not point.is_writable:
         return f"{point.name} must not be written"
     if metric.value is None:

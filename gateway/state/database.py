@@ -303,7 +303,9 @@ def _load(file: Path, table: Table, rows: list[Row], unless_used: ExitStack) -> 
         StateError: a later version has written it.
         UnicodeDecodeError: it is damaged.
     """
-    if file.exists() and not file.stat().st_size:
+    if not file.exists():
+        unless_used.callback(_remove_empty, file)
+    elif not file.stat().st_size:
         raise sqlite3.DatabaseError("it is empty")
     connection = sqlite3.connect(file, timeout=0, isolation_level=None, check_same_thread=False)
     unless_used.callback(connection.close)
@@ -317,6 +319,13 @@ def _load(file: Path, table: Table, rows: list[Row], unless_used: ExitStack) -> 
         give_to_owner_of_folder(part)
     _read(connection, table, rows)
     return Database(connection, table)
+
+
+def _remove_empty(file: Path) -> None:
+    """Remove a file that could not be made, because the disk is full: the next attempt would set it aside."""
+    with suppress(OSError):
+        if not file.stat().st_size:
+            file.unlink()
 
 
 def _is_new(connection: sqlite3.Connection, file: Path, table: Table) -> bool:

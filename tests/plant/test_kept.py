@@ -11,8 +11,10 @@ import pytest
 
 from gateway.plant.kept.history import PAUSE, REFUSED_PAUSE
 from gateway.plant.kept.keeper import FILE_NAME, Keeper
-from gateway.plant.messages import Message, Reading
+from gateway.plant.messages import Message, Reading, Record
+from gateway.plant.plain import PlainForm
 from gateway.plant.sparkplug_payload import decode
+from gateway.plant.topics import Topics
 from gateway.timing.clock_setting import ClockSetting
 from kit.broker import BEGIN, FakeBroker
 from kit.device import SimulatedDevice, SimulatedLine
@@ -336,6 +338,13 @@ async def test_history_of_a_device_in_sparkplug_waits_until_it_is_born(tmp_path)
         metrics = [metric for payload in data for metric in payload.metrics if metric.is_historical]
         assert [metric.value for metric in metrics if metric.name == "weight"] == list(range(1, 21))
         assert all(metric.at < BEGIN + 25 for metric in metrics)
+
+
+def test_a_point_called_time_that_was_kept_for_sparkplug_hides_no_time():
+    record = Record(BEGIN, {"time": 7, "clock": 5, "weight": 1}, is_unsure=True)
+    (told,) = json.loads(PlainForm(Topics("plant"), ()).history("silo-1", [record], BEGIN).payload)
+    assert datetime.fromisoformat(told.pop("time")).timestamp() == BEGIN
+    assert told == {"clock": "unsure", "weight": 1}
 
 
 async def test_a_refused_message_is_tried_again_later_or_given_up(tmp_path):

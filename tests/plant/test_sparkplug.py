@@ -513,6 +513,11 @@ def test_a_command_that_may_be_old_is_refused(flag):
     assert command.refusal
 
 
+def test_a_value_of_earlier_is_no_command():
+    (command,) = wants(born(), Metric("speed", 1, DataType.INT16, AT, is_historical=True))
+    assert command.refusal
+
+
 def test_what_nobody_has_is_ignored():
     assert wants(born(), Metric("other", 1, DataType.INT16)) == []
     assert wants(born(), Metric("speed", 1, DataType.INT16), device="silo-1") == []

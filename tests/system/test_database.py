@@ -1,6 +1,7 @@
 """A database on a real disk: what damage, foreign files, links and missing permissions do."""
 
 import os
+import resource
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -224,3 +225,16 @@ def _only(folder: Path, content: bytes) -> None:
     for path in folder.iterdir():
         path.unlink()
     (folder / FILE_NAME).write_bytes(content)
+
+
+def test_a_database_that_a_full_disk_does_not_let_be_made_leaves_nothing(tmp_path: Path) -> None:
+    whole = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, whole[1]))
+    try:
+        for _ in range(3):
+            with pytest.raises(StateError):
+                open_database(tmp_path)
+        assert list(tmp_path.iterdir()) == []
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, whole)
+    assert open_database(tmp_path).damage == ""
