@@ -114,6 +114,8 @@ class Keeper:
 
     def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
         """Return the next records to send; None if there are none at present: `ready` is called when there are."""
+        if self._file is None and self._path is not None and not self._trouble:
+            return None  # it is still to be opened, and has what is older
         batch = self._backlog.take(may_tell, room)
         if batch is None and self._backlog.must_load:
             self._must_load = True
