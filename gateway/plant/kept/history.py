@@ -10,6 +10,8 @@ from gateway.plant.messages import Form, Message, Reading, Readings, Record
 #: The least time between two of these messages, and that before one is sent again which the broker has refused for now.
 PAUSE: Final = 0.1
 REFUSED_PAUSE: Final = 30.0
+#: How long after the birth the first one is sent: others that lost a broker which was restarted connect again meanwhile.
+SETTLING: Final = 3.0
 #: About the largest and the smallest of these messages, in bytes. A slow network, or a broker that takes small messages
 #: only, must not lose its connection by them again and again.
 LARGEST: Final = 32_000
@@ -96,7 +98,7 @@ class History:
     def begin(self, now: float, largest: int) -> None:
         """Begin to send: the birth is confirmed. The broker takes messages of `largest` bytes."""
         self._most = min(LARGEST, largest // 2)
-        self._next_at, self._is_idle = now, False
+        self._next_at, self._is_idle = now + SETTLING, False
 
     def end(self) -> None:
         """Send no more: the connection is lost. The new readings of all that is not confirmed are kept."""
