@@ -156,8 +156,8 @@ def gone(topic: str) -> Sequence[Message]:
 
 def _told(record: Record) -> Mapping[str, Any]:
     """Make the object of a record. A point that was kept for Sparkplug may be called `time`; here that is its time."""
-    time, clock = {"time": rfc_3339(record.at)}, {"clock": "unsure"} if record.is_unsure else {}
-    return time | record.values | time | clock
+    values = {name: value for name, value in record.values.items() if name != "time"}
+    return {"time": rfc_3339(record.at), **values, **({"clock": "unsure"} if record.is_unsure else {})}
 
 
 def _command(device: PublishedDevice, point: PublishedPoint, delivery: Delivery) -> Command:

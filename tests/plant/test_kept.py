@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 
 from gateway.plant.kept import keeper
-from gateway.plant.kept.history import PAUSE, REFUSED_PAUSE
+from gateway.plant.kept.history import PAUSE, REFUSED_PAUSE, SETTLING
 from gateway.plant.kept.keeper import FILE_NAME, Keeper
 from gateway.plant.messages import Message, Reading, Record
 from gateway.plant.plain import PlainForm
@@ -246,6 +246,8 @@ async def test_a_live_value_goes_before_what_was_kept(tmp_path):
         await hall.count(30)
         hall.broker.connect()
         hall.broker.take(confirmed=False)
+        await asyncio.sleep(SETTLING - 1.0)
+        hall.broker.take()
         hall.silo.holding[0] = 1000
         await asyncio.sleep(1.0)
         assert [message.topic for message in hall.broker.take(confirmed=False)] == [SILO, HISTORY]
@@ -473,3 +475,11 @@ async def test_what_is_in_a_file_that_opens_slowly_comes_before_later_values(tmp
         again.broker.connect()
         first = await again.one()
         assert weights(json.loads(first.payload))[:12] == list(range(1, 13))
+
+
+async def test_history_begins_when_readers_of_a_broker_that_was_restarted_may_be_there_again(tmp_path):
+    async with plant(tmp_path) as hall:
+        await hall.count(20)
+        hall.broker.connect()
+        assert await hall.drain(SETTLING - 0.1) == []
+        assert weights(await hall.drain(0.5))

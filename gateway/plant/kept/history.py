@@ -10,7 +10,7 @@ from gateway.plant.messages import Form, Message, Reading, Readings, Record
 #: The least time between two of these messages, and that before one is sent again which the broker has refused for now.
 PAUSE: Final = 0.1
 REFUSED_PAUSE: Final = 30.0
-#: How long after the birth the first one is sent: others that lost a broker which was restarted connect again meanwhile.
+#: How long after the birth the first one is sent: if the broker was restarted, its readers connect again meanwhile.
 SETTLING: Final = 3.0
 #: About the largest and the smallest of these messages, in bytes. A slow network, or a broker that takes small messages
 #: only, must not lose its connection by them again and again.
