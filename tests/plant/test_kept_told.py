@@ -79,6 +79,14 @@ def test_it_is_told_once_in_a_connection_that_all_was_sent():
     assert clock.told() == [KeptValuesSent(7, 0.0)]
 
 
+def test_nothing_is_said_to_be_sent_if_the_broker_has_refused_all():
+    clock, sending = progress()
+    sending.begin()
+    sending.sent(0)
+    sending.left(0)
+    assert clock.told() == []
+
+
 def test_how_long_the_room_lasts_is_known_after_a_minute_in_which_nothing_was_sent():
     clock, filling = progress()
     filling.written(1000)

@@ -33,10 +33,10 @@ class Progress:
         self._grows_from = None
 
     def left(self, values: int) -> None:
-        """Tell that all is sent, once for each `begin`, if so many values are left."""
+        """Tell that all is sent, once for each `begin`, if so many values are left; not if the broker took none."""
         if not values:
             self._grows_from = None
-        if not values and self._begun_at is not None and not self._is_told:
+        if not values and self._sent and self._begun_at is not None and not self._is_told:
             self._is_told = True
             self._emit(KeptValuesSent(self._sent, round(self._now() - self._begun_at, 1)))
 
