@@ -199,7 +199,6 @@ async def test_a_live_value_goes_before_what_was_kept(tmp_path):
         hall.broker.lose()
         await hall.count(30)
         hall.broker.connect()
-        await asyncio.sleep(SETTLING)
         hall.broker.take(confirmed=False)
         await asyncio.sleep(SETTLING)
         hall.broker.take(confirmed=False)  # nothing yet: the file must be read
