@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import pytest
 
+from gateway.plant.kept import keeper
 from gateway.plant.kept.history import PAUSE, REFUSED_PAUSE, SETTLING
 from gateway.plant.kept.keeper import FILE_NAME, Keeper
 from gateway.plant.messages import Message, Reading, Record
@@ -159,6 +160,51 @@ async def test_a_value_that_waits_for_a_slow_broker_is_kept_when_the_next_takes_
         assert weights(hall.history(history) + await hall.drain()) == [first + 1, first + 2, first + 3]
 
 
+async def test_what_a_slow_broker_has_not_confirmed_comes_before_what_waited_behind_it(tmp_path):
+    async with plant(tmp_path) as hall:
+        await hall.count(2)
+        await hall.connect()
+        first = hall.silo.holding[0]
+        await hall.count(1)
+        (under_way,) = hall.broker.take(confirmed=False)
+        await hall.count(12)
+        hall.broker.lose()
+        hall.broker.connect()
+        records = await hall.drain()
+        assert weights(records) == list(range(first + 1, first + 14))
+        assert records[0]["time"] == json.loads(under_way.payload)["time"]
+
+
+async def test_what_a_slow_broker_confirms_at_last_is_not_sent_again(tmp_path):
+    async with plant(tmp_path) as hall:
+        await hall.count(2)
+        await hall.connect()
+        first = hall.silo.holding[0]
+        await hall.count(1)
+        (under_way,) = hall.broker.take(confirmed=False)
+        await hall.count(12)
+        hall.broker.driver.confirmed(under_way)
+        assert weights(await hall.drain(15.0)) == list(range(first + 2, first + 13))
+        assert hall.keeper.status.values == 0
+
+
+async def test_a_kill_loses_nothing_older_than_the_interval_if_the_broker_stands_still(tmp_path):
+    async with gateway_bench(CONFIG) as bench:
+        killed = Plant(bench, tmp_path, lambda: SET)
+        await killed.count(2)
+        await killed.connect()
+        first = killed.silo.holding[0]
+        await killed.count(1)
+        killed.broker.take(confirmed=False)
+        await asyncio.sleep(11.0)
+        killed.keeper._task.cancel()
+        killed.keeper._file.close()
+    async with plant(tmp_path) as hall:
+        await asyncio.sleep(1.0)
+        hall.broker.connect()
+        assert first + 1 in weights(await hall.drain())
+
+
 async def test_a_value_inside_the_deadband_is_not_kept(tmp_path):
     config = CONFIG.replace('every = "400 ms"', 'every = "400 ms", on_change = 5')
     async with plant(tmp_path, config) as hall:
@@ -261,10 +307,10 @@ async def test_what_is_confirmed_late_is_not_sent_as_history(tmp_path):
         await hall.count(1)
         (slow,) = hall.broker.take(confirmed=False)
         await hall.count(15)
-        told = hall.history(hall.broker.take()) + await hall.drain()
+        waited = hall.history(hall.broker.take()) + await hall.drain()
+        assert waited == [], "they are behind what may still be lost"
         hall.broker.driver.confirmed(slow)
-        told += await hall.drain()
-        assert weights(told) == list(range(before + 2, before + 16))
+        assert weights(await hall.drain()) == list(range(before + 2, before + 16))
         await asyncio.sleep(11.0)
         assert hall.keeper.status.values == 0
 
@@ -409,6 +455,26 @@ async def test_messages_get_smaller_when_connections_are_lost_by_them(tmp_path):
         hall.broker.connect()
         assert weights(await hall.drain(30.0)) == list(range(1, 2001))
         assert max(len(message.payload) for message in hall.broker.messages) > 15_000
+
+
+async def test_what_is_in_a_file_that_opens_slowly_comes_before_later_values(tmp_path, monkeypatch):
+    async with plant(tmp_path) as hall:
+        await hall.count(12)
+    in_thread = keeper._in_thread
+
+    async def slowly(*call):
+        await asyncio.sleep(0.5)
+        return await in_thread(*call)
+
+    monkeypatch.setattr(keeper, "_in_thread", slowly)
+    async with plant(tmp_path) as again:
+        again.silo.holding[0] = 1000
+        await asyncio.sleep(0.4)
+        again.silo.holding[0] = 1001
+        await asyncio.sleep(0.5)
+        again.broker.connect()
+        first = await again.one()
+        assert weights(json.loads(first.payload))[:12] == list(range(1, 13))
 
 
 async def test_history_begins_when_readers_of_a_broker_that_was_restarted_may_be_there_again(tmp_path):

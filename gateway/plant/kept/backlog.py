@@ -82,7 +82,7 @@ class Backlog:
         self._count(readings)
 
     def hold(self, device: str, readings: Readings) -> Chunk:
-        """Add readings that the broker may have, and that are not sent before `let_go`."""
+        """Add readings that the broker may have; neither they nor later ones of the device are sent before `let_go`."""
         self._look_at_clock()
         if device in self._open:
             self._put_away(self._open.pop(device))
@@ -176,7 +176,8 @@ class Backlog:
         for device in [device for device in self._next if not may_tell(device)]:
             self._left_out.add(device)
             del self._next[device]
-        for device in list(self._next):
+        held = {chunk.device for chunk in self._held}
+        for device in [device for device in self._next if device not in held]:
             batch = self._batch(device, room)
             if batch.records:
                 self._taken = batch.parts

@@ -65,6 +65,7 @@ class History:
     def keep(self, device: str, readings: Readings) -> None:
         """Keep readings of a device."""
         if readings:
+            self._unconfirmed.hold(device)
             self._keeps.keep(device, readings)
             self._is_idle = False
 

@@ -1,7 +1,7 @@
 """The messages that the broker has not confirmed: if it takes long, their new readings are kept until it does.
 
-Otherwise these would be lost with the gateway, however old. Brokers confirm in the order of sending, so what is sent
-meanwhile never comes before it.
+Otherwise these would be lost with the gateway, however old, and would come behind later ones after the connection is
+lost.
 """
 
 from dataclasses import dataclass
@@ -46,11 +46,17 @@ class Unconfirmed:
         """Note that a message is sent."""
         self._sent.append(_Sent(message, now))
 
+    def hold(self, device: str) -> None:
+        """Keep the readings of a device, before later ones of it are kept."""
+        for each in self._sent:
+            if each.held is None and each.message.device == device:
+                self._hold(each)
+
     def hold_slow(self, now: float) -> None:
         """Keep the readings for which the broker takes long, before what is kept is written."""
         for each in self._sent:
             if each.held is None and now - each.at >= SLOW:
-                each.held = self._keeps.hold(each.message.device, each.message.told)
+                self._hold(each)
 
     def answered(self, message: Message) -> bool:
         """Note that the broker has confirmed or refused a message; tell whether its readings were held."""
@@ -71,3 +77,6 @@ class Unconfirmed:
             else:
                 self._keeps.let_go(each.held, must_send=True)
         self._sent.clear()
+
+    def _hold(self, each: _Sent) -> None:
+        each.held = self._keeps.hold(each.message.device, each.message.told)
