@@ -209,7 +209,7 @@ class BrokerConnection:
         if message is not None and message.qos:  # with QoS 0 it only says that the message is written
             what = f"publish to {message.topic}"
             refusal = refused(reason, properties, what, self._user) if reason.is_failure else ""
-            self._confirm(number, refusal, is_passing=is_passing(reason))
+            self._confirm(number, refusal, is_passing=is_passing(reason, message))
 
     def _on_message(self, message: MQTTMessage) -> None:
         properties = message.properties

@@ -6,6 +6,7 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from gateway.errors import BrokerError
+from gateway.plant.messages import Message
 
 _UNSUPPORTED_VERSION: Final = 0x84
 _WRONG_LOGIN: Final = 0x86
@@ -89,6 +90,9 @@ def refused(reason: ReasonCode, properties: Properties | None, what: str, user: 
     return f"to {what} is refused: {in_words(reason, properties)}"
 
 
-def is_passing(reason: ReasonCode) -> bool:
-    """Tell whether the same message may be accepted later."""
-    return reason.value in _PASSING
+def is_passing(reason: ReasonCode, message: Message) -> bool:
+    """Tell whether the same message may be accepted later.
+
+    A right may be given later, too; but the values of a device would ask for it with each read.
+    """
+    return reason.value in _PASSING or (reason.value == _NO_RIGHT and not message.device)

@@ -16,6 +16,8 @@ _PAGE: Final = 4096
 #: What the journal takes at least, and the most bytes that are written at once.
 _JOURNAL: Final = 40_960
 _LARGEST_PART: Final = 262_144
+#: How many pages change with a row that is deleted.
+_PAGES_OF_ROW: Final = 2
 #: What a row takes beside device and content, and more than any has of readings.
 _ROW: Final = 40
 _MOST_READINGS: Final = 100_000
@@ -44,9 +46,10 @@ class KeptFile:
 
     def __init__(self, database: Database, most: int) -> None:
         self._database = database
-        #: The most bytes of its rows, and of those that are written at once.
+        #: The most bytes of its rows, of those that are written at once, and how many are deleted at once.
         self.room = most - max(most // 8, _JOURNAL)
         self._part = min(max(_PAGE, most // 32), _LARGEST_PART)
+        self._rows = max(1, self._part // (_PAGES_OF_ROW * _PAGE))
         #: Numbers are never used again while it is open.
         self._last = _number(database.ends()[1])
         database.limit_journal(max(1, self._part // _PAGE))
@@ -94,16 +97,20 @@ class KeptFile:
         Raises:
             sqlite3.Error: the disk is full or fails.
         """
-        to_delete = set(gone)
+        numbers = sorted(gone)
+        for begin in range(0, len(numbers), self._rows):
+            part_gone = numbers[begin : begin + self._rows]
+            self._database.write((), [(number,) for number in part_gone])
+            done.gone.update(part_gone)
+            done.totals = self.totals()
         for part in self._parts(chunks):
             rows = [row for _, row in part]
-            oldest = self._oldest(sum(map(_size, rows)), to_delete)
-            self._database.write(rows, [(number,) for number in (*to_delete, *oldest)])
-            done.gone |= to_delete
+            oldest = self._oldest(sum(map(_size, rows)))
+            self._database.write(rows, [(number,) for number in oldest])
+            self._last = max([self._last, *(row[0] for row in rows)])
             done.given_up += oldest.items()
             done.chunks += [(chunk, row[0]) for chunk, row in part]
             done.totals = self.totals()
-            to_delete.clear()
 
     def after(self, number: int) -> Found:
         """Read the next chunks after this number.
@@ -128,11 +135,11 @@ class KeptFile:
     def _parts(self, chunks: Iterable[Chunk]) -> Iterator[list[tuple[Chunk, Row]]]:
         """Yield the rows of chunks, so many at a time that they do not make the journal large; at least one time."""
         part: list[tuple[Chunk, Row]] = []
-        size = 0
+        size, last = 0, self._last
         for chunk in with_rests(chunks):
             number = chunk.number
             if number is None:
-                number = self._last = self._last + 1
+                number = last = last + 1
             row = (number, chunk.device, chunk.at, chunk.values, chunk.pack())
             if part and size + _size(row) > self._part:
                 yield part
@@ -141,14 +148,14 @@ class KeptFile:
             size += _size(row)
         yield part
 
-    def _oldest(self, needed: int, gone: Collection[int]) -> dict[int, int]:
+    def _oldest(self, needed: int) -> dict[int, int]:
         """Return the oldest rows that must go to have room for so many bytes, with their readings."""
         oldest: dict[int, int] = {}
         room, last = self.room - self._database.size, 0
         while room < needed and (rows := self._database.after(last, _ROWS)):
             for row, _ in rows:
                 last = row[0]
-                if room < needed and last not in gone:
+                if room < needed:
                     oldest[last] = _count(row[3])
                     room += _size(row) - _ROW
         return oldest
