@@ -162,8 +162,8 @@ class Broker:
                 await self._wait(connection)
             await self._leave(connection, (*(self._last or ()), *publisher.ended(driver.now())))
         finally:
-            publisher.disconnected()
             connection.close()
+            publisher.disconnected()
 
     async def _until_born(self, connection: BrokerConnection) -> None:
         """Wait until something may be published; say it if the primary host is not there for that."""

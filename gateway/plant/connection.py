@@ -3,7 +3,6 @@
 import asyncio
 import ssl
 from collections.abc import Callable, Sequence
-from typing import Final
 
 from paho.mqtt.client import MQTTMessage
 from paho.mqtt.properties import Properties
@@ -23,9 +22,6 @@ from gateway.plant.reasons import (
     refused_login,
 )
 from gateway.tls.reasons import explain
-
-#: MQTT gives no message this number.
-_NO_NUMBER: Final = 0
 
 
 class BrokerConnection:
@@ -167,7 +163,6 @@ class BrokerConnection:
         if message.qos:
             self._confirmed(message, refusal, False)
         else:  # of Sparkplug, whose messages have numbers: if one is missing, hosts ask for all anew, again and again
-            self._awaited[_NO_NUMBER] = message
             self._fail(BrokerError(refusal))
 
     def _ask(self) -> None:

@@ -1,6 +1,7 @@
 """What readings are kept in: chunks, the backlog in memory, and the file."""
 
 import asyncio
+import json
 import math
 import sqlite3
 import zlib
@@ -10,12 +11,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gateway.clock.times import rfc_3339
 from gateway.errors import StateError
 from gateway.plant.kept.backlog import MOST_IN_MEMORY, Backlog
 from gateway.plant.kept.file import TABLE, KeptFile
 from gateway.plant.kept.keeper import Keeper
 from gateway.plant.kept.records import Chunk, Totals, Written
 from gateway.plant.messages import Reading, Record
+from gateway.plant.plain import PlainForm
+from gateway.plant.topics import Topics
+from gateway.profiles.published import PublishedDevice
 from gateway.state.database import open_table
 from gateway.timing.clock_setting import ClockSetting
 
@@ -362,3 +367,21 @@ def test_what_was_loaded_of_a_file_that_is_damaged_is_kept_anew(tmp_path):
     backlog.rewind()
     assert backlog.take(always, 100_000).records[-1].values == {"p": 99}
     file.close()
+
+
+def test_a_time_is_unsure_if_it_is_before_the_program_or_the_clock_was_set_since_in_the_same_boot():
+    chunk = Chunk("silo-1", ClockSetting("boot", 1000.0, is_set=True))
+    now, of_old = Record(1_800_000_000.0, {"weight": 1}), Record(1.0, {"weight": 1})
+    assert not chunk.as_sent(now, chunk.clock).is_unsure
+    assert chunk.as_sent(of_old, chunk.clock).is_unsure
+    assert chunk.as_sent(now, chunk.clock._replace(ahead=1002.0)).is_unsure
+    assert not chunk.as_sent(now, chunk.clock._replace(ahead=1000.5)).is_unsure
+    assert not chunk.as_sent(now, chunk.clock._replace(ahead=5000.0, boot="next")).is_unsure
+
+
+def test_a_live_message_has_the_time_of_what_was_read_last_also_after_the_clock_was_set_back():
+    device = PublishedDevice("silo-1", 1, "Silo", ())
+    readings = {"weight": Reading(1, 1_800_000_100.0, 5.0), "state": Reading(2, 1_800_000_000.0, 6.0)}
+    (message,) = PlainForm(Topics("plant"), (device,)).values(device, readings, set(readings), 1_800_000_001.0)
+    assert json.loads(message.payload)["time"] == rfc_3339(1_800_000_000.0)
+    assert {reading.at for reading in message.told.values()} == {1_800_000_000.0}
