@@ -1,6 +1,7 @@
 """What readings are kept in: chunks, the backlog in memory, and the file."""
 
 import asyncio
+import json
 import math
 import sqlite3
 import zlib
@@ -340,6 +341,16 @@ async def test_a_write_that_fails_halfway_is_not_written_again(tmp_path):
     assert len(calls) > 2
     assert keeper._file.readings() == 1200 - keeper.status.given_up == keeper.status.values
     await keeper.close()
+
+
+@pytest.mark.parametrize("text", ["\x01" * 200, "\u2713" * 200, '"' * 200, "x" * 200])
+def test_a_message_does_not_get_larger_than_it_may_by_its_texts(text):
+    backlog = Backlog(lambda: SET)
+    for each in range(100):
+        backlog.keep("d", {text: Reading(text, BEGIN + each)})
+    records = backlog.take(always, 16_000).records
+    content = json.dumps([dict(each.values) for each in records], ensure_ascii=False).encode()
+    assert 8_000 < len(content) < 18_500
 
 
 def test_what_comes_late_is_told_in_order():
