@@ -40,7 +40,7 @@ async def test_an_answer_confirms_the_messages_before_the_question(version):
     async with connected(version, confirmed=lambda *what: confirmed.append(what)) as (connection, peer):
         for message in messages:
             connection.publish(message)
-        assert connection.unconfirmed == messages
+        assert connection.in_flight == len(messages)
         for left in (29, 0):  # the first question was sent after the first message, the second one after all
             number = (await peer.next(UNSUBSCRIBE))[:2]
             peer.say(packet(UNSUBACK, number + (b"\0\x11" if version == "5" else b"")))
@@ -60,7 +60,19 @@ async def test_what_is_not_confirmed_is_known_when_the_connection_is_lost():
         peer.writer.close()
         await connection.lost
         connection.close()
-        assert connection.unconfirmed == messages[:3] + messages[4:]
+        assert connection.in_flight == 5
+
+
+async def test_a_message_that_is_never_confirmed_is_due_some_time_whatever_else_is(monkeypatch):
+    monkeypatch.setattr("gateway.plant.connection.LONGEST", 5.0)
+    loop = asyncio.get_running_loop()
+    async with connected() as (connection, peer):
+        before = loop.time()
+        for text in (b"1", b"2"):
+            connection.publish(Message("value", text))
+        peer.say(packet(PUBACK, peer.number(await peer.next(PUBLISH, b"2"))))
+        await until(lambda: connection.in_flight == 1)
+        assert connection.deadline - before == pytest.approx(5.0, abs=0.5)
 
 
 async def test_the_broker_says_what_it_accepts():
@@ -87,7 +99,7 @@ async def test_a_message_that_the_broker_would_not_take_is_refused_without_it():
         numbered = Message(topic, bytes(400), qos=0)  # of Sparkplug: none may be missing
         connection.publish(numbered)
         assert (await connection.lost).endswith("but the broker accepts no more than 300")
-        assert connection.unconfirmed[-1] == numbered
+        assert connection.in_flight == 2
 
 
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
@@ -115,7 +127,7 @@ async def test_a_packet_that_is_too_large_ends_the_connection_before_it_is_read(
         for message in behind:
             connection.publish(message)
         connection.end(with_will=False)
-        assert connection.unconfirmed == behind
+        assert connection.in_flight == len(behind)
 
 
 async def test_an_error_of_the_library_while_it_pings_ends_the_connection(monkeypatch):
