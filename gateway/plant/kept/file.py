@@ -95,6 +95,8 @@ class KeptFile:
             sqlite3.Error: the disk is full or fails.
         """
         to_delete = set(gone)
+        if self._database.size > self.room:  # it may take less than before
+            self._shrink(to_delete, done)
         for part in self._parts(chunks):
             rows = [row for _, row in part]
             oldest = self._oldest(sum(map(_size, rows)), to_delete)
@@ -140,6 +142,19 @@ class KeptFile:
             part.append((chunk, row))
             size += _size(row)
         yield part
+
+    def _shrink(self, to_delete: set[int], done: Written) -> None:
+        """Delete rows, then the oldest, a few at a time: how much room they leave is only seen then."""
+        self._database.write((), [(number,) for number in to_delete])
+        done.gone |= to_delete
+        to_delete.clear()
+        while (excess := self._database.size - self.room) > 0:
+            oldest = self._oldest(min(excess, _LARGEST_PART) - excess, ())
+            if not oldest:
+                return
+            self._database.write((), [(number,) for number in oldest])
+            done.given_up += oldest.items()
+            done.totals = self.totals()
 
     def _oldest(self, needed: int, gone: Collection[int]) -> dict[int, int]:
         """Return the oldest rows that must go to have room for so many bytes, with their readings."""
