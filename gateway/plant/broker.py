@@ -9,7 +9,7 @@ from typing import Final
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import BrokerError, TlsError
 from gateway.events import BrokerLost, BrokerRefused, BrokerUp, Emit, PartFailed
-from gateway.plant.client import STEP_TIME, VERSIONS, BrokerSettings, Version
+from gateway.plant.client import VERSIONS, BrokerSettings, Version
 from gateway.plant.connection import BrokerConnection
 from gateway.plant.driver import PublisherDriver
 from gateway.plant.messages import Message
@@ -218,7 +218,7 @@ class Broker:
         self._driver.wake.clear()
         self._raise_if_lost(connection)
         if connection.deadline is not None and asyncio.get_running_loop().time() >= connection.deadline:
-            raise BrokerError(f"it has not confirmed a message for {STEP_TIME:g} s")
+            raise BrokerError(f"it has not confirmed a message for {connection.patience:g} s")
 
     def _raise_if_lost(self, connection: BrokerConnection) -> None:
         if connection.lost.done():

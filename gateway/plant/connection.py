@@ -23,6 +23,9 @@ from gateway.plant.reasons import (
 )
 from gateway.tls.reasons import explain
 
+#: How long a broker may take to confirm a message while it confirms others, in seconds.
+LONGEST: Final = 60.0
+
 
 class BrokerConnection:
     """A connection with one `version` of MQTT. `deliver` takes each message received.
@@ -44,6 +47,8 @@ class BrokerConnection:
     ) -> None:
         #: When the broker must have confirmed another message, by the clock of the event loop; None if none is due.
         self.deadline: float | None = None
+        #: How long it may take for that.
+        self.patience = STEP_TIME
         self.most_in_flight = MOST_IN_FLIGHT
         #: The largest packet that the broker accepts, in bytes, or a size that any broker should accept.
         self.largest = LARGEST_PACKET
@@ -57,8 +62,10 @@ class BrokerConnection:
         self._loop = asyncio.get_running_loop()
         #: The answer to the login, then to each subscription.
         self._answer: asyncio.Future[tuple[Sequence[ReasonCode], Properties | None]] = self._loop.create_future()
-        #: What was sent and is not confirmed, by number, in the order of sending.
-        self._awaited: dict[int, Message] = {}
+        #: What was sent and is not confirmed, and when, by number, in the order of sending.
+        self._awaited: dict[int, tuple[Message, float]] = {}
+        #: Since when the broker has had something to confirm, and has confirmed nothing.
+        self._waiting_since = 0.0
         #: The numbers of those with QoS 0: sent before the present question, and behind it.
         self._asked: list[int] = []
         self._unasked: list[int] = []
@@ -123,10 +130,12 @@ class BrokerConnection:
         if self._limit is not None and size(message) > self._limit:
             self._refuse(message, self._limit)
             return
+        now = self._loop.time()
         if not self._awaited:
-            self.deadline = self._loop.time() + STEP_TIME
+            self._waiting_since = now
         number = self._client.send(message)
-        self._awaited[number] = message
+        self._awaited[number] = message, now
+        self._set_deadline()
         if not message.qos:
             self._unasked.append(number)
             self._ask()
@@ -172,9 +181,18 @@ class BrokerConnection:
             self._client.ask()
 
     def _confirm(self, number: int, refusal: str = "", *, is_passing: bool = False) -> None:
-        message = self._awaited.pop(number)
-        self.deadline = self._loop.time() + STEP_TIME if self._awaited else None
+        message, _ = self._awaited.pop(number)
+        self._waiting_since = self._loop.time()
+        self._set_deadline()
         self._confirmed(message, refusal, is_passing)
+
+    def _set_deadline(self) -> None:
+        """Give the broker a short time to confirm anything, and a longer one for each: history waits for its own."""
+        self.deadline = None
+        if self._awaited:
+            _, first = next(iter(self._awaited.values()))
+            all_of_them = (self._waiting_since + STEP_TIME, STEP_TIME)
+            self.deadline, self.patience = min(all_of_them, (first + LONGEST, LONGEST))
 
     # --- what the library calls ---
 
@@ -200,7 +218,7 @@ class BrokerConnection:
         self._ask()
 
     def _on_publish(self, number: int, reason: ReasonCode, properties: Properties | None) -> None:
-        message = self._awaited.get(number)
+        message, _ = self._awaited.get(number, (None, 0.0))
         if message is not None and message.qos:  # with QoS 0 it only says that the message is written
             what = f"publish to {message.topic}"
             refusal = refused(reason, properties, what, self._user) if reason.is_failure else ""

@@ -59,6 +59,7 @@ class FakeConnection:
         self.most_in_flight = 20
         self.largest = 65536
         self.deadline = None
+        self.patience = STEP_TIME
         self.messages = []
         self.topics = []
         self.lost = asyncio.get_running_loop().create_future()

@@ -167,6 +167,23 @@ def test_the_oldest_go_first_and_are_counted(tmp_path):
     file.close()
 
 
+def test_a_file_that_may_take_less_than_before_keeps_the_newest(tmp_path):
+    file = opened(tmp_path, 4 * 2**20)
+    for number in range(200):
+        values = {f"p{each}": math.sin(number + each) for each in range(500)}
+        written(file, [chunk(BEGIN + number, **values)])
+    before = file.readings()
+    file.close()
+    less = opened(tmp_path, 2**20)
+    done = written(less, [chunk(BEGIN + 300)])
+    assert 0.7 * less.room < done.totals.size <= less.room
+    numbers = [number for number, _ in done.given_up]
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert sum(readings for _, readings in done.given_up) == before + 1 - less.readings()
+    assert (tmp_path / "kept.sqlite-wal").stat().st_size < 2**20
+    less.close()
+
+
 def test_numbers_are_not_used_again(tmp_path):
     file = opened(tmp_path)
     assert [number for _, number in written(file, [chunk(), chunk()]).chunks] == [1, 2]
@@ -345,6 +362,16 @@ async def test_a_write_that_fails_halfway_is_not_written_again(tmp_path):
     assert len(calls) > 2
     assert keeper._file.readings() == 1200 - keeper.status.given_up == keeper.status.values
     await keeper.close()
+
+
+@pytest.mark.parametrize("text", ["\x01" * 200, "\u2713" * 200, '"' * 200, "x" * 200])
+def test_a_message_does_not_get_larger_than_it_may_by_its_texts(text):
+    backlog = Backlog(lambda: SET)
+    for each in range(100):
+        backlog.keep("d", {text: Reading(text, BEGIN + each)})
+    records = backlog.take(always, 16_000).records
+    content = json.dumps([dict(each.values) for each in records], ensure_ascii=False).encode()
+    assert 8_000 < len(content) < 18_500
 
 
 def test_what_comes_late_is_told_in_order():

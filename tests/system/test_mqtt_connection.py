@@ -63,6 +63,18 @@ async def test_what_was_not_confirmed_is_not_told_as_confirmed_when_the_connecti
         assert confirmed == [(messages[3], "", False)]
 
 
+async def test_a_message_that_is_never_confirmed_is_due_some_time_whatever_else_is(monkeypatch):
+    monkeypatch.setattr("gateway.plant.connection.LONGEST", 5.0)
+    loop = asyncio.get_running_loop()
+    async with connected() as (connection, peer):
+        before = loop.time()
+        for text in (b"1", b"2"):
+            connection.publish(Message("value", text))
+        peer.say(packet(PUBACK, peer.number(await peer.next(PUBLISH, b"2"))))
+        await until(lambda: connection.in_flight == 1)
+        assert connection.deadline - before == pytest.approx(5.0, abs=0.5)
+
+
 async def test_the_broker_says_what_it_accepts():
     limits = bytes((RECEIVE_MAXIMUM, 0, 3, MAXIMUM_PACKET_SIZE, 0, 0, 8, 0))
     async with connected(connack=packet(CONNACK, bytes(2), limits)) as (connection, _):

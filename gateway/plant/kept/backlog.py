@@ -1,5 +1,6 @@
 """Readings that wait to be sent, the oldest first: what of them is in memory, and where the file goes on."""
 
+import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -301,5 +302,10 @@ class Backlog:
 
 
 def _size(record: Record) -> int:
-    texts = sum(len(str(value)) if isinstance(value, str) else 0 for value in record.values.values())
-    return _RECORD_BYTES + sum(len(name) + _VALUE_BYTES for name in record.values) + texts
+    texts = [*record.values, *(value for value in record.values.values() if isinstance(value, str))]
+    return _RECORD_BYTES + _VALUE_BYTES * len(record.values) + sum(map(_size_of_text, texts))
+
+
+def _size_of_text(text: str) -> int:
+    """Return about how many bytes a text takes in JSON: a control character has six, a quote two."""
+    return len(text) if text.isalnum() and text.isascii() else len(json.dumps(text))

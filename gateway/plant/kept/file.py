@@ -103,6 +103,7 @@ class KeptFile:
             self._database.write((), [(number,) for number in part_gone])
             done.gone.update(part_gone)
             done.totals = self.totals()
+        self._shrink(done)
         for part in self._parts(chunks):
             rows = [row for _, row in part]
             oldest = self._oldest(sum(map(_size, rows)))
@@ -147,6 +148,16 @@ class KeptFile:
             part.append((chunk, row))
             size += _size(row)
         yield part
+
+    def _shrink(self, done: Written) -> None:
+        """Give up the oldest if the file may take less than before, a few at a time: only then is the room seen."""
+        while (excess := self._database.size - self.room) > 0:
+            oldest = self._oldest(min(excess, _LARGEST_PART) - excess)
+            if not oldest:
+                return
+            self._database.write((), [(number,) for number in oldest])
+            done.given_up += oldest.items()
+            done.totals = self.totals()
 
     def _oldest(self, needed: int) -> dict[int, int]:
         """Return the oldest rows that must go to have room for so many bytes, with their readings."""
