@@ -3,6 +3,7 @@
 import asyncio
 import ssl
 from collections.abc import Callable, Sequence
+from typing import Final
 
 from paho.mqtt.client import MQTTMessage
 from paho.mqtt.properties import Properties

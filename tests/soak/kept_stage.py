@@ -16,6 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from gateway.plant.kept.history import SETTLING
 from kit.process import PATIENCE, GatewayProcess, command
 from soak.kept_messages import GROUP, SITE, Heard, told_by
 from soak.kept_record import Break, Record, Told
@@ -30,7 +31,7 @@ LONGEST = 3.0
 #: An answer is taken within so many seconds, or by the gateway before a reload or an end.
 TAKEN = 0.1
 #: All history was sent when none has come for so long, in seconds.
-QUIET = 2 * KEEP_EVERY + 1.0
+QUIET = SETTLING + 2 * KEEP_EVERY + 1.0
 RELOADED = "config_applied"
 PLAIN, SPARKPLUG = "plain", "sparkplug"
 CONFIG = """
