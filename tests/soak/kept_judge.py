@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from gateway.plant.kept.history import SETTLING
 from soak.kept_record import Entry, Record, Told
 
 #: How much earlier than it was answered a value may seem to be, in seconds.
@@ -174,8 +175,9 @@ def _twice(record: Record, told: Told, entry: Entry, point: str, before: _Before
         yield Problem(UNRECOGNISABLE, told.at, what)
     is_birth = not told.is_history and any(before.heard - record.late <= end <= told.at for end in record.ends)
     is_cut_short = told.is_history and not before.was_history
+    longer = SETTLING if is_cut_short else 0.0  # what a birth has told comes again if history had not begun
     is_unclean = any(
-        each.at - each.reach <= before.heard <= each.at + record.late / 3 and each.at <= told.at
+        each.at - each.reach - longer <= before.heard <= each.at + record.late / 3 and each.at <= told.at
         for each in (*record.breaks, *(record.clean_ends if is_cut_short else ()))
     )
     if not (is_birth or is_unclean):
