@@ -100,9 +100,10 @@ def test_rows_are_found_and_the_table_is_renewed_while_somebody_types(page, addr
 
 def test_traffic_is_told_in_meanings(page, address):
     shown(page, f"{address}/traffic?line=silo")
-    until(page, lambda: page.locator("td b", has_text=re.compile(r"^weight \d+\.\d\d$")).count() > 0)
-    page.locator("tbody tr summary").first.click()
-    assert page.locator(".told .piece small", has_text="weight").count() == 1
+    meant = page.locator("tbody tr", has=page.locator("td b", has_text=re.compile(r"^weight \d+\.\d\d$")))
+    until(page, lambda: meant.count() > 0)
+    meant.locator("summary").last.click()  # new rows come at the top
+    until(page, lambda: page.locator(".told .piece small", has_text="weight").count() == 1)
 
 
 def test_a_line_is_shown_over_an_hour_and_a_day_in_the_place_of_its_last_seconds(page, address):
