@@ -5,11 +5,11 @@ from dataclasses import replace
 from gateway.config.add_ons import ADD_ONS
 from gateway.config.plan.access import access_row
 from gateway.config.plan.images import image_settings, kind_of, mirror_settings
-from gateway.config.plan.lines import line_plan, server_plan, upstream_plan
+from gateway.config.plan.lines import line_plan, monitor_plan, server_plan, upstream_plan
 from gateway.config.plan.listeners import listen_settings
 from gateway.config.plan.profiles import profile_of
-from gateway.config.plan.reach import client_lines
-from gateway.config.plan.settings import DEFAULT_LISTENER, LinePlan, LogSettings, Plan, UpstreamPlan
+from gateway.config.plan.reach import client_lines, monitor_lines
+from gateway.config.plan.settings import DEFAULT_LISTENER, LogSettings, OwnerPlan, Plan
 from gateway.config.plan.unit_points import own_points, points_of_devices, points_of_profiles, points_of_units
 from gateway.config.plan.virtual import Maps, map_target
 from gateway.config.schema.config import Config
@@ -35,13 +35,14 @@ def without_rows(config: Config) -> tuple[Plan, Maps]:
     profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
     lines = tuple(line_plan(line, profiles, config) for line in client_lines(config))
     upstreams = tuple(upstream_plan(upstream, profiles, config) for upstream in config.upstream)
-    owners: tuple[LinePlan | UpstreamPlan, ...] = (*lines, *upstreams)
+    monitors = tuple(monitor_plan(line, profiles, config) for line in monitor_lines(config))
+    owners: tuple[OwnerPlan, ...] = (*lines, *upstreams, *monitors)
     devices = {device.name: device for owner in owners for device in owner.devices}
     images = tuple(image_settings(image, profiles) for image in config.image if kind_of(image) == "image")
     own = () if config.own is None else (self_settings(config.own.unit, config.own.place),)
     mirrors = tuple(mirror_settings(image, devices[image.of]) for image in config.image if image.of is not None)
     behind = {device.known_as: device.profile for line in lines for device in line.shared}
-    behind |= {device.known_as: device.profile for upstream in upstreams for device in upstream.devices}
+    behind |= {device.known_as: device.profile for part in owners[len(lines) :] for device in part.devices}
     behind |= {each.unit: each.profile for each in (*images, *own, *mirrors)}
     behind |= {image.unit: profiles[image.profile] for image in config.image if kind_of(image) == "virtual unit"}
     of_profile = points_of_profiles(config)
@@ -52,6 +53,7 @@ def without_rows(config: Config) -> tuple[Plan, Maps]:
         lines=lines,
         servers=tuple(server_plan(line, behind) for line in config.line if line.role == "server"),
         upstreams=upstreams,
+        monitors=monitors,
         images=(*images, *own),
         mirrors=mirrors,
         access=tuple(map(access_row, config.access)) or DEFAULT_ROWS,

@@ -9,7 +9,7 @@ that are the same as before, and `Running.switch` replaces the previous one with
 - build, reach         a gateway from a plan; which units each client reaches there, and by which numbers
 - polls, reads         the polls of a unit, for all that want its values; the last reads of devices, over a reload
 - gateway              what is built: a plan, its parts, the routes between them
-- gateway_line, gateway_upstream, gateway_server    one table of the config with all that it needs
+- gateway_line, gateway_upstream, gateway_server, gateway_monitor    one table of the config with all that it needs
 - routers              the routers of requests that come by no listener: control socket, HTTP
 - add_ons, add_on      parts with a section of their own, in one list: what each must do
 - mqtt, fleet          a room for each of them

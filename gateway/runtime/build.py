@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from gateway.config.plan.settings import LinePlan, Plan, ServerPlan, UpstreamPlan
+from gateway.config.plan.settings import LinePlan, MonitorPlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import Device
 from gateway.events import Emit
 from gateway.images.drivers.polls_driver import Pollers
@@ -29,6 +29,7 @@ from gateway.routing.access import EntryPoint
 from gateway.routing.router import CertifiedRouter, Router
 from gateway.runtime.gateway import Gateway, Listener
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.polls import polls_of
@@ -78,7 +79,9 @@ class Builder:
         lines = tuple(map(parts.line, plan.lines))
         upstreams = tuple(map(parts.upstream, plan.upstreams))
         on_lines = tuple(line.devices_of(one) for line, one in zip(lines, plan.lines, strict=True))
-        behind = (*on_lines, *(upstream.devices for upstream in upstreams))
+        monitors = tuple(map(parts.monitor, plan.monitors))
+        behind: list[Mapping[int, Device]] = [*on_lines, *(upstream.devices for upstream in upstreams)]
+        behind += [monitor.devices for monitor in monitors]
         devices = {device.name: device for units in behind for device in units.values()}
         parts.hand_on_holes(devices.values())
         images = tuple(map(parts.image, plan.images))
@@ -89,6 +92,7 @@ class Builder:
             lines=lines,
             servers=tuple(map(parts.server, plan.servers)),
             upstreams=upstreams,
+            monitors=monitors,
             images=images,
             mirrors=tuple(parts.mirror(one, devices[one.of]) for one in plan.mirrors),
             virtual=tuple(parts.virtual(one, {name: sources[name] for name in one.devices}) for one in plan.virtual),
@@ -111,6 +115,7 @@ class _Parts:
         self._lines = {one.name: one for one in before.lines}
         self._servers = {one.name: one for one in before.servers}
         self._upstreams = {one.name: one for one in before.upstreams}
+        self._monitors = {one.name: one for one in before.monitors}
         self._listeners = {one.settings.name: one for one in before.listeners}
         self._images = {one.settings.name: one for one in before.tables}
         self._mirrors = {one.name: one for one in before.mirrors}
@@ -131,6 +136,13 @@ class _Parts:
             return old
         by = self._by
         return GatewayServer(plan, by.loop, by.opener, by.emit, by.ring)
+
+    def monitor(self, plan: MonitorPlan) -> GatewayMonitor:
+        old = self._monitors.get(plan.name)
+        if old is not None and old.plan == plan:
+            return old
+        by = self._by
+        return GatewayMonitor(plan, by.loop, by.opener, by.emit, by.ring)
 
     def upstream(self, plan: UpstreamPlan) -> GatewayUpstream:
         old = self._upstreams.get(plan.upstream.name)

@@ -12,6 +12,7 @@ from gateway.images.mirror import Mirror
 from gateway.images.persistent import PersistentImage
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.lines.driver import LineDriver
+from gateway.lines.monitor_driver import MonitorDriver
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
@@ -19,6 +20,7 @@ from gateway.request import NamedTarget
 from gateway.routing.access import KnownAs
 from gateway.routing.router import Router
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.upstreams.driver import TcpDriver
@@ -30,11 +32,11 @@ if TYPE_CHECKING:
 Listener = TcpListener | UdpListener
 
 #: A part that has devices.
-Owner = GatewayLine | GatewayUpstream
+Owner = GatewayLine | GatewayUpstream | GatewayMonitor
 #: A part that keeps a port or a connection open.
 Part = Owner | GatewayServer
 #: The driver of a part. That of a site is loaded only if needed.
-Driver = Union[LineDriver, TcpDriver, SerialListener, "Asker"]
+Driver = Union[LineDriver, TcpDriver, SerialListener, MonitorDriver, "Asker"]
 
 
 class Reach(NamedTuple):
@@ -60,6 +62,7 @@ class Gateway:
     lines: tuple[GatewayLine, ...] = ()
     servers: tuple[GatewayServer, ...] = ()
     upstreams: tuple[GatewayUpstream, ...] = ()
+    monitors: tuple[GatewayMonitor, ...] = ()
     images: tuple[Image, ...] = ()
     mirrors: tuple[UnitDriver[Mirror], ...] = ()
     virtual: tuple[UnitDriver[VirtualUnit], ...] = ()
@@ -70,12 +73,12 @@ class Gateway:
     @property
     def parts(self) -> tuple[Part, ...]:
         """All parts that keep a port or a connection open."""
-        return (*self.lines, *self.servers, *self.upstreams)
+        return (*self.lines, *self.servers, *self.upstreams, *self.monitors)
 
     @property
     def owners(self) -> tuple[Owner, ...]:
-        """The lines and upstreams: the parts that have devices."""
-        return (*self.lines, *self.upstreams)
+        """The lines, upstreams and monitor lines: the parts that have devices."""
+        return (*self.lines, *self.upstreams, *self.monitors)
 
     @property
     def polling_units(self) -> tuple[UnitDriver[Mirror] | UnitDriver[VirtualUnit], ...]:
@@ -110,6 +113,8 @@ class Gateway:
             server.plan = server_plan
         for upstream, upstream_plan in zip(self.upstreams, self.plan.upstreams, strict=True):
             upstream.adopt(upstream_plan)
+        for monitor, monitor_plan in zip(self.monitors, self.plan.monitors, strict=True):
+            monitor.adopt(monitor_plan)
         for listener, settings in zip(self.listeners, self.plan.listeners, strict=True):
             listener.settings = settings
         for image, image_settings in zip(self.images, self.plan.images, strict=True):

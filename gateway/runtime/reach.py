@@ -75,6 +75,8 @@ def _targets(gateway: Gateway) -> dict[int, NamedTarget]:
         targets |= {unit: device for unit, device in units.items() if unit not in plan.own_units}
     for upstream in gateway.upstreams:
         targets |= upstream.devices
+    for monitor in gateway.monitors:
+        targets |= monitor.devices
     targets |= {driver.unit.settings.unit: driver for driver in gateway.polling_units}
     return targets
 

@@ -29,6 +29,7 @@ from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
 from gateway.runtime.gateway import Owner
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
@@ -143,6 +144,8 @@ def _about_page(running: Running) -> Iterator[Finding]:
 async def _about(running: Running, part: Owner, is_there: IsThere, *, asks: bool) -> list[Finding]:
     if isinstance(part, GatewayUpstream):
         return await _about_upstream(running, part, is_there, asks=asks)
+    if isinstance(part, GatewayMonitor):
+        return []
     line, now = part, asyncio.get_running_loop().time
     began, found, said = now(), None, []
     if asks and line.reconnector.is_open:

@@ -27,6 +27,7 @@ from gateway.operator.status import oldest
 from gateway.ports.port import SerialSettings
 from gateway.runtime.gateway import Gateway, Listener, Owner
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.recent import Recent
 from gateway.timing.histogram import SHARES, merged
@@ -138,6 +139,8 @@ def shown_devices(part: Owner) -> list[Device]:
 
 def _is_configured(part: Owner, device: Device) -> bool:
     """Tell whether the config names the device."""
+    if isinstance(part, GatewayMonitor):
+        return True
     if isinstance(part, GatewayLine):
         return not part.plan.passes_through
     return part.unnamed.get(device.settings.unit) is not device

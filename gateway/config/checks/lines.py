@@ -12,11 +12,11 @@ from gateway.config.values.address import DEFAULT_PORTS, Address
 from gateway.config.values.character_format import fits_mode
 
 #: Keys that exist for only one role of a line.
-_CLIENT_KEYS: Final = (
-    *("devices", "profile", "timeout", "turnaround", "late_window"),
-    *("queue", "max_wait", "retries", "retry_within", "rest", "coalesce", "broadcast", "lease"),
+_ASKING_KEYS: Final = (
+    *("turnaround", "queue", "max_wait", "retries", "retry_within", "rest", "coalesce", "broadcast", "lease"),
     *("idle", "after_connect", "wake"),
 )
+_CLIENT_KEYS: Final = ("devices", "profile", "timeout", "late_window", *_ASKING_KEYS)
 _CONNECTION_KEYS: Final = ("idle", "after_connect")
 _SERVER_KEYS: Final = ("serves", "on_failure", "answer_within", "broadcast_to")
 
@@ -68,6 +68,10 @@ def _check_format(line: Line) -> Iterator[Problem]:
 
 
 def _check_role(line: Line) -> Iterator[Problem]:
+    if line.role == "monitor":
+        for key in filter(line.has, (*_ASKING_KEYS, *_SERVER_KEYS)):
+            yield error((*line.path, key), 'a line with role = "monitor" never transmits, and has no use for this key')
+        return
     foreign = _CLIENT_KEYS if line.role == "server" else _SERVER_KEYS
     for key in filter(line.has, foreign):
         other = "client" if line.role == "server" else "server"

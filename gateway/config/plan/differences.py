@@ -28,6 +28,7 @@ def _tables(plan: Plan) -> Mapping[str, object]:
     return {
         **{f"listen {one.name}": one for one in plan.listeners},
         **{f"line {one.line.name}": one.meaning for one in plan.lines},
+        **{f"line {one.name}": one for one in plan.monitors},
         **{f"line {server.line.name}": server for server in plan.servers},
         **{f"upstream {one.upstream.name}": one for one in plan.upstreams},
         **{f"image {one.name}": one for one in plan.images},

@@ -182,6 +182,7 @@ def waits_by_name(plan: Plan) -> dict[str, float]:
     """Compute the longest wait for each device, mirror and virtual unit, by its name; images answer at once."""
     waits = {name: wait for line in plan.lines for name, wait in longest_waits(line).items()}
     waits |= {name: wait for upstream in plan.upstreams for name, wait in longest_waits_behind(upstream).items()}
+    waits |= {device.name: 0.0 for monitor in plan.monitors for device in monitor.devices}
     through = {mirror.name: waits[mirror.of] for mirror in plan.mirrors}
     through |= {unit.name: max((waits.get(name, 0.0) for name in unit.devices), default=0.0) for unit in plan.virtual}
     return waits | through

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from gateway.config.plan.forecast import most_items, one_of_each_kind
-from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan, UpstreamPlan
+from gateway.config.plan.settings import LinePlan, MonitorPlan, OwnerPlan, Plan, UpstreamPlan
 from gateway.config.plan.wanted_polls import WantedPoll, wanted_polls
 from gateway.devices.device import DeviceSettings
 from gateway.errors import RequestError
@@ -81,7 +81,12 @@ def declared_polls(owner: OwnerPlan, plan: Plan) -> Iterator[DeclaredPoll]:
 
 
 def load_of(owner: OwnerPlan, plan: Plan) -> tuple[PollLoad, ...]:
-    """Compute what the declared polls take of a line or upstream. If it is more than there is, they come less often."""
+    """Compute what the declared polls take of a line or upstream. If it is more than there is, they come less often.
+
+    Nothing is polled on a monitor line.
+    """
+    if isinstance(owner, MonitorPlan):
+        return ()
     at_once = owner.upstream.in_flight if isinstance(owner, UpstreamPlan) else 1
     found = ((each, time_of(owner, each.of, each.poll.request)) for each in declared_polls(owner, plan))
     return tuple(PollLoad(each, time, time / each.poll.every / at_once, _has_time(each)) for each, time in found)
@@ -158,7 +163,7 @@ def _pace(owner: OwnerPlan, device: DeviceSettings) -> Pace:
     return Pace(timing, settings.silence_before_request, frame_end, _usual_latency(owner))
 
 
-def _usual_latency(line: LinePlan) -> float:
+def _usual_latency(line: LinePlan | MonitorPlan) -> float:
     """Give the latency that the config names, else none. An adapter adds a millisecond at most, when it is set well.
 
     What a network adds is not known if the config does not say it.

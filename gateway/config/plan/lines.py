@@ -11,6 +11,7 @@ from gateway.config.plan.reach import listeners_for, own_units, units_without_de
 from gateway.config.plan.settings import (
     SHARED_ARRIVES_WITHIN,
     LinePlan,
+    MonitorPlan,
     ServerPlan,
     UpstreamPlan,
 )
@@ -69,6 +70,13 @@ def server_plan(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
     if isinstance(port, TcpSettings):
         port = replace(port, drops_early=True)
     return ServerPlan(port, settings, line.broadcast_to)
+
+
+def monitor_plan(line: Line, profiles: dict[str, Profile], config: Config) -> MonitorPlan:
+    """Plan a line where others ask and answer, and the gateway only listens."""
+    timing = _timing(line)
+    devices = tuple(one for row in line.devices or () for one in _of_row(line, row, profiles, config))
+    return MonitorPlan(_port(line, timing), _line_settings(line, timing, devices), devices)
 
 
 def upstream_plan(upstream: Upstream, profiles: dict[str, Profile], config: Config) -> UpstreamPlan:

@@ -12,8 +12,9 @@ Owner = Line | Upstream
 
 
 def owners(config: Config) -> list[Owner]:
-    """List the parts with devices: lines on which the gateway is the client, and upstreams."""
-    return [*(line for line in config.line if line.role == "client"), *config.upstream]
+    """List the parts with devices: lines on which the gateway is the client, upstreams, and monitor lines."""
+    clients, monitors = ([line for line in config.line if line.role == role] for role in ("client", "monitor"))
+    return [*clients, *config.upstream, *monitors]
 
 
 def rows_of(owner: Owner) -> tuple[Device, ...]:

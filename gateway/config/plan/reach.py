@@ -36,6 +36,11 @@ def client_lines(config: Config) -> list[Line]:
     return [line for line in config.line if line.role == "client"]
 
 
+def monitor_lines(config: Config) -> list[Line]:
+    """List the lines on which the gateway only listens."""
+    return [line for line in config.line if line.role == "monitor"]
+
+
 def is_apart(line: Line, config: Config) -> bool:
     """Tell whether only its own listeners lead to a client line: it has no devices, and is not the only one."""
     has_company = any(other is not line for other in client_lines(config))

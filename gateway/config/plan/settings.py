@@ -127,8 +127,32 @@ class UpstreamPlan:
         return ServerBudget()
 
 
+@dataclass(frozen=True, slots=True)
+class MonitorPlan:
+    """A line on which the gateway only listens: its port, its settings, and the devices that others ask there."""
+
+    port: PortSettings
+    line: LineSettings
+    devices: tuple[DeviceSettings, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The name of the line."""
+        return self.line.name
+
+    @property
+    def latency(self) -> float:
+        """Give the latency of the port, as far as it is known before the port is open."""
+        return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
+
+    @property
+    def budget(self) -> Budget:
+        """Give what the time limits of its devices are computed with."""
+        return Budget(self.line.timing, self.latency)
+
+
 #: A part that has devices.
-OwnerPlan = LinePlan | UpstreamPlan
+OwnerPlan = LinePlan | UpstreamPlan | MonitorPlan
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,6 +294,7 @@ class Plan:
     lines: tuple[LinePlan, ...] = ()
     servers: tuple[ServerPlan, ...] = ()
     upstreams: tuple[UpstreamPlan, ...] = ()
+    monitors: tuple[MonitorPlan, ...] = ()
     images: tuple[ImageSettings, ...] = ()
     mirrors: tuple[MirrorSettings, ...] = ()
     virtual: tuple[VirtualSettings, ...] = ()
@@ -287,8 +312,8 @@ class Plan:
 
     @property
     def owners(self) -> "tuple[OwnerPlan, ...]":
-        """The lines and upstreams: the parts that have devices."""
-        return (*self.lines, *self.upstreams)
+        """The lines, upstreams and monitor lines: the parts that have devices."""
+        return (*self.lines, *self.upstreams, *self.monitors)
 
     @property
     def add_ons(self) -> Mapping[str, WebPlan | MqttPlan | FleetPlan]:

@@ -39,10 +39,10 @@ class Line(Table):
     format: Format | None = Field(
         None, description="Data bits, parity, stop bits. Default: `8E1` for RTU, `7E1` for ASCII."
     )
-    role: Literal["client", "server"] = Field(
+    role: Literal["client", "server", "monitor"] = Field(
         "client",
         description="`client`: the gateway polls the devices. `server`: the gateway answers a client on the line "
-        "(HMI, PLC).",
+        "(HMI, PLC). `monitor`: others ask and answer, the gateway only listens, and never transmits.",
     )
     rs485: Literal["adapter", "kernel"] = Field(
         "adapter", description="What controls the direction of an RS-485 line: the adapter, or the kernel (TIOCSRS485)."

@@ -1,0 +1,67 @@
+"""A device of a monitor line: others ask it, and the gateway hears what it answers."""
+
+from typing import Final
+
+from gateway.devices.device import Device, DeviceSettings
+from gateway.errors import NoRoute
+from gateway.events import Emit, discard_event
+from gateway.lines.monitor import HeardTransaction
+from gateway.lines.transaction import Transaction
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.request import Caller, Request
+from gateway.trace.ring import Ring
+
+#: Who has asked what is heard, in place of a client.
+OTHERS: Final = Caller.without_address("heard")
+
+
+class _Nothing:
+    """Takes the transactions of a device that is never asked."""
+
+    def submit(self, transaction: Transaction, now: float) -> None:  # noqa: ARG002 - see TakesTransactions
+        raise AssertionError("a device of a monitor line is never asked")
+
+
+class HeardDevice(Device):
+    """A unit that only others ask: a Target that answers every request with 0A, and keeps what was heard of it."""
+
+    def __init__(
+        self,
+        settings: DeviceSettings,
+        emit: Emit = discard_event,
+        ring: Ring | None = None,
+        line_name: str = "",
+    ) -> None:
+        super().__init__(settings, _Nothing(), emit, ring, line_name)
+
+    def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - see Device
+        """Fail the request with 0A: nothing is ever sent on a monitor line."""
+        error = NoRoute(f"the gateway only listens on {self.line_name}")
+        self.report_rejection(request, error)
+        self._ring.refuse(request, error, now, line=self.line_name, name=self.name)
+        request.fail(error)
+
+    def heard(self, transaction: HeardTransaction, now: float) -> None:
+        """Count what was heard, and keep the values of an answer that is sure."""
+        asked, response = transaction.asked, transaction.response
+        counts = self.counts[asked.function]
+        counts.sent += 1
+        if response is None:
+            counts.timeout += asked.is_answered
+            self._outdate(transaction, now)
+            return
+        counts.responses += 1
+        if response.pdu[0] & EXCEPTION_BIT:
+            counts.exception += 1
+            self.counts.count_exception(response.pdu[1], 1, now)
+            return
+        counts.ok += 1
+        if self.last_reads is not None and transaction.is_sure:
+            self.last_reads.answered(asked, response.pdu, OTHERS, transaction.unit, transaction.asked_at, now)
+        else:
+            self._outdate(transaction, now)
+
+    def _outdate(self, transaction: HeardTransaction, now: float) -> None:
+        """Note that a write may have been carried out."""
+        if not transaction.asked.only_reads:
+            self.was_written(transaction.asked.write, now)

@@ -1,0 +1,90 @@
+"""One monitor line of the config: its port, and the devices that others ask there."""
+
+import asyncio
+from collections.abc import Mapping
+
+from gateway.config.plan.settings import MonitorPlan
+from gateway.devices.heard import HeardDevice
+from gateway.events import Emit
+from gateway.lines.counts import UnitCounts
+from gateway.lines.monitor import HeardTransaction, Monitor
+from gateway.lines.monitor_driver import MonitorDriver
+from gateway.modbus.codes import BROADCAST_UNIT
+from gateway.modbus.pdu import RequestPdu
+from gateway.ports.port import Opener
+from gateway.ports.reconnector import Reconnector
+from gateway.runtime.port_records import kept_in
+from gateway.timing.budget import Budget
+from gateway.trace.ring import Ring
+
+#: The late window of a request to a device without a timing table, in seconds.
+USUAL_WINDOW = 5.0
+
+
+class GatewayMonitor:
+    """A monitor line with its parts, with the attributes of a GatewayLine."""
+
+    def __init__(
+        self, plan: MonitorPlan, loop: asyncio.AbstractEventLoop, opener: Opener, emit: Emit, ring: Ring
+    ) -> None:
+        self.plan = plan
+        self.name = plan.name
+        self.now = loop.time
+        #: Nobody waits for its devices.
+        self.longest_wait: Mapping[str, float] = {device.name: 0.0 for device in plan.devices}
+        self.devices = {each.known_as: HeardDevice(each, emit, ring, self.name) for each in plan.devices}
+        self._by_address = {device.settings.unit: device for device in reversed([*self.devices.values()])}
+        self.driver = MonitorDriver(Monitor(plan.line, self._window, emit, ring, self._heard), loop, emit)
+        self.reconnector = Reconnector(
+            self.name, plan.port.port, opener(plan.port), self.driver, kept_in(ring, loop.time, emit)
+        )
+
+    @property
+    def all_devices(self) -> tuple[HeardDevice, ...]:
+        """Its units."""
+        return tuple(self.devices.values())
+
+    @property
+    def counts(self) -> tuple[UnitCounts, ...]:
+        """The counters of its units."""
+        return tuple(device.counts for device in self.devices.values())
+
+    @property
+    def budget(self) -> Budget:
+        """What the time limits of its devices are computed with."""
+        return self.plan.budget
+
+    @property
+    def sent(self) -> int:
+        """The number of requests that were heard to its units."""
+        return sum(counts.sent for unit in self.counts for counts in unit.values())
+
+    def busy(self, now: float) -> float:  # noqa: ARG002 - see GatewayLine
+        """Return for how many seconds the line was in use."""
+        return 0.0
+
+    def adopt(self, plan: MonitorPlan) -> None:
+        """Take over `plan`, which differs only in its place in the file."""
+        self.plan = plan
+        for each in plan.devices:
+            self.devices[each.known_as].source = each.source
+
+    def _heard(self, transaction: HeardTransaction, now: float) -> None:
+        """Pass what was heard to its device, a broadcast to all of them."""
+        if transaction.unit == BROADCAST_UNIT:
+            for each in self.devices.values():
+                each.heard(transaction, now)
+            return
+        device = self._by_address.get(transaction.unit)
+        if device is not None:
+            device.heard(transaction, now)
+
+    def _window(self, unit: int, asked: RequestPdu) -> float:
+        """Return for how many seconds an answer may come: the slowest of the device, at least twice its limit."""
+        device = self._by_address.get(unit)
+        if self.plan.line.late_window is not None:
+            return self.plan.line.late_window
+        if device is None or not device.settings.profile.timing.rows:
+            return USUAL_WINDOW
+        answer_time = device.answer_time
+        return max(answer_time.slowest, 2 * self.budget.limit(asked, answer_time))
