@@ -133,6 +133,8 @@ _NAMES: Final = tuple(field.name for field in fields(Counts))
 _VALUES: Final = attrgetter(*_NAMES)
 #: The names of the first group: the possible results of a request.
 RESULTS: Final = _NAMES[: _NAMES.index("explained")]
+#: The results of requests that were not sent because of the state of the line, the unit or the queue.
+UNSENT: Final = ("line_down", "resting", "overdue", "echo_suspected", "queue_full", "expired")
 
 
 def total(counts: Iterable[Counts]) -> Counts:

@@ -7,6 +7,7 @@ from time import sleep
 from typing import Final, NamedTuple
 
 from gateway.clock.threads import ThreadPerCall
+from gateway.lines.counts import UNSENT
 from gateway.operator.operator import Operator
 from gateway.timing.history import LineUse, Past, Slot, UnitUse
 from gateway.trace.records import Incident, Record, Refused, Sent
@@ -21,8 +22,6 @@ KEPT: Final = 8.0
 #: After so many records the thread rests for so long, in seconds.
 _SLICE: Final = 64
 _PAUSE: Final = 0.001
-#: Why requests were not sent although their unit was meant.
-_UNSENT: Final = frozenset({"line_down", "resting", "overdue", "echo_suspected", "queue_full", "expired"})
 
 
 class LastHour(NamedTuple):
@@ -108,7 +107,7 @@ def _add(slot: Slot, record: Record) -> None:
         is_lost = error is not None or (isinstance(record, Incident) and record.sent_again)
         sent = LineUse(busy=record.at - record.sent_at, sent=1, failed=int(is_lost))
         slot.add({record.line: sent}, {record.name: _use(record)} if record.name else {})
-    elif isinstance(record, Refused) and record.name and record.result in _UNSENT:
+    elif isinstance(record, Refused) and record.name and record.result in UNSENT:
         slot.add({}, {record.name: UnitUse(requests=1, unsent=1)})
 
 

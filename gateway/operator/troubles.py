@@ -1,14 +1,12 @@
 """What is wrong now: lines that are down or full, the broker, and units that rest or fail."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
+from gateway.lines.counts import UNSENT
 from gateway.operator.answers.status import AnyLine, LineStatus, Status, UpstreamStatus
 from gateway.operator.answers.trouble import FULL, Trouble
 from gateway.operator.unit_states import ShownState
-
-#: Results of requests that were not sent to their unit.
-_UNSENT: Final = ("overdue", "resting", "queue_full", "expired", "line_down", "echo_suspected", "refused", "unwanted")
 
 
 def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Trouble]:
@@ -44,5 +42,5 @@ def _of_unit(unit: Any, kind: Literal["resting", "failing"], state: ShownState) 
         state.use.requests,
         unit.rests_ms,
         state.use.unsent,
-        max(_UNSENT, key=lambda result: getattr(unit.counts, result)) if state.use.unsent else "",
+        max(UNSENT, key=lambda result: getattr(unit.counts, result)) if state.use.unsent else "",
     )

@@ -6,7 +6,7 @@ from operator import attrgetter, sub
 from typing import Final, NamedTuple
 
 from gateway.devices.device import Device, EveryDevice
-from gateway.lines.counts import RESULTS
+from gateway.lines.counts import RESULTS, UNSENT
 from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.timing.history import LineUse, UnitUse
@@ -17,7 +17,7 @@ _SLICE: Final = 0.0005
 _RESULTS: Final = attrgetter(*RESULTS)
 _FAILED: Final = attrgetter("bad_frame", "ambiguous", "line_lost")
 #: Without those that the gateway answers for the unit (`refused`), and those that are no longer wanted.
-_UNSENT: Final = attrgetter("line_down", "resting", "overdue", "echo_suspected", "queue_full", "expired")
+_UNSENT: Final = attrgetter(*UNSENT)
 
 _LookedAt = Device | EveryDevice
 

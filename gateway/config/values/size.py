@@ -30,6 +30,8 @@ def parse_size_or_zero(value: object) -> int:
     number, unit = float(match[1]), match[2]
     if number == 0:
         return 0
+    if not unit:
+        raise WrongValue("a size needs a unit", f'write "{match[1]} MiB"')
     if unit not in _UNITS:
         raise WrongValue(f'"{unit}" is not a valid unit of size', 'the units are KiB, MiB and GiB: "4 MiB"')
     size = int(number * _UNITS[unit])

@@ -25,7 +25,7 @@ def test_a_size(text: str, size: int, shown: str) -> None:
     ("value", "complaint"),
     [
         (4, 'put it in quotes with a unit: "4 MiB"'),
-        ("4", "the units are KiB, MiB and GiB"),
+        ("4", 'a size needs a unit write "4 MiB"'),
         ("4 MB", '"MB" is not a valid unit of size'),
         ("1 KiB", "must be 64 KiB to 1 GiB, or 0 for none"),
         ("2 GiB", "must be 64 KiB to 1 GiB"),
