@@ -149,6 +149,19 @@ def set_low_latency(descriptor: int) -> bool:
     return state is not None and bool(state[_SERIAL_FLAGS] & _ASYNC_LOW_LATENCY)
 
 
+def lower_modem_lines(descriptor: int) -> None:
+    """Lower RTS and DTR, if the port has them.
+
+    Raises:
+        OSError: the port was lost.
+    """
+    try:
+        fcntl.ioctl(descriptor, termios.TIOCMBIC, struct.pack("=I", termios.TIOCM_RTS | termios.TIOCM_DTR))
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTTY):
+            raise
+
+
 def is_usb(descriptor: int) -> bool:
     """Tell whether the port is a USB adapter."""
     device = os.fstat(descriptor).st_rdev

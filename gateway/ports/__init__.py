@@ -1,6 +1,7 @@
 """Serial ports and TCP connections: how they are opened, kept open and timed.
 
-- opener, opening    opens ports by their settings
+- opener, opening, serial_device    opens ports by their settings
+- listening    a port that never sends
 - serial_port, serial_transport    an open serial port (ADR 15)
 - tcp, network    TCP connections; look-ups of names
 - addresses    several addresses of one server

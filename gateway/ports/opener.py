@@ -13,6 +13,7 @@ from serial import Serial
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import PortError
 from gateway.hardware.ioctls import set_input_flags
+from gateway.ports.listening import open_to_listen
 from gateway.ports.opening import OpenDevice, close_device, open_device
 from gateway.ports.port import OpenPort, Port, PortSettings, PortUser, SerialSettings, TcpSettings
 from gateway.ports.serial_port import SerialPort
@@ -25,6 +26,11 @@ _being_opened: set[str] = set()
 
 def make_opener(settings: PortSettings, store: TlsStore | None = None) -> OpenPort:
     """Make the function that opens a port with these settings. For TLS its context is looked up in `store`."""
+    open_port = _make_sending(settings, store)
+    return open_to_listen(open_port) if settings.listens else open_port
+
+
+def _make_sending(settings: PortSettings, store: TlsStore | None) -> OpenPort:
     if not isinstance(settings, TcpSettings):
         return partial(open_serial, settings)
     tls = settings.tls

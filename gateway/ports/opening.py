@@ -1,4 +1,4 @@
-"""Opens, configures and closes a serial device with pyserial. All of it may block, and must run in a thread.
+"""Opens, checks and closes a serial device. All of it may block, and must run in a thread.
 
 What must hold for any library works on the descriptor: docs/adr/0015-serial-transport.md
 """
@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from serial import PARITY_NONE, Serial
-
 from gateway.errors import PortError
 from gateway.hardware.device_files import VIRTUAL_MAJORS, advise_on_permission
 from gateway.hardware.ioctls import (
@@ -28,11 +26,11 @@ from gateway.hardware.ioctls import (
     is_usb,
     read_baud,
     restore_rs485,
-    set_input_flags,
     set_low_latency,
     switch_rs485,
 )
 from gateway.ports.port import SerialSettings
+from gateway.ports.serial_device import ConfiguredOnce, ListeningDevice
 from gateway.timing.characters import CharacterFormat
 
 #: The latency that an adapter and its driver may add to a response, in seconds; the second for a USB adapter that
@@ -61,30 +59,6 @@ _REASONS: Final = {
     errno.ENOTTY: "{port} is not a serial port",
     errno.EINVAL: "{port} does not support {format} at {baud} baud",
 }
-
-
-class ConfiguredOnce(Serial):
-    """pyserial's port, configured only when it is opened.
-
-    pyserial configures a port whenever a setting is assigned, and pyserial-asyncio assigns two in the event loop, where
-    a USB adapter that hangs would block everything for seconds. pyserial also leaves parity unchecked; this class
-    corrects it.
-    """
-
-    def _reconfigure_port(self, force_update: bool = False) -> None:  # noqa: FBT001, FBT002 - pyserial's signature
-        if force_update and self.fd is not None:
-            super()._reconfigure_port(force_update=True)  # type: ignore[misc]  # private, so not in the stubs
-            set_input_flags(self.fd, checks_parity=self.checks_parity)
-
-    @property
-    def checks_parity(self) -> bool:
-        """Whether characters have a parity bit; then damaged ones are marked (see `MarkedInput`)."""
-        return bool(self.parity != PARITY_NONE)
-
-    def change_baud(self, baud: int) -> None:
-        """Set the rate. Raises ValueError or a DriverError if that fails."""
-        self.baudrate = baud
-        self._reconfigure_port(force_update=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +154,7 @@ def _is_virtual(settings: SerialSettings) -> bool:
 
 
 def _open(settings: SerialSettings, format_: CharacterFormat) -> ConfiguredOnce:
-    return ConfiguredOnce(
+    return (ListeningDevice if settings.listens else ConfiguredOnce)(
         port=settings.port,
         baudrate=settings.baud,
         bytesize=format_.data_bits,
@@ -204,11 +178,20 @@ def _set_up(serial: ConfiguredOnce, settings: SerialSettings, *, is_virtual: boo
     baud = _check_baud(descriptor, settings.port, settings.baud)
     if not is_virtual:  # a pseudo-terminal stays exclusive while its other end is open
         fcntl.ioctl(descriptor, termios.TIOCEXCL)
+    return OpenDevice(settings.port, serial, is_virtual, latency, baud, _set_rs485(descriptor, settings))
+
+
+def _set_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:
+    """Set who switches the transmitter. Return the setting from before, if it differs.
+
+    A port that only listens keeps what it found: the change itself could switch the transmitter.
+    """
+    if settings.listens:
+        return None
     try:
-        rs485 = switch_rs485(descriptor, on=settings.rs485 == "kernel")
+        return switch_rs485(descriptor, on=settings.rs485 == "kernel")
     except OSError as error:
         raise PortError(f'{settings.port} has no RS-485 support in its driver; use rs485 = "adapter"') from error
-    return OpenDevice(settings.port, serial, is_virtual, latency, baud, rs485)
 
 
 def _check_format(descriptor: int, settings: SerialSettings) -> None:

@@ -92,13 +92,17 @@ OpenPort = Callable[[PortUser], Awaitable[Port]]
 
 @dataclass(frozen=True, slots=True)
 class SerialSettings:
-    """The settings of a serial port. If `latency` is None, it depends on the driver."""
+    """The settings of a serial port. If `latency` is None, it depends on the driver.
+
+    With `listens`, it is opened so that it cannot send; see `ListeningPort`.
+    """
 
     port: str
     baud: int
     format: CharacterFormat
     rs485: Literal["adapter", "kernel"] = "adapter"
     latency: float | None = None
+    listens: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +112,7 @@ class TcpSettings:
     `latency` is what network and server may add to a response, in seconds. `tls` secures the connection.
     Written bytes arrive within `arrives_within` seconds, or the connection ends. With `drops_early`, bytes received
     within the latency after connecting are dropped, because their age is unknown. Nothing is sent for `after_connect`
-    seconds after connecting.
+    seconds after connecting. With `listens`, nothing is ever sent; see `ListeningPort`.
     """
 
     port: str
@@ -119,6 +123,7 @@ class TcpSettings:
     arrives_within: float = 20.0
     drops_early: bool = False
     after_connect: float = 0.0
+    listens: bool = False
 
 
 @dataclass(frozen=True, slots=True)
