@@ -76,7 +76,8 @@ def monitor_plan(line: Line, profiles: dict[str, Profile], config: Config) -> Mo
     """Plan a line where others ask and answer, and the gateway only listens."""
     timing = _timing(line)
     devices = tuple(one for row in line.devices or () for one in _of_row(line, row, profiles, config))
-    return MonitorPlan(_port(line, timing), _line_settings(line, timing, devices), devices)
+    port = replace(_port(line, timing), listens=True)
+    return MonitorPlan(port, _line_settings(line, timing, devices), devices)
 
 
 def upstream_plan(upstream: Upstream, profiles: dict[str, Profile], config: Config) -> UpstreamPlan:
