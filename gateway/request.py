@@ -1,6 +1,6 @@
 """A request on its way through the gateway: its caller, its origin and its target."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from gateway.errors import RequestError
@@ -20,11 +20,17 @@ class Caller:
     #: Who it is by its certificate, or by what another site tells of it; both are empty for others.
     subject: str = ""
     role: str = ""
+    #: Whether its request takes one of the first turns, by the priority of the row that allows it.
+    is_urgent: bool = False
 
     @classmethod
     def without_address(cls, name: str) -> "Caller":
         """Make the caller of a part of the gateway, or of a client on a serial line."""
         return cls(name, "", name)
+
+    def made_urgent(self) -> "Caller":
+        """Make the same caller, for a request that takes one of the first turns."""
+        return replace(self, is_urgent=True)
 
 
 class Origin(Protocol):

@@ -20,8 +20,9 @@ class ClientEvent(Event):
         found = super().fields()
         if not found["subject"]:
             del found["subject"], found["role"]
-        if not found.get("device"):
-            found.pop("device", None)
+        for name in ("device", "refused_at"):
+            if not found.get(name):
+                found.pop(name, None)
         return found
 
 
@@ -100,10 +101,16 @@ class RequestRefused(Event):
 
 
 class AccessDenied(ClientEvent):
-    """A client used a function without the right to it; it got exception 01, and nothing was sent."""
+    """A client used a function without the right to it; it got exception 01, and nothing was sent.
+
+    `refused_at` is an address that is refused, such as `holding 99`; empty if the request tells none.
+    """
 
     level = Level.WARNING
-    says = "{client} has no right to function {function} of[ {device},] unit {unit}[, with the role {role}]"
+    says = (
+        "{client} has no right to function {function} of[ {device},] unit {unit}"
+        "[ at {refused_at}][, with the role {role}]"
+    )
     listener: str
     client: str
     unit: int
@@ -111,6 +118,7 @@ class AccessDenied(ClientEvent):
     subject: str = ""
     role: str = ""
     device: str = ""
+    refused_at: str = ""
 
 
 class WriteAudit(ClientEvent):

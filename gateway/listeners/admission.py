@@ -19,7 +19,7 @@ from typing import Final, Generic, Protocol, TypeVar
 
 from gateway.listeners.settings import ListenSettings
 from gateway.request import Caller
-from gateway.routing.access import Rights
+from gateway.routing.rights import Rights
 from gateway.timing.measured import NEVER
 
 #: A served client is protected for this many seconds, however many addresses connect and disconnect.

@@ -14,7 +14,7 @@ Held = Image | Mirror | VirtualUnit
 
 def may(router: Router, host: str, unit: int, function: int) -> bool:
     """Return whether [[access]] lets a client at this address use a function of a unit, through this router."""
-    right = router.rights.at(host, unit)
+    right = router.rights.everywhere(host, unit)
     return function in right or bytes((function,)) in right
 
 

@@ -6,6 +6,9 @@ from ipaddress import ip_address
 
 from gateway.config.plan.rights_in_words import RightsRow, right_in_words, row_in_words, rows_in_words
 from gateway.errors import WrongQuestion
+from gateway.modbus.functions import READING_IDENTIFICATION
+from gateway.routing.access import includes
+from gateway.routing.rights import Rights
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
@@ -48,9 +51,14 @@ def verdict(running: Running, host: str, listener: str, unit: int, function: int
         raise WrongQuestion(f'"{host}" is not an IP address') from None
     rights = router.rights.of_role(role) if router.entry.kind == "certified" else router.rights
     rows = tuple(row_in_words(row, running.gateway.plan) for row in rights.rows_for(host, unit))
-    may = right_in_words(rights.at(host, unit))
+    may = right_in_words(rights.everywhere(host, unit))
     is_admitted = router is running.routers.web or rights.admits(host)
-    return Verdict(is_admitted, rights.allows(host, unit, function), unit in router.routes, may, rows)
+    return Verdict(is_admitted, _allows(rights, host, unit, function), unit in router.routes, may, rows)
+
+
+def _allows(rights: Rights, host: str, unit: int, function: int) -> bool:
+    """Tell whether a client may use a function of a unit, at all addresses; 43 for reading the identification."""
+    return includes(rights.everywhere(host, unit), READING_IDENTIFICATION if function == 43 else bytes((function,)))
 
 
 def routers(running: Running) -> Mapping[str, Router]:

@@ -218,9 +218,9 @@ def what_is_seen(running: Running, host: str) -> MaySee:
             return True
         if isinstance(record, Heard):
             name = "" if record.kind == "noise" else places.get((record.line, record.frame[0]), "")
-            return name in units and _may_read(rights.at(host, units[name]), record.frame[1:])
+            return name in units and _may_read(rights.everywhere(host, units[name]), record.frame[1:])
         name = record.name if isinstance(record, Sent) else names.of(record)
-        return name in units and _may_read(rights.at(host, units[name]), getattr(record, "request", b""))
+        return name in units and _may_read(rights.everywhere(host, units[name]), getattr(record, "request", b""))
 
     return is_seen
 

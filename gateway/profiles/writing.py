@@ -45,6 +45,16 @@ def written(point: Point, text: str, before: bytes | None = None) -> Reading:
     return Reading(point, own if before is None else point.around(own, before), is_written=True)
 
 
+def writes_of(point: Point) -> list[bytes]:
+    """Make the requests of which one would write a point alone, to see whether they are allowed."""
+    span = point.write_span
+    if point.bits is not None:
+        return [mask_request(address, 0, 0) for address in range(span.start, span.end)]
+    items = bytes(span.count if has_bits(span.area) else span.count * point.width)
+    hows: tuple[WriteFunction, ...] = ("auto", "multiple")
+    return [write_request(span.area, span.start, items, how=how, width=point.width) for how in hows]
+
+
 def request_to_write(
     readings: Iterable[Reading],
     limits: Mapping[int, int],

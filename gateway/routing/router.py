@@ -8,9 +8,10 @@ from gateway.devices.device import Device
 from gateway.modbus.codes import BROADCAST_UNIT, HIGHEST_UNIT
 from gateway.modbus.functions import only_reads
 from gateway.request import NamedTarget, Request
-from gateway.routing.access import EntryPoint, Right, Rights
+from gateway.routing.access import EntryPoint, includes
 from gateway.routing.audit import AuditedOrigin
 from gateway.routing.broadcast import Broadcast
+from gateway.routing.rights import Rights
 from gateway.trace.ring import Ring
 
 
@@ -53,14 +54,15 @@ class Router:
         if target is not None and request.pdu[0] in self.rights[request.caller.host][unit]:
             target.submit(request, now)
         else:
-            self._submit_other(request, target, now, self.rights[request.caller.host][unit])
+            self._submit_other(request, target, now, self.rights, unit)
 
     def _submit_other(
-        self, request: Request, target: NamedTarget | None, now: float, right: Right, device: str = ""
+        self, request: Request, target: NamedTarget | None, now: float, rights: Rights, unit: int, device: str = ""
     ) -> None:
         """Submit a request that is no plain read, with an audit for a write; fail it without a route or a right.
 
-        `device` is what events call the target, if the unit of the request is not that of clients.
+        `unit` is that of the rights. `device` is what events call the target, if the unit of the request is not that of
+        clients.
         """
         caller, pdu = request.caller, request.pdu
         if not only_reads(pdu):
@@ -75,18 +77,24 @@ class Router:
             self._ring.refuse(request, rejection, now)
             request.fail(rejection)
             return
-        if pdu[0] in right or pdu[:1] in right or pdu[:2] in right:
-            target.submit(request, now)
-        else:
-            self.counts.denied += 1
-            self._emit(
-                events.AccessDenied(
-                    self.entry.name, caller.client, request.unit, pdu[0], caller.subject, caller.role, device
-                )
-            )
-            denial = errors.AccessDenied(f"through {self.entry.name}")
-            self._ring.refuse(request, denial, now, name=target.name)
-            request.fail(denial)
+        if not includes(rights.at(caller.host, unit), pdu):
+            ruling = rights.ruling(caller.host, unit, pdu)
+            if not ruling.is_allowed:
+                self._deny(request, target, now, ruling.refused_at, device)
+                return
+            if ruling.is_urgent:
+                request.caller = caller.made_urgent()
+        target.submit(request, now)
+
+    def _deny(self, request: Request, target: NamedTarget, now: float, refused_at: str, device: str) -> None:
+        """Fail a request without the right to it."""
+        caller, function = request.caller, request.pdu[0]
+        self.counts.denied += 1
+        who = caller.client, request.unit, function, caller.subject, caller.role
+        self._emit(events.AccessDenied(self.entry.name, *who, device, refused_at))
+        denial = errors.AccessDenied(f"through {self.entry.name}")
+        self._ring.refuse(request, denial, now, name=target.name)
+        request.fail(denial)
 
 
 class CertifiedRouter(Router):
@@ -99,7 +107,7 @@ class CertifiedRouter(Router):
         if target is not None and request.pdu[0] in rights[caller.host][unit]:
             target.submit(request, now)
         else:
-            self._submit_other(request, target, now, rights[caller.host][unit])
+            self._submit_other(request, target, now, rights, unit)
 
 
 class NamingRouter(Router):
@@ -113,6 +121,6 @@ class NamingRouter(Router):
         if request.unit <= HIGHEST_UNIT:
             super().submit(request, now)
             return
-        device, right = self.routes.get(request.unit), self.rights.at(request.caller.host, request.unit)
+        key, device = request.unit, self.routes.get(request.unit)
         request.unit = device.settings.unit if isinstance(device, Device) else BROADCAST_UNIT
-        self._submit_other(request, device, now, right, "" if device is None else device.name)
+        self._submit_other(request, device, now, self.rights, key, "" if device is None else device.name)

@@ -14,7 +14,7 @@ from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tls import TlsListener
 from gateway.ports.port import Opener
-from gateway.routing.access import Rights
+from gateway.routing.rights import Rights
 from gateway.routing.router import NamingRouter
 from gateway.runtime.add_on import AddOn
 from gateway.runtime.add_ons import AddOns

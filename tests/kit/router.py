@@ -4,7 +4,8 @@ from collections.abc import Iterable, Mapping
 
 from gateway.events import Emit, Event
 from gateway.request import Target
-from gateway.routing.access import DEFAULT_ROWS, AccessRow, EntryPoint, Rights
+from gateway.routing.access import DEFAULT_ROWS, AccessRow, EntryPoint
+from gateway.routing.rights import Rights
 from gateway.routing.router import Router
 
 _SCADA = EntryPoint("scada")

@@ -8,7 +8,8 @@ import pytest
 from gateway.listeners.admission import ALL_BUSY, NO_RIGHTS, NONE_REPLACEABLE, PROTECTED, Admission
 from gateway.listeners.settings import ListenSettings
 from gateway.request import Caller
-from gateway.routing.access import DEFAULT_ROWS, READING, AccessRow, EntryPoint, Rights
+from gateway.routing.access import DEFAULT_ROWS, READING, AccessRow, EntryPoint
+from gateway.routing.rights import Rights
 from gateway.timing.measured import NEVER
 
 EVERYBODY = Rights(DEFAULT_ROWS, EntryPoint("scada"))

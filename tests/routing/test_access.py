@@ -10,16 +10,15 @@ from gateway.routing.access import (
     AS_NUMBERED,
     DEFAULT_ROWS,
     EVERYTHING,
-    MOST_CLIENTS,
     NOTHING,
     READING,
     WRITING,
     AccessRow,
     EntryPoint,
     Right,
-    Rights,
     right_to,
 )
+from gateway.routing.rights import MOST_CLIENTS, Rights
 
 SCADA = EntryPoint("scada")
 PANEL = EntryPoint("panel", "local")

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from gateway.events import AccessDenied, Event, WriteAudit
 from gateway.modbus.functions import only_reads
 from gateway.request import Caller, Request
-from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, MOST_ROLES, NOTHING, READING, AccessRow, EntryPoint, Rights
+from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, NOTHING, READING, AccessRow, EntryPoint
+from gateway.routing.rights import MOST_ROLES, Rights
 from gateway.routing.router import CertifiedRouter
 from kit.router import router
 

@@ -4,7 +4,8 @@ import pytest
 
 from gateway.events import AccessDenied, Event, RequestRefused
 from gateway.request import Request
-from gateway.routing.access import NOTHING, READING, AccessRow, EntryPoint, Rights
+from gateway.routing.access import NOTHING, READING, AccessRow, EntryPoint
+from gateway.routing.rights import Rights
 from gateway.routing.router import Router, RouterCounts
 from gateway.trace.ring import Ring
 from kit.asker import Asker

@@ -23,7 +23,8 @@ from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import Span, exception_response
 from gateway.operator.status import status
 from gateway.profiles.profile import Profile
-from gateway.routing.access import EVERYTHING, AccessRow, Rights
+from gateway.routing.access import EVERYTHING, AccessRow
+from gateway.routing.rights import Rights
 from gateway.timing.characters import LineTiming
 from kit.asking import ask
 from kit.configs import accepted_configs

@@ -33,7 +33,8 @@ from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
 from gateway.ports import network
 from gateway.request import Caller, Request
-from gateway.routing.access import EVERYTHING, AccessRow, Rights
+from gateway.routing.access import EVERYTHING, AccessRow
+from gateway.routing.rights import Rights
 from kit.free_port import free_port
 from kit.ipv6 import needs_ipv6
 from kit.process import COMMAND, PATIENCE

@@ -22,7 +22,8 @@ from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.mbap import encode
 from gateway.request import Request
-from gateway.routing.access import EVERYTHING, AccessRow, EntryPoint, Rights
+from gateway.routing.access import EVERYTHING, AccessRow, EntryPoint
+from gateway.routing.rights import Rights
 from kit.ipv6 import needs_ipv6
 from kit.process import PATIENCE
 from kit.router import router

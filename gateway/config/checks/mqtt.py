@@ -11,10 +11,11 @@ from gateway.config.schema.config import Config
 from gateway.config.schema.mqtt import Mqtt, Publish
 from gateway.config.values.broker import SPARKPLUG, is_topic_part
 from gateway.config.values.reserved_names import MQTT
-from gateway.modbus.functions import READERS
 from gateway.profiles.published import PublishedDevice, PublishedPoint
-from gateway.registers.items import WRITERS
-from gateway.routing.access import EntryPoint, Rights
+from gateway.profiles.writing import writes_of
+from gateway.registers.items import read_request
+from gateway.routing.access import EntryPoint
+from gateway.routing.rights import Rights
 
 _TLS_KEYS: Final = ("ca", "certificate", "key", "server_name")
 _MOST_NAMES: Final = 3
@@ -181,16 +182,12 @@ def _check_rights(mqtt: Mqtt, devices: tuple[PublishedDevice, ...], plan: Plan) 
 
 
 def _may_read(rights: Rights, device: PublishedDevice, point: PublishedPoint) -> bool:
-    return not point.is_readable or rights.allows("", device.unit, READERS[point.point.area][0])
+    return not point.is_readable or rights.permits("", device.unit, read_request(point.point.read_span))
 
 
 def _is_shut(rights: Rights, device: PublishedDevice, point: PublishedPoint) -> bool:
-    """Tell whether a point is to be written, and no function that writes it is allowed."""
-    writers = WRITERS.get(point.point.area)
-    if not point.is_writable or writers is None:
-        return False
-    single, several, _ = writers
-    return not any(rights.allows("", device.unit, function) for function in (single, several))
+    """Tell whether a point is to be written, and no request that writes it is allowed."""
+    return point.is_writable and not any(rights.permits("", device.unit, pdu) for pdu in writes_of(point.point))
 
 
 def _named(names: list[str]) -> str:

@@ -4,6 +4,8 @@ from typing import Final
 
 from gateway.config.schema.access import Access
 from gateway.config.values.site import Site
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
 from gateway.routing.access import NOTHING, READING, WRITING, AccessRow, Network, Right, right_to
 
 _RIGHTS: Final = {"read": READING, "write": WRITING}
@@ -19,6 +21,8 @@ def access_row(row: Access) -> AccessRow:
         role=row.role,
         source=row.place,
         sites=frozenset(sites_of(row)),
+        addresses=addresses_of(row),
+        priority=row.priority,
     )
 
 
@@ -30,6 +34,14 @@ def networks_of(row: Access) -> tuple[Network, ...]:
 def sites_of(row: Access) -> tuple[str, ...]:
     """List the sites that `from` names."""
     return tuple(each.name for each in row.networks or () if isinstance(each, Site))
+
+
+def addresses_of(row: Access) -> tuple[Span, ...] | None:
+    """List the addresses that a row is for; None if it has no such key, so that it is for all."""
+    areas = ((area, getattr(row, area)) for area in Area)
+    named = [(area, ranges) for area, ranges in areas if ranges is not None]
+    spans = tuple(Span(area, first, last - first + 1) for area, ranges in named for first, last in ranges)
+    return spans if named else None
 
 
 def _right(row: Access) -> Right:

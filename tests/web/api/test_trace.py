@@ -11,7 +11,8 @@ from gateway.operator.asked import Traced
 from gateway.operator.requests import AwaitedOrigin
 from gateway.operator.trace_reader import capture
 from gateway.request import Request
-from gateway.routing.access import NOTHING, AccessRow, Rights
+from gateway.routing.access import NOTHING, AccessRow
+from gateway.routing.rights import Rights
 from gateway.trace.records import Answered, PortChanged
 from gateway.web.front.downloads import MOST_DOWNLOADS
 from gateway.web.front.streams import WRITE_TIME

@@ -7,7 +7,8 @@ import pytest
 
 from gateway.modbus.rtu import with_crc
 from gateway.operator.values import Answer
-from gateway.routing.access import READING, AccessRow, Rights
+from gateway.routing.access import READING, AccessRow
+from gateway.routing.rights import Rights
 from gateway.web.pages.questions import KEPT, MOST, PATIENCE
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
