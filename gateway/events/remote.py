@@ -134,7 +134,7 @@ class WebClosed(Event):
 
 
 class WebLogin(Event):
-    """Somebody has logged in at the web page."""
+    """Somebody has logged in at the web page, or a program begins to use its token."""
 
     says = "{user} has logged in from {client}"
     client: str
@@ -142,10 +142,10 @@ class WebLogin(Event):
 
 
 class WebLoginFailed(Event):
-    """Somebody has sent a wrong password to the web page; `user` is empty if there is no such user."""
+    """Somebody has sent a wrong password, or token, to the web page; `user` is empty if there is no such user."""
 
     level = Level.WARNING
-    says = "a wrong password was sent[ for {user}] from {client}"
+    says = "a wrong password or token was sent[ for {user}] from {client}"
     client: str
     user: str
 

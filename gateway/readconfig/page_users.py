@@ -1,4 +1,4 @@
-"""The file with the users of the web page: a line for each, with the role and the hash of the password.
+"""The file with the users of the web page: a line for each, with the role and the hash of the password, or the token.
 
 anna:operator:$scrypt$ln=14,r=8,p=5$SALT$HASH
 
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Final, Literal, get_args
 
 from gateway.errors import UsersError
+from gateway.readconfig.page_tokens import is_of_token
 
 Role = Literal["viewer", "operator"]
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
@@ -44,11 +45,16 @@ _HASH: Final = re.compile(r"\$scrypt\$ln=(\d{1,2}),r=(\d{1,2}),p=(\d{1,2})\$([A-
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """A user who may log in, and the hash of the password."""
+    """A person who may log in, or a program with a token; and the hash of the password, or of the token."""
 
     name: str
     role: Role
     hash: str
+
+    @property
+    def is_program(self) -> bool:
+        """Whether it is a program with a token, which cannot log in."""
+        return is_of_token(self.hash)
 
     def __repr__(self) -> str:
         return f"<User {self.name} {self.role}>"

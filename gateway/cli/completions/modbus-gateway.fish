@@ -273,6 +273,7 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using user' -s h -l help -d
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user; and test $_shtab_modbus_gateway_npos -eq 0' -a add -d 'add a user'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user add' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user add' -l role -xka "viewer operator" -d 'what the user may do (default viewer)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using user add' -l token -d 'make a token for a program, instead of a password'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user add' -l file -xka "(__fish_complete_path (commandline -ct))" -d 'the file (default: as /etc/modbus-gateway/gateway.toml says, or /etc/modbus-gateway/users)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user; and test $_shtab_modbus_gateway_npos -eq 0' -a remove -d 'remove one'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user remove' -s h -l help -d 'show this help message and exit'

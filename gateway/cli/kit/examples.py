@@ -76,7 +76,8 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     ),
     "user": (
         ("user add anna --role operator", "a user of the web page; asks for the password"),
-        ("user list", "who may log in"),
+        ("user mes --token --role operator", "a program; prints its token, once"),
+        ("user list", "who may log in, and programs"),
     ),
     "certificates": (
         ("certificates authority --name Plant-2", "an authority of one's own, for ten years"),

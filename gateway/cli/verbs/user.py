@@ -1,12 +1,13 @@
-"""`user`: who may log in at the web page."""
+"""`user`: who may log in at the web page, and programs with a token."""
 
 import argparse
 import getpass
 import json
 import sys
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from gateway.cli.kit.columns import align
 from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
@@ -14,6 +15,7 @@ from gateway.cli.main import DEFAULT_CONFIG, FINE
 from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.config.problem import did_you_mean
 from gateway.errors import UsersError
+from gateway.readconfig.page_tokens import new_token, token_hash
 from gateway.readconfig.page_users import (
     ROLES,
     User,
@@ -27,17 +29,21 @@ from gateway.readconfig.page_users import (
 #: Where the users are when no config says it.
 DEFAULT_FILE: Final = "/etc/modbus-gateway/users"
 
+_WHATS: Final = ("add", "remove", "list", "password")
+
 _EXAMPLES: Final = """\
 examples:
   modbus-gateway user add anna --role operator     asks for the password
   modbus-gateway user add wall < password.txt      reads it from there
+  modbus-gateway user mes --token --role operator  prints a token for a program
   modbus-gateway user password anna
   modbus-gateway user remove anna
   modbus-gateway user list
 
 A viewer reads; an operator also reloads the config, and writes if [web] has
 write = true. A running gateway knows of a change within 5 s, and ends the
-sessions of users that were changed or removed.
+sessions of users that were changed or removed. A token is shown once; programs
+send it as `Authorization: Bearer TOKEN`, and may what its role may.
 """
 
 
@@ -45,16 +51,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `user`."""
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    verbs = parser.add_subparsers(dest="what", metavar="add|remove|list|password", required=True)
+    _let_a_name_with_token_mean_add(parser)
+    verbs = parser.add_subparsers(dest="what", metavar="|".join(_WHATS), required=True)
     for what, about in (("add", "add a user"), ("remove", "remove one"), ("password", "set another password")):
         verb = verbs.add_parser(what, help=about)
         verb.add_argument("name", help="letters, digits, and . _ @ - after the first character")
         if what == "add":
             verb.add_argument("--role", choices=ROLES, default="viewer", help="what the user may do (default viewer)")
+            verb.add_argument("--token", action="store_true", help="make a token for a program, instead of a password")
         _add_file_argument(verb)
     verb = verbs.add_parser("list", help="list all")
     verb.add_argument("--json", action="store_true", help="print JSON instead of a table")
     _add_file_argument(verb)
+
+
+def _let_a_name_with_token_mean_add(parser: argparse.ArgumentParser) -> None:
+    """Take `NAME --token` as `add NAME --token`."""
+    plain = parser.parse_known_args
+
+    def parse(args: Sequence[str], namespace: Any = None) -> Any:
+        is_name = "--token" in args and args[0] not in _WHATS
+        return plain(["add", *args] if is_name else args, namespace)
+
+    setattr(parser, "parse_known_args", parse)  # noqa: B010 - a method of one parser
 
 
 def run(args: argparse.Namespace) -> int:
@@ -83,15 +102,24 @@ def _add(file: Path, args: argparse.Namespace) -> int:
         raise WrongUsageError(f'"{args.name}" is not a valid user name', "1 to 64 letters, digits, and . _ @ -")
     with changing_users(file) as users:
         if args.name in users:
-            raise WrongUsageError(f"{args.name} is there already", f"modbus-gateway user password {args.name}")
-        users[args.name] = User(args.name, args.role, hashed(_new_password(args.name)))
-    print(f"{args.name} ({args.role}) was added to {file}")
+            other = "remove" if args.token or users[args.name].is_program else "password"
+            raise WrongUsageError(f"{args.name} is there already", f"modbus-gateway user {other} {args.name}")
+        token = new_token() if args.token else ""
+        hash_ = token_hash(token) if token else hashed(_new_password(args.name))
+        users[args.name] = User(args.name, args.role, hash_)
+    if token:
+        print(token, flush=True)  # alone on standard output, to be written into a file
+    said = f"{args.name} ({args.role}) was added to {file}"
+    print(f"{said}; its token is shown only now" if token else said, file=sys.stderr if token else sys.stdout)
     return FINE
 
 
 def _password(file: Path, args: argparse.Namespace) -> int:
     with changing_users(file) as users:
         user = _known(args.name, users)
+        if user.is_program:
+            renewed = f"modbus-gateway user {user.name} --token --role {user.role}"
+            raise WrongUsageError(f"{user.name} has a token, no password", f"remove it, then {renewed}")
         users[user.name] = User(user.name, user.role, hashed(_new_password(user.name)))
     print(f"{args.name} has another password now")
     return FINE
@@ -107,9 +135,12 @@ def _remove(file: Path, args: argparse.Namespace) -> int:
 def _list(file: Path, args: argparse.Namespace) -> int:
     users = sorted(read_users(file).values(), key=lambda user: user.name) if file.exists() else []
     if args.json:
-        print(json.dumps([{"user": user.name, "role": user.role} for user in users], indent=2))
+        print(
+            json.dumps([{"user": each.name, "role": each.role, "token": each.is_program} for each in users], indent=2)
+        )
     elif users:
-        print(align([("USER", "ROLE"), *((user.name, user.role) for user in users)]))
+        rows = ((each.name, each.role, "token" if each.is_program else "password") for each in users)
+        print(align([("USER", "ROLE", "PROVED BY"), *rows]))
     else:
         print(f"{file} has no users")
     return FINE

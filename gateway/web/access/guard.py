@@ -4,6 +4,8 @@ A page of another site can make a browser send requests to this server: by a hos
 address (DNS rebinding), or across sites with the cookie that the browser has. So the Host must be an address,
 `localhost` or one of the `hosts`. A request that changes something needs a login, an Origin of ours, and the token of
 the session, which only our own pages know. A request that reads from a device is refused to pages of other sites.
+A program with a token of its own needs none of these three: a browser never adds that header by itself, and a page of
+another site may not make it.
 """
 
 import asyncio
@@ -20,12 +22,12 @@ from urllib.parse import quote, urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
-from gateway.clock.threads import ThreadPerCall
-from gateway.readconfig.page_users import Role, is_user_name
+from gateway.readconfig.page_users import Role, User, is_user_name
 from gateway.request import Caller
 from gateway.web.access.sessions import Sessions
+from gateway.web.access.tokens import Tokens, bearer_of
 from gateway.web.access.user_table import UserTable
-from gateway.web.front.forms import MOST_FIELDS, read_form
+from gateway.web.front.bodies import FORM, FORM_TYPE, take_body, with_long_body
 from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.front.settings import WebSettings
 from gateway.web.text.cookies import cookie
@@ -35,17 +37,9 @@ Need = Literal["nothing", "metrics", "reading", "page", "login", "operator"]
 
 #: A Host: an IPv6 address in brackets, or an IPv4 address or a name; and its port.
 _HOST: Final = re.compile(r"(?:\[([0-9A-Fa-f:.]{2,45})\]|([0-9A-Za-z._-]{1,253}))(?::[0-9]{1,5})?")
-#: How long the body of a request may take to arrive, in seconds; and a long one, which is larger than most bodies may
-#: be, in bytes: a config of 1 MiB in a form.
-_BODY_TIME: Final = 10.0
-_LONG_BODY_TIME: Final = 60.0
-LONGEST_BODY: Final = 3 * 1024 * 1024 + 1024
 _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 #: What an address may choose for any page: its language and its theme.
 _CHOICES: Final = ("lang", "theme")
-_FORM: Final = "application/x-www-form-urlencoded"
-#: What a request may call its encoding.
-_CHARSETS: Final = frozenset({"utf-8", "utf8"})
 #: What only a proxy adds: the client is elsewhere, although the connection comes from this machine.
 _OF_PROXIES: Final = (
     *("X-Forwarded-For", "X-Forwarded-User", "X-Forwarded-Host", "X-Forwarded-Proto"),
@@ -55,9 +49,9 @@ _OF_PROXIES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """The client at the address `host`; if it has logged in, with `user` and `role`.
+    """The client at the address `host`; if it has logged in, or is a `program` with a token, with `user` and `role`.
 
-    `csrf` is what it must send to change something. `token` is that of its session, if it has one.
+    `csrf` is what it must send to change something, if it is no program. `token` is that of its session, if it has one.
     """
 
     host: str
@@ -67,6 +61,8 @@ class Visitor:
     csrf: str = ""
     token: str = ""
     is_local: bool = False
+    program: User | None = None
+    has_wrong_token: bool = False
 
     @property
     def client(self) -> str:
@@ -81,19 +77,17 @@ class Visitor:
 
 #: Where handlers find the visitor of a request.
 VISITOR: Final = web.RequestKey("visitor", Visitor)
-#: Where they find a form with a long body; others are in `request.post()`.
-FORM: Final = web.RequestKey("form", dict[str, str])
 
 
 class Guard:
-    """Admits or refuses requests, by settings, users and sessions."""
+    """Admits or refuses requests, by settings, users, sessions and tokens."""
 
-    def __init__(self, settings: WebSettings, table: UserTable, sessions: Sessions) -> None:
+    def __init__(self, settings: WebSettings, table: UserTable, sessions: Sessions, tokens: Tokens) -> None:
         self._settings = settings
         self._table = table
         self._sessions = sessions
         self._known = frozenset({"localhost", *(host.lower() for host in settings.hosts)})
-        self._bearer = f"Bearer {settings.token}".encode()
+        self._tokens = tokens
         self._secret = secrets.token_bytes(32)
         self.cookie: Final = "__Host-mbgw" if settings.is_encrypted else "mbgw"
 
@@ -115,23 +109,26 @@ class Guard:
             need = needs.get(request.match_info.handler, "reading")
             visitor = self.visitor(request)
             request[VISITOR] = visitor
+            if need != "nothing":
+                self._check_token(visitor)
             if request.method in _UNSAFE:
-                self._check_origin(request)
+                if visitor.program is None:
+                    self._check_origin(request)
                 if request.path in long_bodies:
                     self._check(request, visitor, need)
                     async with long_turn:
-                        request = await _with_long_body(request)
+                        request = await with_long_body(request)
                 else:
-                    await _take_body(request)
+                    await take_body(request)
             self._check(request, visitor, need)
-            if need in ("login", "operator"):
+            if need in ("login", "operator") and visitor.program is None:
                 await _check_csrf(request, visitor)
             return await handler(request)
 
         return guard
 
     def visitor(self, request: web.Request) -> Visitor:
-        """Find the client of a request: by the user that a proxy names, its session, the token, or its address."""
+        """Find the client of a request: by the user that a proxy names, its session, its token, or its address."""
         address = _address(request.remote or "")
         host = str(address or request.remote or "")
         by_proxy = address is not None and any(address in network for network in self._settings.proxy)
@@ -144,23 +141,37 @@ class Guard:
         if session is not None:
             session.used = asyncio.get_running_loop().time()
             return Visitor(host, True, session.user.name, session.user.role, session.csrf, token)
-        if self._settings.token and self._has_token(request):
-            return Visitor(host, True)
+        if bearer := bearer_of(request):
+            program = self._tokens.program(bearer)
+            if program is not None:
+                csrf = self._csrf_of(program.hash)
+                return Visitor(host, True, program.name, program.role, csrf, program=program)
+            may_read = self._tokens.may_read(bearer)
+            return Visitor(host, may_read, has_wrong_token=not may_read)
         is_local = address is not None and address.is_loopback and not by_proxy
         is_local = is_local and not any(header in request.headers for header in _OF_PROXIES)
         return Visitor(host, is_local, is_local=is_local)
 
     def is_valid(self, visitor: Visitor) -> bool:
-        """Return whether a visitor with a session still has it."""
+        """Return whether a visitor with a session or a token of its own still has it."""
         now = asyncio.get_running_loop().time()
+        if visitor.program is not None:
+            return self._tokens.is_valid(visitor.program)
         return not visitor.token or self._sessions.find(visitor.token, self._table.users, now) is not None
+
+    def _check_token(self, visitor: Visitor) -> None:
+        """Refuse a wrong token, whatever the address may do without one; and tell who begins to use a right one."""
+        if visitor.has_wrong_token:
+            raise self._tokens.refusal(visitor.host, visitor.client)
+        if visitor.program is not None:
+            self._tokens.note_use(visitor.program, visitor.host, f"web@{visitor.host}")
 
     def _check(self, request: web.Request, visitor: Visitor, need: Need) -> None:
         if need == "nothing":
             return
         if need in ("login", "operator"):
             if not visitor.user:
-                raise _unauthorized("log in first")
+                raise _unauthorized("log in first, or send a token with a role")
             if need == "operator" and visitor.role != "operator":
                 raise ProblemError(403, f"{visitor.user} is a {visitor.role}, and this needs the role operator")
             return
@@ -184,54 +195,14 @@ class Guard:
         ):
             raise ProblemError(403, "the Origin of a POST or PUT must be that of this page")
 
-    def _has_token(self, request: web.Request) -> bool:
-        given = request.headers.get("Authorization", "").encode(errors="surrogateescape")
-        return hmac.compare_digest(given, self._bearer)
-
     def _csrf_of(self, name: str) -> str:
         return hmac.digest(self._secret, name.encode(), hashlib.sha256).hex()
-
-
-async def _with_long_body(request: web.Request) -> web.Request:
-    """Take the body of a request for which more is allowed than for others."""
-    request = request.clone(client_max_size=LONGEST_BODY)
-    body = await _read_body(request, _LONG_BODY_TIME)
-    if request.content_type == _FORM:
-        try:
-            read = ThreadPerCall("web form")
-            request[FORM] = await asyncio.get_running_loop().run_in_executor(read, read_form, body)
-        except ValueError:
-            raise ProblemError(400, f"the form is not UTF-8, or has more than {MOST_FIELDS} fields") from None
-    return request
-
-
-async def _take_body(request: web.Request) -> None:
-    await _read_body(request, _BODY_TIME)
-    if request.content_type == _FORM:
-        try:
-            await request.post()
-        except ValueError:
-            raise ProblemError(400, "the form is not UTF-8") from None
-
-
-async def _read_body(request: web.Request, limit: float) -> bytes:
-    if request.content_type.startswith("multipart/"):
-        raise ProblemError(415, f"forms are {_FORM}")
-    if (request.charset or "utf-8").lower() not in _CHARSETS:  # some codecs take seconds for 32 KiB
-        raise ProblemError(415, "what is sent must be UTF-8")
-    try:
-        async with asyncio.timeout(limit):
-            return await request.read()
-    except TimeoutError:
-        raise ProblemError(408, f"the request has not arrived within {limit:g} s") from None
-    except ConnectionError:
-        raise ProblemError(400, "the client has gone") from None
 
 
 async def _check_csrf(request: web.Request, visitor: Visitor) -> None:
     """Check the token in the header, or in the field `csrf` of a form."""
     given = request.headers.get("X-CSRF-Token", "")
-    if not given and request.content_type == _FORM:
+    if not given and request.content_type == FORM_TYPE:
         form = request[FORM] if FORM in request else await request.post()
         given = str(form.get("csrf", ""))
     if not hmac.compare_digest(given.encode(errors="surrogateescape"), visitor.csrf.encode()):

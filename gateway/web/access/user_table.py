@@ -17,10 +17,14 @@ _Look = tuple[int, ...] | None
 
 
 class UserTable:
-    """The users of `file`; none without one. `rejected` is called with the reason when it cannot be used any more."""
+    """The users of `file`; none without one. `rejected` is called with the reason when it cannot be used any more.
+
+    `users` are those who can log in, by name; `programs` those with a token, by its hash.
+    """
 
     def __init__(self, file: Path | None, rejected: Callable[[str], None]) -> None:
         self.users: Users = {}
+        self.programs: Users = {}
         self._file = file
         self._rejected = rejected
         self._look: _Look = None
@@ -57,7 +61,10 @@ class UserTable:
     async def _read(self, file: Path) -> None:
         loop = asyncio.get_running_loop()
         look, users = await loop.run_in_executor(ThreadPerCall("web users"), _read, file, self._look)
-        self._look, self.users = look, self.users if users is None else users
+        self._look = look
+        if users is not None:
+            self.users = {name: user for name, user in users.items() if not user.is_program}
+            self.programs = {user.hash: user for user in users.values() if user.is_program}
 
 
 def _read(file: Path, before: _Look) -> tuple[_Look, Users | None]:

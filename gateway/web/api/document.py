@@ -51,7 +51,7 @@ _BODIES: Final[Mapping[type, str]] = {
 _DESCRIPTION: Final = "State of the gateway, and values of its units. Addresses are protocol addresses from 0."
 _WHATS: Final = {
     400: "Invalid request",
-    401: "A login, or the token, is needed",
+    401: "A login, or a token, is needed; or the token is wrong",
     403: "Not allowed; `exception` 1: by [[access]], or the unit has no such function",
     404: "There is no such unit, line or point",
     408: "The body took too long",
@@ -60,14 +60,29 @@ _WHATS: Final = {
     413: "The body is too large",
     415: "The body is not JSON",
     422: "`exception` 2 or 3 of the unit, or a value that does not fit; of a reload: the file was rejected",
+    429: "Many wrong tokens came from this address: try again after `Retry-After` seconds",
     502: "`exception` 10: the unit cannot be reached; or another exception of the unit",
     503: "`exception` 6: the line is too busy; or too many readers, or the gateway is not ready",
     504: "`exception` 11: no valid response within the time limit",
 }
-_OF_ALL: Final = frozenset({401, 403})
+_OF_ALL: Final = frozenset({401, 403, 429})
 _OF_CHANGES: Final = frozenset({408, 411, 413, 415})
 _OF_STREAMS: Final = frozenset({400, 404, 503})
-_CSRF: Final = {"name": "X-CSRF-Token", "in": "header", "required": True, "schema": {"type": "string"}}
+_CSRF: Final = {
+    "name": "X-CSRF-Token",
+    "in": "header",
+    "required": False,
+    "schema": {"type": "string"},
+    "description": "With the cookie of a login it must be that of the session",
+}
+_OF_OPERATORS: Final = (
+    "Needs a token with the role operator; or the cookie of a login, X-CSRF-Token, and an Origin with the name that "
+    "the gateway is called by."
+)
+_TOKENS: Final = (
+    "That of the config (`token` in `[web]`), which reads; or one with a role (`modbus-gateway user NAME --token`)"
+)
+_CHANGING: Final[list[dict[str, list[str]]]] = [{"token": []}, {"session": []}]
 
 
 def document(operations: Operations = OPERATIONS) -> dict[str, Any]:
@@ -85,7 +100,7 @@ def document(operations: Operations = OPERATIONS) -> dict[str, Any]:
             "components": {
                 "schemas": _components(listed),
                 "securitySchemes": {
-                    "token": {"type": "http", "scheme": "bearer"},
+                    "token": {"type": "http", "scheme": "bearer", "description": _TOKENS},
                     "session": {"type": "apiKey", "in": "cookie", "name": ""},
                 },
             },
@@ -129,8 +144,8 @@ def _operation(operation: Operation[Any, Any]) -> dict[str, Any]:
         statuses.add(400)
     if operation.right != "reading":
         condition = ", if `write` is set" if operation.right == "writing" else ""
-        told["description"] = f"For operators{condition}. Needs the cookie of a login and X-CSRF-Token."
-        told["security"] = [{"session": []}]
+        told["description"] = f"For operators{condition}. {_OF_OPERATORS}"
+        told["security"] = _CHANGING
         parameters.append(_CSRF)
         statuses |= _OF_CHANGES
     if any(each.is_in_body for each in known):
@@ -199,8 +214,8 @@ def _other_paths() -> dict[str, Any]:
                     {"description": "A .tar.gz file", "content": {"application/gzip": {}}},
                     {400, 503, *_OF_CHANGES},
                 ),
-                "description": "For operators. Needs the cookie of a login and X-CSRF-Token.",
-                "security": [{"session": []}],
+                "description": f"For operators. {_OF_OPERATORS}",
+                "security": _CHANGING,
                 "parameters": [_CSRF],
             },
         },

@@ -4,6 +4,6 @@
 - server, machines    the routes of pages, API and metrics, with what is common to all
 - connections, secured, pieces    how many connections there are, TLS, and aiohttp below both
 - problems     errors as problems, by their kinds
-- forms        the fields of a form with a long body
+- bodies, forms    the body of a request, and the fields of a form with a long one
 - streams, downloads, turns    answers that last, and requests that wait for each other
 """

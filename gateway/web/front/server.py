@@ -17,6 +17,7 @@ from gateway.tools.examinations import Examinations
 from gateway.tools.page_scans import PageScans
 from gateway.web.access.guard import Guard, Need
 from gateway.web.access.sessions import Sessions
+from gateway.web.access.tokens import Tokens
 from gateway.web.access.user_table import UserTable
 from gateway.web.api.api import Api
 from gateway.web.api.operations import Operations
@@ -137,7 +138,7 @@ def _application(
     connections: Connections,
 ) -> web.Application:
     sessions = Sessions()
-    guard = Guard(settings, table, sessions)
+    guard = Guard(settings, table, sessions, Tokens(settings.token, table, operator.running.emit))
     api = Api(operator, operations, fan_out, guard, streams, may_write=settings.write)
     assets = Assets()
     situations = Situations(operator, doctor)

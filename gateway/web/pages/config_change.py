@@ -11,8 +11,9 @@ from gateway.operator.answers.config import CheckedConfig
 from gateway.operator.asked import TextToCheck
 from gateway.operator.config_check import check_config
 from gateway.operator.operator import Operator
-from gateway.web.access.guard import FORM, Need
+from gateway.web.access.guard import Need
 from gateway.web.api.asking import asker_of
+from gateway.web.front.bodies import FORM
 from gateway.web.front.problems import Handler
 from gateway.web.pages.renderer import Renderer
 

@@ -6,6 +6,7 @@ import json
 import pytest
 
 from gateway.cli.main import FINE, PROBLEM_FOUND, WRONG_USAGE, main
+from gateway.readconfig.page_tokens import token_hash
 from gateway.readconfig.page_users import is_password, read_users
 
 
@@ -29,11 +30,11 @@ def test_users_are_added_listed_changed_and_removed(monkeypatch, users, capsys):
     assert is_password("battery staple", anna)
     capsys.readouterr()
     assert user(monkeypatch, users, "list") == FINE
-    assert capsys.readouterr().out == "USER  ROLE\nanna  operator\nvera  viewer\n"
+    assert capsys.readouterr().out == "USER  ROLE      PROVED BY\nanna  operator  password\nvera  viewer    password\n"
     assert user(monkeypatch, users, "remove", "vera") == FINE
     capsys.readouterr()
     assert user(monkeypatch, users, "list", "--json") == FINE
-    assert json.loads(capsys.readouterr().out) == [{"user": "anna", "role": "operator"}]
+    assert json.loads(capsys.readouterr().out) == [{"user": "anna", "role": "operator", "token": False}]
 
 
 @pytest.mark.parametrize(
@@ -80,3 +81,45 @@ def test_without_an_option_the_config_of_the_service_says_where(monkeypatch, use
     monkeypatch.setattr("gateway.cli.verbs.user.DEFAULT_CONFIG", str(config))
     assert main(["user", "list"]) == FINE
     assert capsys.readouterr().out == f"{users} has no users\n"
+
+
+@pytest.mark.parametrize(
+    "words", [("mes", "--token", "--role", "operator"), ("add", "mes", "--token", "--role=operator")]
+)
+def test_a_token_is_printed_once_and_only_its_hash_is_kept(monkeypatch, users, capsys, words):
+    assert user(monkeypatch, users, *words, typed="") == FINE
+    out, err = capsys.readouterr()
+    token = out.removesuffix("\n")
+    assert token_hash(token) == read_users(users)["mes"].hash
+    assert token not in err
+    assert "mes (operator) was added" in err
+    assert token not in users.read_text()
+    assert user(monkeypatch, users, "list") == FINE
+    assert capsys.readouterr().out == "USER  ROLE      PROVED BY\nmes   operator  token\n"
+
+
+def test_a_token_is_for_viewers_unless_told_otherwise_and_is_removed_as_a_user(monkeypatch, users, capsys):
+    user(monkeypatch, users, "wall", "--token")
+    assert read_users(users)["wall"].role == "viewer"
+    assert user(monkeypatch, users, "remove", "wall") == FINE
+    assert dict(read_users(users)) == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("mes", "--token"), "mes is there already"),
+        (("add", "mes"), "user remove mes"),
+        (("password", "mes"), "mes has a token, no password"),
+        (("a:b", "--token"), "not a valid user name"),
+    ],
+)
+def test_a_token_is_not_replaced_by_the_way(monkeypatch, users, capsys, words, said):
+    user(monkeypatch, users, "mes", "--token")
+    before = users.read_text()
+    capsys.readouterr()
+    assert user(monkeypatch, users, *words) == WRONG_USAGE
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert said in err
+    assert users.read_text() == before

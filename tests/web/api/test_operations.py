@@ -85,7 +85,7 @@ def test_it_is_in_the_document():
         ("word", "path", True, {"type": "string"}),
         ("times", "query", False, {"type": "integer", "minimum": 1, "maximum": 9, "default": 2}),
     ]
-    assert set(told["responses"]) == {"200", "400", "401", "403", "422"}
+    assert set(told["responses"]) == {"200", "400", "401", "403", "422", "429"}
     answer = told["responses"]["200"]["content"]["application/json"]["schema"]
     assert answer == {"$ref": "#/components/schemas/Repeated"}
     assert made["components"]["schemas"]["Repeated"]["required"] == ["words", "client"]
