@@ -268,7 +268,7 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_mod
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using completion' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using completion' -l color -xka "auto always never" -d 'when to use colour (default auto: on a terminal, unless NO_COLOR is set)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using completion; and test $_shtab_modbus_gateway_npos -eq 0' -ka "bash zsh fish" -d 'the shell that reads it'
-complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a user -d 'Manage the users of the web page.'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a user -d 'Manage the users of the web page, and tokens of programs.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user; and test $_shtab_modbus_gateway_npos -eq 0' -a add -d 'add a user'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user add' -s h -l help -d 'show this help message and exit'

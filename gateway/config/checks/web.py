@@ -46,7 +46,7 @@ def _check_encryption(web: Web) -> Iterator[Problem]:
         elif not is_encrypted and web.has(key):
             yield error((*web.path, key), "is used only with https://", "write https:// in bind, or leave it out")
     if web.users and not (is_encrypted or web.bind.is_loopback or web.proxy):
-        what = "passwords come in plain text, for everybody on the way to read"
+        what = "passwords and tokens come in plain text, for everybody on the way to read"
         yield warning((*web.path, "bind"), what, "use https:// with certificate and key, or a proxy that does")
 
 

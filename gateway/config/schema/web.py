@@ -33,7 +33,8 @@ class Web(Table):
     )
     users: SocketPath | None = Field(
         None,
-        description="The file with the users, made by `modbus-gateway user`. Changes apply within 5 s.",
+        description="The file with the users, and with programs that have a token and a role, made by "
+        "`modbus-gateway user`. Changes apply within 5 s.",
     )
     proxy: Networks | None = Field(
         None,
@@ -49,7 +50,8 @@ class Web(Table):
         "(`Authorization: Bearer ...`). If it is given, `/metrics` needs it or a login also from this machine.",
     )
     write: bool = Field(
-        False, description="Whether users with the role `operator` may write coils and registers through it."
+        False,
+        description="Whether users and programs with the role `operator` may write coils and registers through it.",
     )
     values: TrendDuration = Field(
         24 * 3600.0,

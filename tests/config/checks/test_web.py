@@ -28,7 +28,7 @@ def test_what_other_machines_can_reach_needs_users_or_a_token(bind):
         ('bind = "https://127.0.0.1:1"\nkey = "k"', ["error: web.bind: https:// needs certificate"]),
         ('bind = "http://127.0.0.1:1"\nkey = "k"', ["error: web.key: is used only with https://"]),
         ('bind = "https://0.0.0.0:1"\nkey = { credential = "k" }\ncertificate = "c"\nusers = "u"', []),
-        ('bind = "http://0.0.0.0:1"\nusers = "u"', ["warning: web.bind: passwords come in plain text"]),
+        ('bind = "http://0.0.0.0:1"\nusers = "u"', ["warning: web.bind: passwords and tokens come in plain text"]),
         ('bind = "http://0.0.0.0:1"\nusers = "u"\nproxy = ["10.0.0.2"]', []),
         ('bind = "http://0.0.0.0:1"\nproxy = ["10.0.0.2"]', []),
         (

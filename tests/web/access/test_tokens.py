@@ -21,6 +21,17 @@ holding = 10
 PLACE = "/api/v1/units/200/holding/3"
 AFAR = "10.2.0.7"
 MES, WALL = new_token(), new_token()
+WRONG = {
+    "another": new_token(),
+    "shorter": MES[:-1],
+    "longer": MES + "A",
+    "in capitals": MES.upper(),
+    "without its beginning": MES.removeprefix("mbgw_"),
+    "with its name": f"mes:{MES}",
+    "its hash": token_hash(MES),
+    "not ASCII": "\xe9",
+    "only its beginning": "mbgw_",
+}
 #: Nothing of this machine, and no page of ours, is in what a program sends.
 BARE = {"Origin": None, "X_CSRF_Token": None}
 
@@ -101,20 +112,7 @@ async def test_rows_of_access_that_name_web_count_for_tokens(tmp_path, rows, may
 
 
 @pytest.mark.parametrize("host", [AFAR, "127.0.0.1"])
-@pytest.mark.parametrize(
-    "shown",
-    [
-        new_token(),
-        MES[:-1],
-        MES + "A",
-        MES.upper(),
-        MES.removeprefix("mbgw_"),
-        f"mes:{MES}",
-        token_hash(MES),
-        "\xe9",
-        "mbgw_",
-    ],
-)
+@pytest.mark.parametrize("shown", list(WRONG.values()), ids=list(WRONG))
 async def test_a_wrong_token_is_no_token_on_this_machine_either(bench, host, shown):
     program = bench.browser(host)
     for path in ("/api/v1/status", "/metrics", "/", PLACE):
@@ -145,6 +143,7 @@ async def test_a_token_in_the_address_counts_nothing(bench, name):
         {"X_CSRF_Token": MES},
         {"X_Forwarded_User": "mes"},
     ],
+    ids=["basic", "bare", "token", "twice", "cookie", "csrf", "proxy"],
 )
 async def test_a_token_elsewhere_counts_nothing(bench, headers):
     program = bench.browser(AFAR)
@@ -199,7 +198,9 @@ async def test_pages_answer_a_program_as_they_answer_a_user(bench):
 
 
 @pytest.mark.parametrize(
-    "left", [entries(("wall", "viewer", WALL)), entries(("mes", "operator", new_token())), USERS, ""]
+    "left",
+    [entries(("wall", "viewer", WALL)), entries(("mes", "operator", new_token())), USERS, ""],
+    ids=["removed", "replaced", "only users", "nobody"],
 )
 async def test_a_token_that_was_removed_or_replaced_ends_without_a_restart(bench, left):
     program = bench.browser("127.0.0.1")
