@@ -245,13 +245,17 @@ def test_a_file_that_is_nested_too_deeply_is_a_problem_too():
         ),
         (
             "[[line]]\nport = '/dev/x'\nrole = 'slave'",
-            'gateway.toml:3:8: error: line[0].role: must be "client", "server" or "monitor"\n'
-            '  help: did you mean "server"?',
+            (
+                'gateway.toml:3:8: error: line[0].role: must be "client", "server" or "monitor"\n'
+                '  help: did you mean "server"?'
+            ),
         ),
         (
             "[[line]]\nport = '/dev/x'\nrole = 'master'",
-            'gateway.toml:3:8: error: line[0].role: must be "client", "server" or "monitor"\n'
-            '  help: did you mean "client"?',
+            (
+                'gateway.toml:3:8: error: line[0].role: must be "client", "server" or "monitor"\n'
+                '  help: did you mean "client"?'
+            ),
         ),
         (
             "[[access]]\nallow = 'write'",

@@ -64,6 +64,10 @@ async def until(condition):
         await asyncio.sleep(0.002)
 
 
+def open_descriptors():
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
 def modes(device):
     """How each descriptor of this process on a device may be used."""
     found = []
@@ -142,13 +146,13 @@ async def test_an_absent_port(virtual, user):
 
 
 async def test_it_tells_once_that_it_was_unplugged_and_leaves_nothing_open(virtual, user):
-    before = len(list(Path("/proc/self/fd").iterdir()))
+    before = open_descriptors()
     async with listening(virtual, user):
         virtual.unplug()
         await until(lambda: user.losses)
     assert len(user.losses) == 1
     assert "is gone" in str(user.losses[0])
-    assert len(list(Path("/proc/self/fd").iterdir())) == before - 2  # both ends are unplugged
+    assert open_descriptors() == before - 2  # both ends are unplugged
 
 
 async def test_it_tells_once_that_it_was_closed(virtual, user):
