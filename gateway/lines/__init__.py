@@ -13,4 +13,5 @@
 - telling, counts    events, records for the trace, counters for the status
 - driver       connects a line to port and event loop
 - monitor, monitor_driver    a line where others ask and answer: what is heard there, its port and event loop
+- succession, heard_requests    the bytes of a bus, cut into frames; which answers can be believed
 """

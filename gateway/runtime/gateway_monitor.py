@@ -34,7 +34,9 @@ class GatewayMonitor:
         self.longest_wait: Mapping[str, float] = {device.name: 0.0 for device in plan.devices}
         self.devices = {each.known_as: HeardDevice(each, emit, ring, self.name) for each in plan.devices}
         self._by_address = {device.settings.unit: device for device in reversed([*self.devices.values()])}
-        self.driver = MonitorDriver(Monitor(plan.line, self._window, emit, ring, self._heard), loop, emit)
+        places = {each.unit: (each.client_unit or each.unit, each.name) for each in reversed(plan.devices)}
+        monitor = Monitor(plan.line, self._window, emit, ring, self._heard, places)
+        self.driver = MonitorDriver(monitor, loop, emit)
         self.reconnector = Reconnector(
             self.name, plan.port.port, opener(plan.port), self.driver, kept_in(ring, loop.time, emit)
         )
@@ -61,7 +63,7 @@ class GatewayMonitor:
 
     def busy(self, now: float) -> float:  # noqa: ARG002 - see GatewayLine
         """Return for how many seconds the line was in use."""
-        return 0.0
+        return self.driver.monitor.busy
 
     def adopt(self, plan: MonitorPlan) -> None:
         """Take over `plan`, which differs only in its place in the file."""
