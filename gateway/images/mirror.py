@@ -12,7 +12,7 @@ from gateway.errors import IllegalDataAddress, StaleValue
 from gateway.events import Emit
 from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
 from gateway.images.polled_range import Part
-from gateway.images.polling import DevicePolls
+from gateway.images.supply import Supply
 from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
 from gateway.images.tables import Table, make_tables
 from gateway.modbus.pdu import Span, parse_sent
@@ -36,7 +36,7 @@ class Mirror(OrderedUnit):
     def __init__(
         self,
         settings: MirrorSettings,
-        polls: DevicePolls,
+        polls: Supply,
         device: Target,
         answers_to: Passed,
         emit: Emit,
@@ -56,7 +56,7 @@ class Mirror(OrderedUnit):
         """What logs and the trace call it."""
         return self.settings.label
 
-    def wanted(self) -> Iterable[tuple[DevicePolls, Part]]:
+    def wanted(self) -> Iterable[tuple[Supply, Part]]:
         """List what it wants of its device."""
         return ((self._polls, part) for part in self.parts)
 
@@ -133,7 +133,7 @@ class Mirror(OrderedUnit):
             raise StaleValue(f"{self.settings.name} is no longer polled")
         writes = client.writes.setdefault(self._polls, self._polls.writes)
         if any(part.is_lost(now, self._stale, writes) for part in read.parts):
-            raise StaleValue(f"{self.settings.of} has not answered for too long", self.settings.of)
+            raise StaleValue(f"{self.settings.of} {self._polls.silence}", self.settings.of)
         if all(part.is_known(writes) for part in read.parts):
             return read.head + read.table.read(read.span)
         return None

@@ -14,7 +14,7 @@ from gateway.errors import RequestError, ServerDeviceFailure, StaleValue
 from gateway.events import Emit, RequestRefused
 from gateway.images.last_writes import LastWrites
 from gateway.images.polled_range import Part, PollCounts
-from gateway.images.polling import DevicePolls
+from gateway.images.supply import Supply
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import parse_sent
@@ -45,7 +45,7 @@ class ClientRequests:
 
     under_way: int = 0
     waiting: deque[Request] = field(default_factory=deque)
-    writes: dict[DevicePolls, int] = field(default_factory=dict)
+    writes: dict[Supply, int] = field(default_factory=dict)
     is_going_on: bool = False
 
     def take(self) -> Request:
@@ -57,7 +57,7 @@ class ClientRequests:
 class Passed(Protocol):
     """Takes the responses to requests that were passed on."""
 
-    def passed(self, request: Request, polls: DevicePolls | None, sent: Request, response: bytes | None) -> None:
+    def passed(self, request: Request, polls: Supply | None, sent: Request, response: bytes | None) -> None:
         """Take the response to `sent`, which was passed on for `request` to what `polls` polls; None: nobody does."""
 
 
@@ -98,7 +98,7 @@ class OrderedUnit(ABC):
         if not request.is_over:
             request.fail(ServerDeviceFailure())
 
-    def wrote(self, request: Request, polls: DevicePolls, sent: Request, response: bytes | None, now: float) -> None:
+    def wrote(self, request: Request, polls: Supply, sent: Request, response: bytes | None, now: float) -> None:
         """Note that `sent`, which was passed on for `request`, may have changed values of the device."""
         if may_have_written(sent.pdu, response):
             polls.changed(parse_sent(sent.pdu).write, now)
@@ -133,7 +133,7 @@ class OrderedUnit(ABC):
         """What logs and the trace call it: `mirror silo`."""
 
     @abstractmethod
-    def wanted(self) -> Iterable[tuple[DevicePolls, Part]]:
+    def wanted(self) -> Iterable[tuple[Supply, Part]]:
         """List what it wants of its sources."""
 
     @abstractmethod
@@ -194,7 +194,7 @@ class OrderedUnit(ABC):
                 sent.fail(ServerDeviceFailure())
             raise
 
-    def _derived(self, request: Request, pdu: bytes, polls: DevicePolls | None, now: float) -> Request:
+    def _derived(self, request: Request, pdu: bytes, polls: Supply | None, now: float) -> Request:
         """Make the request that is passed on for a client's one to what `polls` polls; None: nobody does."""
         return Request(request.unit, pdu, ForwardedOrigin(request, polls, self._answers_to), now)
 
@@ -209,7 +209,7 @@ class OrderedUnit(ABC):
 class ForwardedOrigin(DerivedOrigin):
     """The Origin of a client's request that is passed on to a device."""
 
-    def __init__(self, original: Request, polls: DevicePolls | None, answers_to: Passed) -> None:
+    def __init__(self, original: Request, polls: Supply | None, answers_to: Passed) -> None:
         super().__init__(original)
         self._polls = polls
         self._answers_to = answers_to

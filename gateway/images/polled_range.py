@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from gateway.images.polls import Poll
+from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Split
 
 
@@ -74,6 +75,10 @@ class Part:
         """Forget its values, which the last write may have changed."""
         self._changed_by = writes
         self.is_awaited = True
+
+    def is_changed_by(self, write: Span) -> bool:
+        """Tell whether a write to these addresses may change its values."""
+        return self.poll.span.touches(write)
 
     def go_on_from(self, old: "Part") -> None:
         """Have the age of a part of the same polls that this one replaces."""

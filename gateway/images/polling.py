@@ -31,8 +31,9 @@ from gateway.errors import (
     TargetFailedToRespond,
 )
 from gateway.events import Emit, PollRefused
-from gateway.images.polled_range import Part, PolledRange, Reader
+from gateway.images.polled_range import Part, PolledRange
 from gateway.images.polls import Poll, joined
+from gateway.images.supply import Supply
 from gateway.images.turns import PollTurns
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span
@@ -84,29 +85,22 @@ class PolledUnit:
     many_sources: bool = False
 
 
-class DevicePolls:
-    """Polls `target` as `origin` for readers. `writes` is the number of finished writes to it.
+class DevicePolls(Supply):
+    """Polls `target` as `origin` for readers. Its polls wait in `turns`, which the devices of a line share."""
 
-    Its polls wait in `turns`, which the devices of a line share.
-    """
+    silence = "has not answered for too long"
 
     def __init__(self, unit: PolledUnit, target: PolledTarget, origin: Origin, turns: PollTurns, emit: Emit) -> None:
-        self.writes = 0
+        super().__init__()
         self.unit = unit
         self._target = target
         self._origin = origin
         self._turns = turns
         self._emit = emit
-        self._parts: dict[Part, None] = {}
         self._ranges: dict[PolledRange, None] = {}
         self._due: list[tuple[float, int, PolledRange]] = []
         self._number = count()
         self._polls: dict[Request, PolledRange] = {}
-
-    @property
-    def readers(self) -> tuple[Reader, ...]:
-        """Those who want something of the device."""
-        return tuple(dict.fromkeys(part.reader for part in self._parts))
 
     def change(self, come: Iterable[Part], gone: Iterable[Part], now: float) -> None:
         """Poll for the parts that `come`, at once, and no more for those that are `gone`.
@@ -145,10 +139,7 @@ class DevicePolls:
         It may have changed others too, so everything is polled again at once; for what was written others on the line
         are not waited for, as a client's reads wait.
         """
-        self.writes += 1
-        for part in self._parts:
-            if span is None or part.poll.span.touches(span):
-                part.changed(self.writes)
+        super().changed(span, now)
         for polled in self._ranges:
             if not polled.halves:
                 if polled.is_waiting and polled.is_written:

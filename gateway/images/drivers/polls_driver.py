@@ -8,6 +8,7 @@ from weakref import WeakValueDictionary
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
 from gateway.images.at_once import AtOnce
+from gateway.images.drivers.heard_driver import HeardDriver, HeardSource
 from gateway.images.polled_range import Part
 from gateway.images.polling import DevicePolls, PolledTarget, PolledUnit
 from gateway.images.turns import PollTurns

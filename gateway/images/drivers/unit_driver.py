@@ -1,17 +1,30 @@
 """Connects a mirror or a virtual unit to the clock and the event loop."""
 
 import asyncio
-from collections.abc import Callable, Mapping
-from typing import Any, Generic, TypeVar
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Generic, Protocol, TypeVar
 
 from gateway.events import Emit, PartFailed
-from gateway.images.drivers.polls_driver import PollsDriver
 from gateway.images.ordered import OrderedUnit
 from gateway.images.polled_range import Part
-from gateway.images.polling import DevicePolls
+from gateway.images.supply import Supply
 from gateway.request import Request
 
 Unit = TypeVar("Unit", bound=OrderedUnit)
+
+
+class SupplyDriver(Protocol):
+    """Drives `polls`, or what is heard, of one source."""
+
+    @property
+    def polls(self) -> Supply:
+        """See above."""
+
+    def change(self, come: Iterable[Part] = (), gone: Iterable[Part] = ()) -> None:
+        """Supply the parts that `come`, and no more those that are `gone`."""
+
+    def changed(self) -> None:
+        """Note that `polls` was told of a write."""
 
 
 class UnitDriver(Generic[Unit]):
@@ -24,7 +37,7 @@ class UnitDriver(Generic[Unit]):
     def __init__(
         self,
         make: Callable[["UnitDriver[Unit]"], Unit],
-        pollers: Mapping[str, PollsDriver],
+        pollers: Mapping[str, SupplyDriver],
         loop: asyncio.AbstractEventLoop,
         emit: Emit,
     ) -> None:
@@ -56,7 +69,7 @@ class UnitDriver(Generic[Unit]):
         if not self._run(self.unit.submit, request, now):
             self._run(self.unit.abandon, request)
 
-    def passed(self, request: Request, polls: DevicePolls | None, sent: Request, response: bytes | None) -> None:
+    def passed(self, request: Request, polls: Supply | None, sent: Request, response: bytes | None) -> None:
         """Take the response to `sent`, which was passed on to a source, or within the unit, for `request`."""
         now = self._time()
         if polls is not None:
@@ -65,8 +78,8 @@ class UnitDriver(Generic[Unit]):
         if polls is not None:
             self._drivers[polls].changed()
 
-    def _parts(self) -> dict[DevicePolls, list[Part]]:
-        found: dict[DevicePolls, list[Part]] = {}
+    def _parts(self) -> dict[Supply, list[Part]]:
+        found: dict[Supply, list[Part]] = {}
         for polls, part in self.unit.wanted():
             found.setdefault(polls, []).append(part)
         return found

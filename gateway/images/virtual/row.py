@@ -6,8 +6,9 @@ from math import inf
 from typing import Literal, NamedTuple, Protocol
 
 from gateway.images.polled_range import Part, Reader
-from gateway.images.polling import DevicePolls
+from gateway.images.supply import Supply
 from gateway.images.virtual.settings import MappedValue
+from gateway.modbus.pdu import Span
 from gateway.profiles.coding import arranged
 from gateway.profiles.conversion import Conversion
 from gateway.profiles.profile import Profile
@@ -23,7 +24,7 @@ _PAIR = 2 * REGISTER
 class Source(NamedTuple):
     """A device, or a local image, with its polls and its profile."""
 
-    polls: DevicePolls
+    polls: Supply
     target: Target
     profile: Profile
 
@@ -80,6 +81,13 @@ class Row(Part):
         super().changed(writes)
         self._block.changes += 1
 
+    def is_changed_by(self, write: Span) -> bool:
+        """See Part. A point may be written at other addresses than it is read."""
+        point = self.mapped.point
+        if point is not None and point.write_at is not None and point.write_span.touches(write):
+            return True
+        return super().is_changed_by(write)
+
     def take_over(self, old: "Row") -> None:
         """Have the values and the age of an equal row of the unit that this one replaces."""
         self.go_on_from(old)
@@ -116,7 +124,7 @@ class Row(Part):
         span = self.poll.span
         where = f"{self.mapped.device} ({span.area} {span.addresses})"
         if self.state(now, stale) != "invalid" or self.items is None:
-            return f"{where} is refused" if self.is_refused else f"{where} has not answered for too long"
+            return f"{where} {'is refused' if self.is_refused else self.source.polls.silence}"
         point = self.mapped.point
         has_value = point is None or Conversion(point, None).has_value(self.items)
         return f"the value of {where} does not fit its row" if has_value else f"{where} has no valid value"

@@ -13,7 +13,7 @@ from gateway.events import Emit
 from gateway.images.image import Image
 from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
 from gateway.images.polled_range import Part
-from gateway.images.polling import DevicePolls
+from gateway.images.supply import Supply
 from gateway.images.polls import POLLING_FUNCTIONS
 from gateway.images.virtual.block import Block
 from gateway.images.virtual.layout import Touched
@@ -47,12 +47,6 @@ class VirtualUnit(OrderedUnit):
         self.settings = settings
         self.own = own
         self.block = Block(settings, sources, own, self)
-        #: With the places where they are written.
-        self._written_elsewhere = [
-            (row, point.write_span)
-            for row in self.block.rows
-            if (point := row.mapped.point) is not None and point.write_at is not None
-        ]
         # A coil of the unit is on or off, and its registers have two bytes.
         self._profile = replace(settings.profile, any_coil=False, wide={})
         self._reads: dict[bytes, Touched] = {}
@@ -67,7 +61,7 @@ class VirtualUnit(OrderedUnit):
         """Its place in the config."""
         return self.settings.source
 
-    def wanted(self) -> Iterable[tuple[DevicePolls, Part]]:
+    def wanted(self) -> Iterable[tuple[Supply, Part]]:
         """List what it wants of its sources."""
         return ((row.source.polls, row) for row in self.block.rows)
 
@@ -80,15 +74,6 @@ class VirtualUnit(OrderedUnit):
         """Note that there are no new values, and whether the device refuses them: the rest their age says."""
         for row in parts:
             cast("Row", row).is_refused = bool(answers)
-
-    def wrote(self, request: Request, polls: DevicePolls, sent: Request, response: bytes | None, now: float) -> None:
-        """Note that `sent` may have changed values of a source, also of what is read elsewhere than it is written."""
-        before = polls.writes
-        super().wrote(request, polls, sent, response, now)
-        written = parse_sent(sent.pdu).write
-        for row, place in self._written_elsewhere if polls.writes != before else ():
-            if row.source.polls is polls and (written is None or place.touches(written)):
-                polls.changed(row.poll.span, now)
 
     def passed(self, request: Request, response: bytes | None, now: float) -> None:
         """Finish a request passed on: the client gets what belongs to its own request."""

@@ -1,0 +1,95 @@
+"""Supplies mirrors and virtual units with what is heard of a device that only others ask.
+
+    unknown ──heard──▶ fresh ──older than `stale`──▶ stale
+       ▲                 │                             │
+       └─ a write heard ─┴─────────────────────────────┘
+
+A part is taken from one answer that has all of it. Nothing is ever asked, so nobody waits for a value.
+"""
+
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from math import inf
+
+from gateway.images.polled_range import Part, Reader
+from gateway.images.supply import Supply
+from gateway.lines.monitor import HeardTransaction
+from gateway.modbus.codes import EXCEPTION_BIT, Area
+from gateway.modbus.pdu import Span
+from gateway.registers.items import REGISTER, has_bits, items_read
+
+
+class HeardValues(Supply):
+    """Hands on the values of transactions that others have with a device."""
+
+    silence = "was not heard for too long"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._in_order: dict[Area, list[Part]] = {area: [] for area in Area}
+        self._written_at = -inf
+
+    def change(self, come: Iterable[Part], gone: Iterable[Part], now: float) -> None:  # noqa: ARG002 - nothing is due
+        """See Supply."""
+        for part in gone:
+            self._parts.pop(part, None)
+        for part in come:
+            part.is_awaited = False
+            self._parts[part] = None
+        for area, parts in self._in_order.items():
+            parts[:] = sorted((part for part in self._parts if part.poll.area is area), key=_first)
+
+    def changed(self, span: Span | None, now: float) -> None:
+        """See Supply. No answer is on its way that reads could wait for."""
+        self._written_at = now
+        super().changed(span, now)
+        for part in self._parts:
+            part.is_awaited = False
+
+    def heard(self, transaction: HeardTransaction, now: float) -> None:
+        """Take the values of a transaction, if they are sure; forget what it may have written.
+
+        Values of a request from before the end of a write may be older than this.
+        """
+        asked, response = transaction.asked, transaction.response
+        is_outdated = transaction.asked_at < self._written_at
+        if transaction.may_have_written:
+            self.changed(asked.write, now)
+        if asked.read is None or response is None or not transaction.is_sure or is_outdated:
+            return
+        if not response.pdu[0] & EXCEPTION_BIT:
+            self._take(asked.read, response.pdu, transaction.asked_at, now)
+
+    def _take(self, span: Span, response: bytes, asked_at: float, now: float) -> None:
+        """Hand the items of a response to the readers, but to those who have newer ones."""
+        width = REGISTER if has_bits(span.area) else (len(response) - 2) // span.count
+        try:
+            items = items_read(span, response, width)
+        except ValueError:  # it has another length
+            return
+        size = len(items) // span.count
+        taken: dict[Reader, list[tuple[Part, bytes]]] = {}
+        for part in self._within(span):
+            poll = part.poll
+            if poll.width == width and (part.sampled_at is None or part.sampled_at <= asked_at):
+                start = (poll.first - span.start) * size
+                own = items[start : start + poll.span.count * size]
+                taken.setdefault(part.reader, []).append((part, own))
+        for reader, parts in taken.items():
+            reader.took(parts, now)
+            for part, _ in parts:
+                part.sampled(asked_at, self.writes)
+
+    def _within(self, span: Span) -> Iterator[Part]:
+        """Find the parts whose addresses are all in `span`."""
+        parts = self._in_order[span.area]
+        for part in islice(parts, bisect_left(parts, span.start, key=_first), None):
+            if part.poll.first >= span.end:
+                return
+            if part.poll.last < span.end:
+                yield part
+
+
+def _first(part: Part) -> int:
+    return part.poll.first
