@@ -1,5 +1,6 @@
 """A device of a monitor line: others ask it, and the gateway hears what it answers."""
 
+from collections.abc import Callable
 from typing import Final
 
 from gateway.devices.device import Device, DeviceSettings
@@ -33,6 +34,8 @@ class HeardDevice(Device):
         line_name: str = "",
     ) -> None:
         super().__init__(settings, _Nothing(), emit, ring, line_name)
+        #: Takes what is heard of it for mirrors and virtual units; None if there are none.
+        self.take: Callable[[HeardTransaction, float], None] | None = None
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - see Device
         """Fail the request with 0A: nothing is ever sent on a monitor line."""
@@ -43,25 +46,26 @@ class HeardDevice(Device):
 
     def heard(self, transaction: HeardTransaction, now: float) -> None:
         """Count what was heard, and keep the values of an answer that is sure."""
+        self._count(transaction, now)
+        asked, response = transaction.asked, transaction.response
+        is_answer = response is not None and not response.pdu[0] & EXCEPTION_BIT
+        if self.last_reads is not None and response is not None and is_answer and transaction.is_sure:
+            self.last_reads.answered(asked, response.pdu, OTHERS, self.unit, transaction.asked_at, now)
+        elif transaction.may_have_written:
+            self.was_written(asked.write, now)
+        if self.take is not None:
+            self.take(transaction, now)
+
+    def _count(self, transaction: HeardTransaction, now: float) -> None:
         asked, response = transaction.asked, transaction.response
         counts = self.counts[asked.function]
         counts.sent += 1
         if response is None:
             counts.timeout += asked.is_answered
-            self._outdate(transaction, now)
             return
         counts.responses += 1
         if response.pdu[0] & EXCEPTION_BIT:
             counts.exception += 1
             self.counts.count_exception(response.pdu[1], 1, now)
-            return
-        counts.ok += 1
-        if self.last_reads is not None and transaction.is_sure:
-            self.last_reads.answered(asked, response.pdu, OTHERS, transaction.unit, transaction.asked_at, now)
         else:
-            self._outdate(transaction, now)
-
-    def _outdate(self, transaction: HeardTransaction, now: float) -> None:
-        """Note that a write may have been carried out."""
-        if not transaction.asked.only_reads:
-            self.was_written(transaction.asked.write, now)
+            counts.ok += 1

@@ -3,6 +3,7 @@
 - image, tables, services    the answers of an image: reads and writes, diagnostics and identification
 - persistent   an image whose writes survive a crash (ADR 8)
 - polls, polling, polled_range, turns    polls of a device for all that want its values, and the age of these
+- supply, heard_values    what supplies values: polls, or what others ask and the gateway hears
 - at_once      an image as something that is polled
 - mirror, virtual, ordered    units whose reads are answered from polls, and which pass other requests on
 - self_image, self_map    the registers of the gateway itself (docs/own-registers.md)

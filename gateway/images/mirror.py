@@ -12,8 +12,8 @@ from gateway.errors import IllegalDataAddress, StaleValue
 from gateway.events import Emit
 from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
 from gateway.images.polled_range import Part
-from gateway.images.supply import Supply
 from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
+from gateway.images.supply import Supply
 from gateway.images.tables import Table, make_tables
 from gateway.modbus.pdu import Span, parse_sent
 from gateway.registers.items import has_bits, pack_bits

@@ -15,14 +15,12 @@ from gateway.events import Emit, RequestRefused
 from gateway.images.last_writes import LastWrites
 from gateway.images.polled_range import Part, PollCounts
 from gateway.images.supply import Supply
-from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.codes import EXCEPTION_BIT, WITHOUT_EFFECT
 from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import parse_sent
 from gateway.request import DerivedOrigin, Request, Target
 from gateway.trace.ring import Ring
 
-#: Exceptions after which nothing has changed in the device: function, address, value, busy, no path.
-_WITHOUT_EFFECT: Final = frozenset({1, 2, 3, 6, 10})
 #: The most different reads of which a unit remembers what they touch.
 MOST_READS: Final = 1024
 
@@ -226,4 +224,4 @@ def may_have_written(pdu: bytes, response: bytes | None) -> bool:
     """Tell whether a request with this response, or without one, may have changed values of a device."""
     if only_reads(pdu) or response is None:
         return False
-    return not (response[0] & EXCEPTION_BIT and response[1] in _WITHOUT_EFFECT)
+    return not (response[0] & EXCEPTION_BIT and response[1] in WITHOUT_EFFECT)

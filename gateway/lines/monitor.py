@@ -22,7 +22,7 @@ from gateway.lines.heard_requests import Doubt, HeardRequest, HeardRequests, Key
 from gateway.lines.settings import LineSettings
 from gateway.lines.succession import Part, Stretch, Succession
 from gateway.lines.telling import Telling
-from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, WITHOUT_EFFECT
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import BROADCAST_FUNCTIONS, request_size, response_size
 from gateway.modbus.pdu import RequestPdu, can_be_read_both_ways, parse_sent
@@ -58,6 +58,14 @@ class HeardTransaction:
     asked_at: float
     answered_at: float
     is_sure: bool
+
+    @property
+    def may_have_written(self) -> bool:
+        """Whether it may have changed values of the unit: unless it only reads, or was surely refused."""
+        if self.asked.only_reads or self.response is None or not self.is_sure:
+            return not self.asked.only_reads
+        pdu = self.response.pdu
+        return not (pdu[0] & EXCEPTION_BIT and pdu[1] in WITHOUT_EFFECT)
 
 
 @dataclass(slots=True)

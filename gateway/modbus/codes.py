@@ -42,6 +42,9 @@ class Area(StrEnum):
 #: Set in the function code of an exception response (A 4.1).
 EXCEPTION_BIT: Final = 0x80
 
+#: Codes of exceptions after which nothing has changed in the device: function, address, value, busy, no path (A 7).
+WITHOUT_EFFECT: Final = frozenset({1, 2, 3, 6, 10})
+
 #: Sub-functions of 08 (A 6.8.1).
 RETURN_QUERY_DATA: Final = 0x00
 CLEAR_COUNTERS: Final = 0x0A

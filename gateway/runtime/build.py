@@ -32,7 +32,7 @@ from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
-from gateway.runtime.polls import polls_of
+from gateway.runtime.polls import supply_of
 from gateway.runtime.reach import with_routes
 from gateway.state.memory import Memory
 from gateway.tls.store import TlsStore
@@ -182,7 +182,7 @@ class _Parts:
 
     def mirror(self, settings: MirrorSettings, device: Device) -> UnitDriver[Mirror]:
         """Build a mirror, also if only its device was rebuilt."""
-        old, by, polls = self._mirrors.get(settings.name), self._by, polls_of(device, self._by.pollers)
+        old, by, polls = self._mirrors.get(settings.name), self._by, supply_of(device, self._by.pollers)
         if old is not None and old.unit.settings == settings and old.pollers == {settings.of: polls}:
             return old
 
@@ -194,7 +194,7 @@ class _Parts:
     def virtual(self, settings: VirtualSettings, devices: Mapping[str, Device | Image]) -> UnitDriver[VirtualUnit]:
         """Build a virtual unit, also if only one of its sources was rebuilt."""
         old, by, own = self._virtual.get(settings.name), self._by, self.image(settings.own)
-        polls = {name: polls_of(device, by.pollers) for name, device in devices.items()}
+        polls = {name: supply_of(device, by.pollers) for name, device in devices.items()}
         if old is not None and old.unit.settings == settings and old.pollers == polls:
             return old
         sources = {name: Source(polls[name].polls, device, device.settings.profile) for name, device in devices.items()}

@@ -1,6 +1,8 @@
-"""The polls of a unit: of a device, or of what the gateway answers itself."""
+"""What supplies the values of a unit: polls of a device or of what the gateway answers itself, or what is heard."""
 
 from gateway.devices.device import Device
+from gateway.devices.heard import HeardDevice
+from gateway.images.drivers.heard_driver import HeardDriver
 from gateway.images.drivers.polls_driver import Pollers, PollsDriver
 from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.images.image import Image
@@ -8,6 +10,11 @@ from gateway.images.polling import PolledUnit
 from gateway.images.virtual.settings import VirtualSettings
 from gateway.profiles.read_rules import ReadRules
 from gateway.request import Target
+
+
+def supply_of(target: Target, pollers: Pollers) -> PollsDriver | HeardDriver:
+    """Return the polls of a unit, or what is heard of it if others ask it: the same for all that want its values."""
+    return pollers.heard(target) if isinstance(target, HeardDevice) else polls_of(target, pollers)
 
 
 def polls_of(target: Target, pollers: Pollers) -> PollsDriver:

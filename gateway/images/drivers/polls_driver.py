@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterable
 from typing import Any
-from weakref import WeakValueDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
@@ -66,13 +66,17 @@ class PollsDriver:
 
 
 class Pollers:
-    """The polls of everything that is polled, as long as somebody wants them: a reload keeps those of what stays."""
+    """The polls of everything that is polled, as long as somebody wants them: a reload keeps those of what stays.
+
+    What is heard of devices that only others ask is here too.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         self._loop = loop
         self._emit = emit
         #: By the identity of the target, or of what answers at once.
         self._drivers: WeakValueDictionary[int, PollsDriver] = WeakValueDictionary()
+        self._heard: WeakKeyDictionary[HeardSource, HeardDriver] = WeakKeyDictionary()
         #: By the name of the line; what has none has turns of its own.
         self._turns: dict[str, PollTurns] = {}
 
@@ -84,6 +88,13 @@ class Pollers:
     def at_once(self, target: Target, unit: PolledUnit) -> PollsDriver:
         """Return the polls of an image, a mirror or a virtual unit."""
         return self._of(target, AtOnce(target), unit, PollTurns())
+
+    def heard(self, source: HeardSource) -> HeardDriver:
+        """Return what is heard of a device of a monitor line."""
+        found = self._heard.get(source)
+        if found is None:
+            found = self._heard[source] = HeardDriver(source, self._loop, self._emit)
+        return found
 
     def _of(self, target: Target, polled: PolledTarget, unit: PolledUnit, turns: PollTurns) -> PollsDriver:
         found = self._drivers.get(id(target))

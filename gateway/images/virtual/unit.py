@@ -13,8 +13,8 @@ from gateway.events import Emit
 from gateway.images.image import Image
 from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
 from gateway.images.polled_range import Part
-from gateway.images.supply import Supply
 from gateway.images.polls import POLLING_FUNCTIONS
+from gateway.images.supply import Supply
 from gateway.images.virtual.block import Block
 from gateway.images.virtual.layout import Touched
 from gateway.images.virtual.row import Row, Source
