@@ -7,6 +7,7 @@ from gateway.config.add_ons import ADD_ONS
 from gateway.config.checks.access import check_access
 from gateway.config.checks.duplicates import check_names, check_ports
 from gateway.config.checks.images import check_images
+from gateway.config.checks.intervals import check_intervals
 from gateway.config.checks.line_load import check_load
 from gateway.config.checks.lines import check_lines
 from gateway.config.checks.listeners import check_binds, check_ipv6, check_shared_ports
@@ -84,6 +85,7 @@ def _check_tables(config: Config, failed: frozenset[str], real_path: Callable[[s
     yield from check_asked(config, failed)
     yield from check_references(config, failed)
     yield from check_images(config, failed)
+    yield from check_intervals(config, failed)
     yield from check_addresses(config)
     yield from check_upstreams(config, failed)
 

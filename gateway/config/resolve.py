@@ -40,13 +40,19 @@ def without_rows(config: Config) -> tuple[Plan, Maps]:
     devices = {device.name: device for owner in owners for device in owner.devices}
     images = tuple(image_settings(image, profiles) for image in config.image if kind_of(image) == "image")
     own = () if config.own is None else (self_settings(config.own.unit, config.own.place),)
-    mirrors = tuple(mirror_settings(image, devices[image.of]) for image in config.image if image.of is not None)
+    of_profile = points_of_profiles(config)
+    of_devices = tuple(points_of_devices(config, of_profile))
+    heard = {device.name for monitor in monitors for device in monitor.devices}
+    points_heard = {device.name: device.points for device in of_devices if device.name in heard}
+    mirrors = tuple(
+        mirror_settings(image, devices[image.of], points_heard.get(image.of))
+        for image in config.image
+        if image.of is not None
+    )
     behind = {device.known_as: device.profile for line in lines for device in line.shared}
     behind |= {device.known_as: device.profile for part in owners[len(lines) :] for device in part.devices}
     behind |= {each.unit: each.profile for each in (*images, *own, *mirrors)}
     behind |= {image.unit: profiles[image.profile] for image in config.image if kind_of(image) == "virtual unit"}
-    of_profile = points_of_profiles(config)
-    of_devices = tuple(points_of_devices(config, of_profile))
     plan = Plan(
         site=config.site,
         listeners=tuple(listen_settings(listen, config.listen) for listen in config.listen) or (DEFAULT_LISTENER,),

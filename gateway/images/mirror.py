@@ -6,13 +6,14 @@ passed on to the device.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 from typing import NamedTuple, cast
 
 from gateway.errors import IllegalDataAddress, StaleValue
 from gateway.events import Emit
 from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
 from gateway.images.polled_range import Part
-from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll
+from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll, in_a_row
 from gateway.images.supply import Supply
 from gateway.images.tables import Table, make_tables
 from gateway.modbus.pdu import Span, parse_sent
@@ -75,8 +76,15 @@ class Mirror(OrderedUnit):
         """Note that there are no new values: their age says so."""
 
     def ages(self, now: float) -> Iterator[tuple[Poll, float | None]]:
-        """Yield what is polled with the age of the values in seconds; None while they are unknown."""
-        return ((part.poll, part.age(now)) for part in self.parts)
+        """Yield what is polled with the age of the values in seconds; None while they are unknown.
+
+        Addresses in a row that are only heard, and have the same age, are one.
+        """
+        if self.settings.together is None:
+            yield from ((part.poll, part.age(now)) for part in self.parts)
+            return
+        for age, those in groupby(self.parts, key=lambda part: part.age(now)):
+            yield from ((poll, age) for poll in in_a_row(part.poll for part in those))
 
     def values(self, span: Span) -> bytes:
         """Return the values of the last polls, encoded as in a response; `ages` says which of them are known.

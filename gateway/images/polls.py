@@ -18,7 +18,9 @@ POLLING_FUNCTIONS: Final = frozenset(function for function, _ in READERS.values(
 
 
 class Poll(NamedTuple):
-    """A range of addresses, registers of `width` bytes, that is read with one request every `every` seconds; 0: once.
+    """A range of addresses, registers of `width` bytes, that is read with one request every `every` seconds.
+
+    0: once, or whenever others read it and that is heard.
 
     `joined` are the ranges that it was joined from, in the order of their first addresses; none if it is one that is
     wanted as it is.
@@ -85,7 +87,8 @@ class Poll(NamedTuple):
 class MirrorSettings:
     """A mirror of the device named `of`, which has `profile`. `areas` are the addresses of all `polls`.
 
-    Values older than `stale` seconds are not sent.
+    Values older than `stale` seconds are not sent. What is only heard is kept address by address, but for values that
+    are `together`; None: it is polled.
     """
 
     unit: int
@@ -96,6 +99,7 @@ class MirrorSettings:
     areas: Mapping[Area, tuple[Range, ...]]
     stale: float
     source: str = field(default="", compare=False)
+    together: tuple[Span, ...] | None = None
 
     @property
     def label(self) -> str:
@@ -106,6 +110,8 @@ class MirrorSettings:
     def wanted(self) -> tuple[Poll, ...]:
         """What it wants: its polls, without registers of four bytes; none is longer than one request."""
         polls = (poll for poll in self.polls if not self.profile.has_wide(poll.span))
+        if self.together is not None:
+            return tuple(apart(polls, self.together))
         return tuple(cut(polls, ReadRules.of(self.profile)))
 
 
@@ -120,6 +126,36 @@ def cut(polls: Iterable[Poll], rules: ReadRules) -> Iterator[Poll]:
         most = rules.most(poll.area)
         for first in range(poll.first, poll.last + 1, most):
             yield Poll(poll.area, first, min(first + most - 1, poll.last), poll.every)
+
+
+def apart(polls: Iterable[Poll], together: Iterable[Span]) -> Iterator[Poll]:
+    """Cut polls into single addresses, but for the spans that are `together` within one of them."""
+    spans = tuple(together)
+    for poll in polls:
+        ends: dict[int, int] = {}
+        for span in spans:
+            if poll.span.has(span):
+                ends[span.start] = max(span.end, ends.get(span.start, 0))
+        first = end = poll.first
+        for address in range(poll.first, poll.last + 1):
+            end = max(end, address + 1, ends.get(address, 0))
+            if end == address + 1:
+                yield Poll(poll.area, first, address, poll.every)
+                first = end
+
+
+def in_a_row(polls: Iterable[Poll]) -> Iterator[Poll]:
+    """Join polls that follow one another: the opposite of `apart`."""
+    row: Poll | None = None
+    for poll in polls:
+        if row is not None and (row.area, row.last + 1) == (poll.area, poll.first):
+            row = row._replace(last=poll.last)
+        else:
+            if row is not None:
+                yield row
+            row = poll
+    if row is not None:
+        yield row
 
 
 def joined(polls: Iterable[Poll], rules: ReadRules, holes: Holes) -> Iterator[Poll]:

@@ -13,7 +13,7 @@ from gateway.images.polls import MirrorSettings
 def images_as_text(plan: Plan) -> list[str]:
     """Show a table of the images and one of the mirrors, if there are any."""
     images = [(str(one.unit), one.name, one.profile.name, one.persist, _areas(one)) for one in plan.images]
-    mirrors = [(str(one.unit), one.name, one.of, show_duration(one.stale), _polls(one)) for one in plan.mirrors]
+    mirrors = [(str(one.unit), one.name, one.of, show_duration(one.stale), _polls(one, plan)) for one in plan.mirrors]
     tables = (
         ("Images", ("UNIT", "NAME", "PROFILE", "KEPT", "ADDRESSES"), images),
         ("Mirrors: reads are answered at once, writes take as long as at the device",
@@ -43,6 +43,7 @@ def mirrors_as_json(plan: Plan) -> list[dict[str, Any]]:
             "unit": one.unit,
             "name": one.name,
             "of": one.of,
+            "heard_on": plan.heard_on.get(one.of),
             "stale_ms": 1000 * one.stale,
             "polls": [{"addresses": str(poll), "every_ms": 1000 * poll.every} for poll in one.polls],
         }
@@ -56,5 +57,8 @@ def _areas(image: ImageSettings) -> str:
     return "; ".join(f"{area} {show_ranges(ranges)}" for area, ranges in image.areas.items())
 
 
-def _polls(mirror: MirrorSettings) -> str:
-    return "; ".join(f"{poll} every {show_duration(poll.every)}" for poll in mirror.polls)
+def _polls(mirror: MirrorSettings, plan: Plan) -> str:
+    line = plan.heard_on.get(mirror.of)
+    return "; ".join(
+        f"{poll} {f'heard on {line}' if line else f'every {show_duration(poll.every)}'}" for poll in mirror.polls
+    )

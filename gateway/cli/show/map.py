@@ -11,7 +11,6 @@ from gateway.cli.show.ages import Ages
 from gateway.cli.show.register_map import MapRow, RegisterMap
 from gateway.cli.show.virtual import line_as_json
 from gateway.config.documents.points_csv import number_text
-from gateway.config.values.duration import show_duration
 from gateway.modbus.codes import Area
 from gateway.profiles.columns import ACCESS, labels_cell
 from gateway.registers.items import has_bits, reference
@@ -34,7 +33,7 @@ def map_as_text(found: RegisterMap, ages: Ages | None = None) -> str:
             _type(row),
             line.meaning,
             " ".join(filter(None, (line.device or "its own", line.place_there))),
-            "" if line.every is None else show_duration(line.every),
+            line.how_often,
             *([_painted(ages.as_text(line))] if ages else []),
             "yes" if line.write else "-",
         )
@@ -106,5 +105,5 @@ def _cells(row: MapRow, names: Mapping[tuple[Area, int], str]) -> dict[str, str]
         "device": line.device,
         "point": line.point,
         "source": line.place_there,
-        "every": "" if line.every is None else show_duration(line.every),
+        "every": line.how_often,
     }

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
+from gateway.config.values.duration import show_duration
 from gateway.images.virtual.settings import FreshBits, MappedValue, SourceAge, VirtualSettings, WhenStale
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
@@ -43,6 +44,11 @@ class MappedLine:
     def place_there(self) -> str:
         """Its addresses there, as text."""
         return "" if self.there is None else f"{self.there.area} {self.there.addresses}{self.bits}"
+
+    @property
+    def how_often(self) -> str:
+        """How often it is read, as text: `heard` if only others do; nothing if nobody does."""
+        return "" if self.every is None else show_duration(self.every) if self.every else "heard"
 
     @property
     def meaning(self) -> str:

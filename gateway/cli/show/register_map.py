@@ -136,9 +136,11 @@ def _of_image(image: ImageSettings) -> Iterator[MappedLine]:
 
 
 def _mirrored(mirror: MirrorSettings) -> Iterator[MappedLine]:
-    order = list(Area)
+    order, takes_writes = list(Area), mirror.together is None  # nothing is written to a device that is only heard
     for poll in sorted(mirror.polls, key=lambda each: (order.index(each.area), each.first)):
-        yield MappedLine(poll.span, "value", mirror.of, poll.span, every=poll.every, write=_takes_writes(poll.span))
+        yield MappedLine(
+            poll.span, "value", mirror.of, poll.span, every=poll.every, write=takes_writes and _takes_writes(poll.span)
+        )
 
 
 def _of_device(name: str, point: Point) -> MappedLine:

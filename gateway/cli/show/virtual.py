@@ -29,7 +29,7 @@ def virtual_as_text(plan: Plan) -> Iterator[str]:
         rows = [_row(line) for line in mapped_lines(unit)]
         stale = f"values older than {show_duration(unit.stale)} are stale"
         title = f"Virtual unit {unit.unit}, {unit.name}: profile {unit.profile.name}, {stale}"
-        yield "\n".join([title, align([_HEADINGS, *rows], "  "), *_notes(unit, waits[unit.name])])
+        yield "\n".join([title, align([_HEADINGS, *rows], "  "), *_notes(unit, plan, waits[unit.name])])
 
 
 def virtual_as_json(plan: Plan) -> list[dict[str, Any]]:
@@ -79,7 +79,7 @@ def _row(line: MappedLine) -> tuple[str, ...]:
         line.point or (_NOTHING if is_value else ""),
         line.place_there,
         " ".join(filter(None, (line.type, line.swap))) or ("as there" if is_value else ""),
-        "" if line.every is None else show_duration(line.every),
+        line.how_often,
         "yes" if line.write else "" if line.what == "gap" else _NOTHING,
         _when_stale(line.when_stale, is_bit=has_bits(line.place.area)) if is_value else "",
         _MEANINGS[line.what].format(line.device) if line.what in _MEANINGS else line.meaning,
@@ -92,8 +92,11 @@ def _when_stale(when_stale: WhenStale | None, *, is_bit: bool) -> str:
     return "hold" if when_stale == "hold" else "0B"
 
 
-def _notes(unit: VirtualSettings, longest_wait: float) -> Iterator[str]:
-    """Say when reads wait, and what a device without an answer means for the others."""
+def _notes(unit: VirtualSettings, plan: Plan, longest_wait: float) -> Iterator[str]:
+    """Say what is only heard, when reads wait, and what a device without an answer means for the others."""
+    for name in unit.devices:
+        if name in plan.heard_on:
+            yield f"  {name} is heard on {plan.heard_on[name]}: a row is taken from one answer with all of it."
     if longest_wait:
         when = "of reads at the start and after a write, and of writes. All others wait for no line."
         yield f"  Longest wait {round_up(longest_wait)}: {when}"

@@ -144,7 +144,7 @@ def _check_mirror(image: Image) -> Iterator[Problem]:
         for area in Area:
             if row.has(area) and not ranges_in(area, row):
                 yield error((*row.path, area), "names no address", "write the first and the last one, such as 0-9")
-        if row.every >= image.stale:
+        if row.every is not None and row.every >= image.stale:
             what = f"values become stale between two polls: stale is {show_duration(image.stale)}"
             yield warning((*row.path, "every"), what, "make stale two or three times as long as every")
     yield from _check_polled_once(image)

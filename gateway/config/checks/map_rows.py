@@ -40,8 +40,6 @@ def _check_value(row: Mapped) -> Iterator[Problem]:
     named = [key for key in _SOURCES if row.has(key)]
     if len(named) != 1:
         yield error(row.path, "must have one of point, holding, input, coils and discrete", _EXAMPLE)
-    if row.every is None:
-        yield error(row.path, "every is missing", 'say how often it is read, such as every = "1 s"')
     if not row.has("point"):
         for key in filter(row.has, _OF_CONVERSION):
             what = "registers of a range are as they are; only points have values"

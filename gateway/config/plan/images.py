@@ -1,6 +1,6 @@
 """The settings of register images and mirrors."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from gateway.config.plan.areas import initial_values, ranges_in
@@ -10,6 +10,7 @@ from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings, Poll
 from gateway.modbus.codes import Area
+from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 
 
@@ -35,15 +36,23 @@ def image_settings(image: Image, profiles: Mapping[str, Profile]) -> ImageSettin
     )
 
 
-def mirror_settings(image: Image, device: DeviceSettings) -> MirrorSettings:
-    """Turn a table with `of` into the settings of a mirror of this device."""
+def mirror_settings(image: Image, device: DeviceSettings, points: Iterable[Point] | None) -> MirrorSettings:
+    """Turn a table with `of` into the settings of a mirror of this device; one that is only heard has `points`."""
     polls = tuple(
-        Poll(area, first, last, row.every)
+        Poll(area, first, last, row.every or 0.0)
         for row in image.read
         for area in Area
         for first, last in ranges_in(area, row)
     )
     areas = {area: join_ranges((poll.first, poll.last) for poll in polls if poll.area is area) for area in Area}
     return MirrorSettings(
-        image.unit, image.label, device.name, device.profile, polls, areas, image.stale, source=image.place
+        image.unit,
+        image.label,
+        device.name,
+        device.profile,
+        polls,
+        areas,
+        image.stale,
+        source=image.place,
+        together=None if points is None else tuple(point.span for point in points if point.count > 1),
     )

@@ -17,6 +17,12 @@ def owners(config: Config) -> list[Owner]:
     return [*clients, *config.upstream, *monitors]
 
 
+def heard_on(config: Config) -> dict[str, str]:
+    """Find the devices that only others ask, each with the name of its monitor line."""
+    monitors = [line for line in config.line if line.role == "monitor"]
+    return {name: line.label for line in monitors for row in rows_of(line) for name in device_names(line, row)}
+
+
 def rows_of(owner: Owner) -> tuple[Device, ...]:
     """Give the rows of a line or upstream that describe its devices."""
     return (owner.devices if isinstance(owner, Line) else owner.units) or ()

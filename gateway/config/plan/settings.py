@@ -316,6 +316,11 @@ class Plan:
         return (*self.lines, *self.upstreams, *self.monitors)
 
     @property
+    def heard_on(self) -> Mapping[str, str]:
+        """Find the devices that only others ask, each with the name of its monitor line."""
+        return {device.name: monitor.name for monitor in self.monitors for device in monitor.devices}
+
+    @property
     def add_ons(self) -> Mapping[str, WebPlan | MqttPlan | FleetPlan]:
         """Give the settings of the add-ons that the config asks for, by the names that `[[access]]` has for them."""
         named = ((WEB, self.web), (MQTT, self.mqtt), (FLEET, self.fleet))

@@ -18,10 +18,14 @@ class WantedPoll(NamedTuple):
 
 
 def wanted_polls(plan: Plan, devices: Collection[str]) -> Mapping[str, tuple[WantedPoll, ...]]:
-    """Find all that mirrors, virtual units and MQTT want to have polled of the devices with these names, by these."""
+    """Find all that mirrors, virtual units and MQTT want to have polled of the devices with these names, by these.
+
+    What is only heard is not polled.
+    """
     found: dict[str, list[WantedPoll]] = {}
     for wanted in (*_of_mirrors(plan, devices), *_of_virtual_units(plan, devices), *_of_mqtt(plan, devices)):
-        found.setdefault(wanted.of, []).append(wanted)
+        if wanted.poll.every:
+            found.setdefault(wanted.of, []).append(wanted)
     return {name: tuple(each) for name, each in found.items()}
 
 

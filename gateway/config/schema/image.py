@@ -24,7 +24,11 @@ class Polled(Table):
     input: Ranges | None = Field(None, description="Input registers to read.")
     coils: Ranges | None = Field(None, description="Coils to read.")
     discrete: Ranges | None = Field(None, description="Discrete inputs to read.")
-    every: LongerDuration = Field(description="Time from one poll to the next.")
+    every: LongerDuration | None = Field(
+        None,
+        description="Time from one poll to the next. Required, but for a device of a monitor line: that is never "
+        "polled, and its values come when they are heard.",
+    )
 
 
 class InitialValues(Table):

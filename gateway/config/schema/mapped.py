@@ -31,7 +31,9 @@ class Mapped(Table):
     coils: PointAddresses | None = Field(None, description="The same for coils.")
     discrete: PointAddresses | None = Field(None, description="The same for discrete inputs.")
     every: LongerDuration | None = Field(
-        None, description="Time from one read to the next. Required with `device`; one request reads the whole row."
+        None,
+        description="Time from one read to the next. Required with `device`; one request reads the whole row. Not for "
+        "devices of a monitor line: their values come when all of the row is heard in one answer.",
     )
     type: DataType | None = Field(
         None,
