@@ -7,6 +7,8 @@ from gateway.images.virtual.unit import VirtualUnit
 from gateway.profiles.holes import Holes
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
+from gateway.runtime.gateway_monitor import GatewayMonitor
+from gateway.runtime.gateway_upstream import GatewayUpstream
 
 #: What the gateway itself answers for.
 Held = Image | Mirror | VirtualUnit
@@ -28,7 +30,8 @@ def device_of(gateway: Gateway, unit: int) -> Device | None:
     for line in gateway.lines:
         if unit in line.devices and unit not in line.plan.own_units:
             return line.devices[unit]
-    return next((each.devices[unit] for each in gateway.upstreams if unit in each.devices), None)
+    others: tuple[GatewayUpstream | GatewayMonitor, ...] = (*gateway.upstreams, *gateway.monitors)
+    return next((each.devices[unit] for each in others if unit in each.devices), None)
 
 
 def holes_of(gateway: Gateway, unit: int) -> Holes:

@@ -188,6 +188,8 @@ def _units(plan: Plan) -> Iterator[_Unit]:
         yield from (_Unit(each.known_as, each.name, "device", each.profile) for each in line.shared)
     for upstream in plan.upstreams:
         yield from (_Unit(each.known_as, each.name, "upstream", each.profile) for each in upstream.devices)
+    for monitor in plan.monitors:
+        yield from (_Unit(each.known_as, each.name, "device", each.profile) for each in monitor.devices)
     yield from (_Unit(image.unit, image.name, _kind(image), image.profile) for image in plan.images)
     yield from (_Unit(mirror.unit, mirror.name, "mirror", mirror.profile) for mirror in plan.mirrors)
     yield from (_Unit(virtual.unit, virtual.name, "virtual", virtual.profile) for virtual in plan.virtual)

@@ -73,13 +73,9 @@ class GatewayMonitor:
 
     def _heard(self, transaction: HeardTransaction, now: float) -> None:
         """Pass what was heard to its device, a broadcast to all of them."""
-        if transaction.unit == BROADCAST_UNIT:
-            for each in self.devices.values():
-                each.heard(transaction, now)
-            return
-        device = self._by_address.get(transaction.unit)
-        if device is not None:
-            device.heard(transaction, now)
+        for device in self.devices.values():  # several may be one unit on the wire, under several names
+            if transaction.unit in (device.unit, BROADCAST_UNIT):
+                device.heard(transaction, now)
 
     def _window(self, unit: int, asked: RequestPdu) -> float:
         """Return for how many seconds an answer may come: the slowest of the device, at least twice its limit."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from gateway.cli.show.mapped import MappedLine, mapped_lines
 from gateway.config.plan.settings import Plan
 from gateway.config.values.unitset import show_unit
-from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings
 from gateway.modbus.codes import Area
@@ -35,7 +34,7 @@ class RegisterMap:
 
 def units_with_maps(plan: Plan) -> dict[str, int | None]:
     """List the names of all units that may have a map, with their numbers for clients."""
-    known = {device.name: device.client_unit for device in _devices(plan)}
+    known = {device.name: device.client_unit for device in plan.shared}
     known |= {image.name: image.unit for image in plan.images}
     known |= {mirror.name: mirror.unit for mirror in plan.mirrors}
     return known | {unit.name: unit.unit for unit in plan.virtual}
@@ -53,19 +52,11 @@ def register_map(plan: Plan, name: str) -> RegisterMap:
     for image in plan.images:
         if image.name == name:
             return _map(plan, image.unit, name, _of_image(image))
-    device = next(device for device in _devices(plan) if device.name == name)
+    device = next(device for device in plan.shared if device.name == name)
     points = _in_order(plan.points.get(device.known_as, ()))
     return RegisterMap(
         show_unit(device.client_unit), name, tuple(MapRow(_of_device(name, each), each) for each in points)
     )
-
-
-def _devices(plan: Plan) -> Iterator[DeviceSettings]:
-    """Find the devices whose points a plan has: all but those that only a listener for their line leads to."""
-    for line in plan.lines:
-        yield from line.shared
-    for upstream in plan.upstreams:
-        yield from upstream.devices
 
 
 def _map(plan: Plan, unit: int, name: str, lines: Iterable[MappedLine]) -> RegisterMap:

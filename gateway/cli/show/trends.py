@@ -28,9 +28,7 @@ def trends_as_json(plan: Plan) -> dict[str, int] | None:
 
 def _points(plan: Plan) -> int:
     """Count the points of devices that have a trend."""
-    keys = [device.known_as for line in plan.lines for device in line.shared]
-    keys += [device.known_as for upstream in plan.upstreams for device in upstream.devices]
-    return sum(has_trend(point) for key in keys for point in plan.points.get(key, ()))
+    return sum(has_trend(point) for device in plan.shared for point in plan.points.get(device.known_as, ()))
 
 
 def _time(seconds: int) -> str:

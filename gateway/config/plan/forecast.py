@@ -191,9 +191,7 @@ def waits_by_name(plan: Plan) -> dict[str, float]:
 def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]:
     """Find the name of the destination of each unit of a server line, and the longest wait for it."""
     behind = waits_by_name(plan)
-    shared = [device for line in plan.lines for device in line.shared]
-    shared += [device for upstream in plan.upstreams for device in upstream.devices]
-    waits = {device.known_as: (device.name, behind[device.name]) for device in shared}
+    waits = {device.known_as: (device.name, behind[device.name]) for device in plan.shared}
     waits |= {image.unit: (image.name, 0.0) for image in plan.images}
     waits |= {mirror.unit: (mirror.name, behind[mirror.name]) for mirror in plan.mirrors}
     waits |= {unit.unit: (unit.name, behind[unit.name]) for unit in plan.virtual}

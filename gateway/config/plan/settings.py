@@ -316,6 +316,13 @@ class Plan:
         return (*self.lines, *self.upstreams, *self.monitors)
 
     @property
+    def shared(self) -> tuple[DeviceSettings, ...]:
+        """List the devices that not only the listeners for their line lead to."""
+        on_lines = (device for line in self.lines for device in line.shared)
+        others: tuple[OwnerPlan, ...] = (*self.upstreams, *self.monitors)
+        return (*on_lines, *(device for part in others for device in part.devices))
+
+    @property
     def heard_on(self) -> Mapping[str, str]:
         """Find the devices that only others ask, each with the name of its monitor line."""
         return {device.name: monitor.name for monitor in self.monitors for device in monitor.devices}
