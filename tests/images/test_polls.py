@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.images.polls import Poll, cut, joined, polling_function
+from gateway.images.polls import Poll, apart, cut, in_a_row, joined, polling_function
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes
@@ -203,3 +203,16 @@ def test_the_parts_of_a_refused_read_have_its_ranges_and_end_with_single_ones(po
                 before, behind = parts
                 assert (before.last + 1, behind.first) == (poll.hole.start, poll.hole.end)
             found += parts
+
+
+def test_what_is_only_heard_is_kept_apart_but_for_what_is_one_value():
+    together = [
+        Span(Area.HOLDING, 2, 2),
+        Span(Area.HOLDING, 3, 3),  # overlaps with the one before
+        Span(Area.HOLDING, 9, 2),  # not all of it is wanted
+        Span(Area.INPUT, 7, 2),
+    ]
+    pieces = [(each.first, each.last) for each in apart([holding(0, 9, 0.0)], together)]
+    assert pieces == [(0, 0), (1, 1), (2, 5), (6, 6), (7, 7), (8, 8), (9, 9)]
+    ranges = [holding(0, 9, 0.0), holding(12, 13, 0.0)]
+    assert list(in_a_row(apart(ranges, together))) == ranges

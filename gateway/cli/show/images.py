@@ -37,16 +37,16 @@ def images_as_json(plan: Plan) -> list[dict[str, Any]]:
 
 
 def mirrors_as_json(plan: Plan) -> list[dict[str, Any]]:
-    """Make the mirrors for programs; times are in milliseconds."""
+    """Make the mirrors for programs; times are in milliseconds. What is only heard is polled every 0."""
     return [
         {
             "unit": one.unit,
             "name": one.name,
             "of": one.of,
-            "heard_on": plan.heard_on.get(one.of),
             "stale_ms": 1000 * one.stale,
             "polls": [{"addresses": str(poll), "every_ms": 1000 * poll.every} for poll in one.polls],
         }
+        | ({"heard_on": plan.heard_on[one.of]} if one.of in plan.heard_on else {})
         for one in plan.mirrors
     ]
 

@@ -1,6 +1,7 @@
 """`check`: what is wrong with a config file, and what it means."""
 
 import json
+import re
 from functools import partial
 from pathlib import Path
 from textwrap import dedent
@@ -845,6 +846,27 @@ def test_mirrors_are_in_the_picture(tmp_path, capsys):
             "polls": [{"addresses": "holding 0-1", "every_ms": 500.0}],
         }
     ]
+
+
+def test_what_is_heard_is_in_the_picture_with_its_line(tmp_path, capsys):
+    file = tmp_path / "gateway.toml"
+    file.write_text(
+        '[[line]]\nname = "old-plc"\nport = "/dev/ttyUSB9"\nrole = "monitor"\n'
+        'devices = [{ unit = 3, as = 63, name = "boiler" }]\n'
+        '[[image]]\nunit = 241\nname = "m"\nof = "boiler"\nread = [{ holding = "0-9" }]\n'
+        '[[image]]\nunit = 240\nname = "v"\nmap = [{ at = 0, device = "boiler", holding = "0-1" }]\n'
+    )
+    assert main(["check", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert "241   m     boiler  2 s    holding 0-9 heard on old-plc" in said
+    assert "  boiler is heard on old-plc: a row is taken from one answer with all of it." in said
+    assert re.search(r"holding 0-1 +40001 +boiler +- +holding 0-1 +as there +heard +-", said)
+    assert main(["check", "--json", str(file)]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["mirrors"][0]["heard_on"] == "old-plc"
+    assert told["mirrors"][0]["polls"] == [{"addresses": "holding 0-9", "every_ms": 0.0}]
+    assert main(["map", "m", "--config", str(file), "--control", f"{file}.no-socket"]) == 0
+    assert re.search(r"holding 0-9 .* boiler holding 0-9 +heard +-", capsys.readouterr().out)
 
 
 def test_a_unit_in_front_of_which_a_mirror_stands_is_shown_once(tmp_path, capsys):

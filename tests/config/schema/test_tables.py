@@ -8,7 +8,7 @@ from gateway.config.schema.access import Access
 from gateway.config.schema.config import Config
 from gateway.config.schema.device import Device
 from gateway.config.schema.gateway import Log
-from gateway.config.schema.image import Image, Initial, Polled
+from gateway.config.schema.image import Image, Initial
 from gateway.config.schema.line import Line
 from gateway.config.schema.listen import Listen
 from gateway.config.schema.profile import ProfileTable
@@ -87,7 +87,6 @@ def test_the_defaults_of_the_other_tables():
         (Listen, {"bind": "tcp://[::]", "on_failure": "nothing"}, "literal_error"),
         (Line, {"port": "/dev/x", "rest": "0"}, "value_error"),
         (Initial, {"holding": [{"at": 0, "values": [65536]}]}, "value_error"),
-        (Polled, {"holding": 2}, "missing"),
         (ProfileTable, {"functions": [0]}, "greater_than_equal"),
         (ProfileTable, {"margin": 0.5}, "greater_than_equal"),
         (ProfileTable, {"idle_chars": 0}, "greater_than"),
