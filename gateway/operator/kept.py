@@ -29,7 +29,7 @@ class Kept:
 
 @dataclass(frozen=True, slots=True)
 class PolledAge:
-    """Addresses that are polled, and the age of their values; None while unknown.
+    """Addresses that are polled, or only heard, with `every_ms` 0, and the age of their values; None while unknown.
 
     The values of a virtual unit come from a `source`, `meter-1 power`, and may not be a `valid` one.
     """

@@ -255,7 +255,7 @@ class ImageStatus:
 
 @dataclass(frozen=True, slots=True)
 class RangeStatus:
-    """Addresses that a mirror polls, and the age of their values; None while unknown."""
+    """Addresses of a mirror, how often they are polled (0: only heard), and the age of their values; None: unknown."""
 
     addresses: str
     every_ms: float
