@@ -38,7 +38,7 @@ class HeardValues(Supply):
             part.is_awaited = False
             self._parts[part] = None
         for area, parts in self._in_order.items():
-            parts[:] = sorted((part for part in self._parts if part.poll.area is area), key=_first)
+            parts[:] = sorted((part for part in self._parts if part.span.area is area), key=_first)
 
     def changed(self, span: Span | None, now: float) -> None:
         """See Supply. No answer is on its way that reads could wait for."""
@@ -71,11 +71,9 @@ class HeardValues(Supply):
         size = len(items) // span.count
         taken: dict[Reader, list[tuple[Part, bytes]]] = {}
         for part in self._within(span):
-            poll = part.poll
-            if poll.width == width and (part.sampled_at is None or part.sampled_at <= asked_at):
-                start = (poll.first - span.start) * size
-                own = items[start : start + poll.span.count * size]
-                taken.setdefault(part.reader, []).append((part, own))
+            if part.poll.width == width and (part.sampled_at is None or part.sampled_at <= asked_at):
+                start, count = part.span.start - span.start, part.span.count
+                taken.setdefault(part.reader, []).append((part, items[start * size : (start + count) * size]))
         for reader, parts in taken.items():
             reader.took(parts, now)
             for part, _ in parts:
@@ -85,11 +83,11 @@ class HeardValues(Supply):
         """Find the parts whose addresses are all in `span`."""
         parts = self._in_order[span.area]
         for part in islice(parts, bisect_left(parts, span.start, key=_first), None):
-            if part.poll.first >= span.end:
+            if part.span.start >= span.end:
                 return
-            if part.poll.last < span.end:
+            if part.span.end <= span.end:
                 yield part
 
 
 def _first(part: Part) -> int:
-    return part.poll.first
+    return part.span.start

@@ -69,7 +69,7 @@ class Mirror(OrderedUnit):
     def took(self, items: Sequence[tuple[Part, bytes]], now: float) -> None:  # noqa: ARG002 - the parts have the time
         """Keep the values of parts."""
         for part, own in items:
-            span = part.poll.span
+            span = part.span
             self._tables[span.area].write(span, pack_bits(own) if has_bits(span.area) else own)
 
     def missed(self, parts: Sequence[Part], now: float, *, answers: bool | None) -> None:
@@ -127,7 +127,7 @@ class Mirror(OrderedUnit):
             raise IllegalDataAddress(f"{self.settings.name} does not poll all of {span.area} {span.addresses}")
         if len(self._reads) >= MOST_READS:
             self._reads.clear()
-        touched = tuple(part for part in self.parts if part.poll.span.touches(span))
+        touched = tuple(part for part in self.parts if part.span.touches(span))
         read = self._reads[pdu] = _Read(asked.response_head, self._tables[span.area], span, touched)
         return read
 

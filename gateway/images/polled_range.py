@@ -49,10 +49,11 @@ class Part:
     One request reads all of it.
     """
 
-    __slots__ = ("_changed_by", "_sampled_after", "is_awaited", "poll", "reader", "sampled_at")
+    __slots__ = ("_changed_by", "_sampled_after", "is_awaited", "poll", "reader", "sampled_at", "span")
 
     def __init__(self, poll: Poll, reader: Reader) -> None:
         self.poll = poll
+        self.span = poll.span
         self.reader = reader
         #: Whether reads wait for its poll while the values are unknown.
         self.is_awaited = True
@@ -78,7 +79,7 @@ class Part:
 
     def is_changed_by(self, write: Span) -> bool:
         """Tell whether a write to these addresses may change its values."""
-        return self.poll.span.touches(write)
+        return self.span.touches(write)
 
     def go_on_from(self, old: "Part") -> None:
         """Have the age of a part of the same polls that this one replaces."""

@@ -25,7 +25,7 @@ class HeardDriver:
 
     def __init__(self, source: HeardSource, loop: asyncio.AbstractEventLoop, emit: Emit) -> None:
         self.polls = HeardValues()
-        self._name = source.name
+        self.source = source
         self._emit = emit
         self._time = loop.time
         source.take = self._heard
@@ -44,4 +44,4 @@ class HeardDriver:
         try:
             step(*arguments)
         except Exception as error:  # noqa: BLE001 - the error boundary of values: a defect must not reach the line
-            self._emit(PartFailed.of(f"values heard of {self._name}", error))
+            self._emit(PartFailed.of(f"values heard of {self.source.name}", error))

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterable
 from typing import Any
-from weakref import WeakKeyDictionary, WeakValueDictionary
+from weakref import WeakValueDictionary
 
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
@@ -76,7 +76,7 @@ class Pollers:
         self._emit = emit
         #: By the identity of the target, or of what answers at once.
         self._drivers: WeakValueDictionary[int, PollsDriver] = WeakValueDictionary()
-        self._heard: WeakKeyDictionary[HeardSource, HeardDriver] = WeakKeyDictionary()
+        self._heard: WeakValueDictionary[int, HeardDriver] = WeakValueDictionary()
         #: By the name of the line; what has none has turns of its own.
         self._turns: dict[str, PollTurns] = {}
 
@@ -91,9 +91,9 @@ class Pollers:
 
     def heard(self, source: HeardSource) -> HeardDriver:
         """Return what is heard of a device of a monitor line."""
-        found = self._heard.get(source)
+        found = self._heard.get(id(source))
         if found is None:
-            found = self._heard[source] = HeardDriver(source, self._loop, self._emit)
+            found = self._heard[id(source)] = HeardDriver(source, self._loop, self._emit)
         return found
 
     def _of(self, target: Target, polled: PolledTarget, unit: PolledUnit, turns: PollTurns) -> PollsDriver:

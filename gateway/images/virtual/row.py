@@ -121,7 +121,7 @@ class Row(Part):
 
     def trouble(self, now: float, stale: float) -> str:
         """Say why there is no fresh value: `meter-7 (holding 0-1) has not answered for too long`."""
-        span = self.poll.span
+        span = self.span
         where = f"{self.mapped.device} ({span.area} {span.addresses})"
         if self.state(now, stale) != "invalid" or self.items is None:
             return f"{where} {'is refused' if self.is_refused else self.source.polls.silence}"
