@@ -108,6 +108,13 @@ def test_the_age_counts_from_the_request(bench):
     assert client.asks("03 0000 0001", 3.1) == "83 0B"
 
 
+def test_a_late_answer_replaces_none_to_a_later_request(bench):
+    client = bench.mirror((0, 9))
+    bench.hears("03 0000 0001", "03 02 0002", 2.0)
+    bench.hears("03 0000 000A", TEN, 1.0, told=2.5)
+    assert client.asks("03 0000 0002", 2.6) == "03 04 00 02 00 65"
+
+
 def test_each_register_has_its_own_age(bench):
     client = bench.mirror((0, 9))
     bench.hears("03 0000 0005", "03 0A 0001 0002 0003 0004 0005", 1.0)

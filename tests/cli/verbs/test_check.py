@@ -853,6 +853,7 @@ def test_what_is_heard_is_in_the_picture_with_its_line(tmp_path, capsys):
     file.write_text(
         '[[line]]\nname = "old-plc"\nport = "/dev/ttyUSB9"\nrole = "monitor"\n'
         'devices = [{ unit = 3, as = 63, name = "boiler" }]\n'
+        '[[line]]\nname = "panel"\nport = "/dev/ttyUSB8"\nrole = "server"\nserves = [63, 241]\n'
         '[[image]]\nunit = 241\nname = "m"\nof = "boiler"\nread = [{ holding = "0-9" }]\n'
         '[[image]]\nunit = 240\nname = "v"\nmap = [{ at = 0, device = "boiler", holding = "0-1" }]\n'
     )
@@ -860,6 +861,7 @@ def test_what_is_heard_is_in_the_picture_with_its_line(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "241   m     boiler  2 s    holding 0-9 heard on old-plc" in said
     assert "  boiler is heard on old-plc: a row is taken from one answer with all of it." in said
+    assert re.search(r"63 +boiler +at once", said)
     assert re.search(r"holding 0-1 +40001 +boiler +- +holding 0-1 +as there +heard +-", said)
     assert main(["check", "--json", str(file)]) == 0
     told = json.loads(capsys.readouterr().out)
