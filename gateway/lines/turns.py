@@ -8,6 +8,9 @@
   own. So it makes no difference how many connections a host has.
 - **Urgent** is a member that waits with a write, or for a device of high priority. Only its oldest request counts, so
   priority acts between clients.
+- **With priority** waits a member whose oldest request is of a client for which a row of `[[access]]` says so. It goes
+  before all others, urgent ones too, as soon as each that waited at its last turn has had one since. Between two that
+  go first so, another has its turn. So of many that come and go the others still have half of the turns.
 - **Held** is what must not be sent yet. It keeps its turn while others have theirs. The next round begins when only
   held ones of this one are left.
 """
@@ -25,6 +28,11 @@ from gateway.request import Caller, Request
 UNKNOWN: Final = 0
 NOW: Final = 1
 LATER: Final = 2
+
+#: What a member's oldest request is: plain, or one or both of the others.
+PLAIN: Final = 0
+URGENT: Final = 1
+WITH_PRIORITY: Final = 2
 
 #: Tells whether a transaction must not be sent yet.
 Held = Callable[[Transaction], bool]
@@ -53,23 +61,26 @@ class Place:
 
 
 class Member(ABC):
-    """One that takes turns, with `waiting` requests. `has_passed`: it had nothing to send in its last turn."""
+    """One that takes turns, with `waiting` requests. `has_passed`: it had nothing to send in its last turn.
 
-    __slots__ = ("after", "before", "has_passed", "name", "turn", "waiting")
+    `waited` are the names of those that waited at its last turn; None if it has never had priority.
+    """
+
+    __slots__ = ("after", "before", "has_passed", "name", "turn", "waited", "waiting")
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.waiting = 0
         self.has_passed = False
+        self.waited: set[str] | None = None
         #: The round of its next turn, and its neighbours in the line.
         self.turn = UNKNOWN
         self.before: Member | None = None
         self.after: Member | None = None
 
-    @property
     @abstractmethod
-    def is_urgent(self) -> bool:
-        """Whether its turn comes before those of others."""
+    def rank(self) -> int:
+        """Tell, of one that has waiting requests, whether it is URGENT, waits WITH_PRIORITY, or both; else PLAIN."""
 
     @abstractmethod
     def next(self, is_held: Held | None) -> Place | None:
@@ -86,13 +97,12 @@ class Row(Member):
         self.address = address
         self.places: deque[Place] = deque()
 
-    @property
-    def is_urgent(self) -> bool:
-        """Whether its oldest request is a write, or for a device of high priority."""
-        if not self.places:
-            return False
-        oldest = self.places[0].transaction
-        return oldest.device.is_urgent or not oldest.asked.only_reads
+    def rank(self) -> int:
+        """Return what its oldest request is."""
+        oldest = self.places[0]
+        transaction = oldest.transaction
+        rank = URGENT if transaction.device.is_urgent or not transaction.asked.only_reads else PLAIN
+        return rank | WITH_PRIORITY if oldest.request.caller.is_urgent else rank
 
     def next(self, is_held: Held | None) -> Place | None:
         """Choose the first request that may go: not held, and not after a held one whose order it keeps."""
@@ -147,7 +157,9 @@ class Turns(Member):
     to the end. The line is linked, because every request moves two members.
     """
 
-    __slots__ = ("_first", "_has_let_in", "_last", "_urgent", "_urgent_later", "above", "members")
+    __slots__ = (
+        "_first", "_has_let_in", "_last", "_prior", "_urgent", "_urgent_later", "_was_prior", "above", "members",
+    )  # fmt: skip
 
     def __init__(self, name: str = "", above: "Turns | None" = None) -> None:
         super().__init__(name)
@@ -160,20 +172,23 @@ class Turns(Member):
         #: The urgent members, in this round and in the next one.
         self._urgent: dict[str, Member] = {}
         self._urgent_later: dict[str, Member] = {}
+        #: The members that wait with priority, and whether one of these had the last turn, and went first.
+        self._prior: dict[str, Member] = {}
+        self._was_prior = False
 
-    @property
-    def is_urgent(self) -> bool:
-        """Whether an urgent member has a turn in this round."""
-        return bool(self._urgent)
+    def rank(self) -> int:
+        """Tell whether an urgent member has a turn in this round, and whether one waits with priority."""
+        rank = URGENT if self._urgent else PLAIN
+        return rank | WITH_PRIORITY if self._prior else rank
 
     def next(self, is_held: Held | None) -> Place | None:
         """Choose the next request, by the rules above. `is_held` is None if nothing is held."""
         if not self.waiting:
             return None
-        place = self._next_urgent(is_held) or self._next_in_order(is_held)
+        place = (self._next_prior(is_held) if self._prior else None) or self._next_of_round(is_held)
         if place is None:  # only held ones are left of this round
             self._begin_round()
-            place = self._next_urgent(is_held) or self._next_in_order(is_held)
+            place = self._next_of_round(is_held) or self._next_prior(is_held)
         return place
 
     def add(self, member: Member) -> None:
@@ -184,13 +199,19 @@ class Turns(Member):
     def sort(self, member: Member) -> None:
         """Update when a member has its turn: its oldest request may have changed."""
         member.has_passed = False
+        rank = member.rank() if member.waiting else PLAIN
         if member.turn == UNKNOWN:
-            self._let_in(member)
-        if member.is_urgent:
+            self._let_in(member, rank)
+        if rank & URGENT:
             (self._urgent if member.turn == NOW else self._urgent_later)[member.name] = member
         elif self._urgent or self._urgent_later:
             self._urgent.pop(member.name, None)
             self._urgent_later.pop(member.name, None)
+        if rank & WITH_PRIORITY:
+            self._prior[member.name] = member
+            member.waited = member.waited or set()
+        elif self._prior:
+            self._prior.pop(member.name, None)
         first = self._first
         if self.waiting and first is not None and first.turn == LATER:
             self._begin_round()
@@ -205,14 +226,34 @@ class Turns(Member):
             if self.above is not None:
                 self.above.forget(self)
 
-    def _next_urgent(self, is_held: Held | None) -> Place | None:
-        if self._urgent:
-            for member in self._urgent.values():
-                place = member.next(is_held)
-                if place is not None:
-                    self._had_turn(member)
-                    return place
+    def _next_prior(self, is_held: Held | None) -> Place | None:
+        """Choose the next request with priority; none if the last one was such a request."""
+        for member in self._prior.values() if not self._was_prior else ():
+            place = member.next(is_held) if self._is_due(member) else None
+            if place is not None:
+                self._was_prior = True
+                self._had_turn(member)
+                return place
         return None
+
+    def _is_due(self, member: Member) -> bool:
+        """Tell whether each that waited at its last turn has had one since: it stands behind it then."""
+        each = self._first if member.waited else None
+        while each is not None and each is not member:
+            if each.waiting and member.waited and each.name in member.waited:
+                return False
+            each = each.after
+        return True
+
+    def _next_of_round(self, is_held: Held | None) -> Place | None:
+        """Choose the next request of this round: first the urgent ones."""
+        self._was_prior = False
+        for member in self._urgent.values() if self._urgent else ():
+            place = member.next(is_held)
+            if place is not None:
+                self._had_turn(member)
+                return place
+        return self._next_in_order(is_held)
 
     def _next_in_order(self, is_held: Held | None) -> Place | None:
         """Choose the next request in order. A held member keeps its turn; one with nothing to send has had it."""
@@ -227,10 +268,10 @@ class Turns(Member):
             each = after
         return None
 
-    def _let_in(self, member: Member) -> None:
+    def _let_in(self, member: Member, rank: int) -> None:
         """Give a new member its first turn: in the next round, or in this one."""
         member.turn = LATER
-        if self.waiting > member.waiting and member.is_urgent and not self._has_let_in:
+        if self.waiting > member.waiting and rank & URGENT and not self._has_let_in:
             self._has_let_in = True
             member.turn = NOW
 
@@ -245,6 +286,10 @@ class Turns(Member):
         member.has_passed = not member.waiting
         if self._urgent:
             self._urgent.pop(member.name, None)
+        if member.waited is not None:
+            self._prior.pop(member.name, None)
+            others = self.members.items() if member.waiting else ()
+            member.waited = {name for name, each in others if each.waiting}
         member.turn = LATER
         if member is not self._last:
             self._remove(member)

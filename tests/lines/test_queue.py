@@ -1,5 +1,8 @@
 """Who goes next of those that wait for a line: turns, urgency, order, shared reads, and nothing left behind."""
 
+import random
+from collections import Counter
+
 import pytest
 
 from gateway.devices.device import Device, EveryDevice
@@ -32,10 +35,23 @@ class Waiting:
         self.now = 0.0
 
     def put(
-        self, client: str, pdu: str = READ, unit: int = 1, *, urgent: bool = False, yields: bool = False
+        self,
+        client: str,
+        pdu: str = READ,
+        unit: int = 1,
+        *,
+        urgent: bool = False,
+        yields: bool = False,
+        priority: bool = False,
     ) -> Transaction:
-        """Let a request wait; its transaction, whether or not it is that one which will be sent."""
+        """Let a request wait; its transaction, whether or not it is that one which will be sent.
+
+        It may be for an `urgent` device, or of a client with `priority`.
+        """
         transaction = self.transaction(client, pdu, unit, urgent=urgent)
+        if priority:
+            request = transaction.requests[0]
+            request.caller = request.caller.made_urgent()
         transaction.yields = yields
         assert self.queue.put(transaction, self.now) is None
         return transaction
@@ -235,6 +251,154 @@ def test_so_has_a_connection_among_those_of_its_host() -> None:
         waiting.put("A2", WRITE, unit=4)
         waiting.put("B", unit=unit)
     assert waiting.take_all() == ["A24!", "B1", "A11", "A24!", "B2", "A12"]
+
+
+# --- clients with priority ---
+
+
+def test_a_client_with_priority_goes_before_others_and_before_what_is_urgent(waiting: Waiting) -> None:
+    waiting.put("A")
+    waiting.put("B", WRITE, unit=2)
+    waiting.put("C", unit=3, urgent=True)
+    waiting.put("P", unit=4, priority=True)
+    assert waiting.take_all() == ["P4", "B2!", "A1", "C3"]
+
+
+def test_it_has_one_turn_in_each_round_and_its_own_requests_keep_their_order() -> None:
+    waiting = Waiting(coalesce=False)
+    for unit in (1, 2):
+        waiting.put("A", unit=unit)
+        waiting.put("B", WRITE, unit=unit)
+        waiting.put("P", OTHER, unit=unit, priority=True)
+    waiting.put("P", WRITE, unit=2, priority=True)
+    assert waiting.take_all() == ["P1", "B1!", "A1", "P2", "B2!", "A2", "P2!"]
+
+
+def test_who_asks_again_at_once_waits_for_each_of_the_others(waiting: Waiting) -> None:
+    for client in "XABC":
+        waiting.put(client, unit=ord(client))
+    assert waiting.take() == "X88"
+    waiting.put("P", unit=4, priority=True)
+    for _ in range(3):
+        assert waiting.take() == "P4"
+        waiting.put("P", unit=4, priority=True)
+        for client in "ABC":
+            assert waiting.take() == f"{client}{ord(client)}"
+            waiting.put(client, unit=ord(client))
+
+
+def test_who_had_nothing_to_ask_in_its_turn_is_still_first_when_it_asks(waiting: Waiting) -> None:
+    waiting.put("P", unit=4, priority=True)
+    for client in "ABC":
+        waiting.put(client, unit=ord(client))
+    assert [waiting.take(), waiting.take()] == ["P4", "A65"]
+    for client in "AD":
+        waiting.put(client, unit=ord(client))
+    assert [waiting.take() for _ in range(3)] == ["B66", "C67", "A65"]
+    for client in "BC":
+        waiting.put(client, unit=ord(client))
+    waiting.put("P", unit=4, priority=True)
+    assert waiting.take_all()[0] == "P4"
+
+
+def test_each_of_several_that_come_in_a_round_goes_first_but_others_have_turns_between_them(waiting: Waiting) -> None:
+    for client in "ABC":
+        waiting.put(client, unit=ord(client))
+    assert waiting.take() == "A65"
+    for number, client in enumerate("PQR"):
+        waiting.put(client, unit=number, priority=True)
+    assert waiting.take_all() == ["P0", "B66", "Q1", "C67", "R2"]
+
+
+@pytest.mark.parametrize("host", ["A", "B"])
+def test_programs_that_connect_anew_for_each_request_leave_others_half_of_the_turns(host: str) -> None:
+    """There is always a connection, or with other hosts an address, that has not had its turn yet."""
+    waiting = Waiting()
+    waiting.put("A0")
+    for number in range(1, 3):
+        waiting.put(f"{host}{number}", unit=2, priority=True)
+    went = []
+    for number in range(3, 63):
+        went.append(waiting.take())
+        if went[-1] == "A01":
+            waiting.put("A0")
+        else:
+            waiting.put(f"{host}{number}", unit=2, priority=True)
+    assert went.count("A01") >= len(went) // 2 - 1
+
+
+def test_endless_newcomers_with_priority_leave_others_half_of_the_turns(waiting: Waiting) -> None:
+    waiting.put("A")
+    went = []
+    for number in range(60):
+        waiting.put(chr(0x1000 + number), unit=2, priority=True)
+        went.append(waiting.take())
+        if went[-1] == "A1":
+            waiting.put("A")
+    assert went.count("A1") >= len(went) // 2 - 1
+
+
+def test_priority_is_that_of_the_oldest_request(waiting: Waiting) -> None:
+    waiting.put("P", unit=2)
+    waiting.put("P", unit=3, priority=True)
+    waiting.put("A", WRITE)
+    assert waiting.take_all() == ["A1!", "P2", "P3"]
+
+
+def test_who_has_priority_takes_the_read_that_it_shares_with_it(waiting: Waiting) -> None:
+    waiting.put("B", unit=2)
+    waiting.put("A")
+    waiting.put("P", priority=True)
+    assert waiting.take_all() == ["A+P1", "B2"]
+    assert waiting.is_empty()
+
+
+def test_what_is_held_of_a_client_with_priority_lets_others_pass(waiting: Waiting) -> None:
+    waiting.put("P", unit=3, priority=True)
+    waiting.put("A")
+    waiting.put("A", unit=2)
+    assert waiting.take(3) == "A1"
+    assert waiting.take_all() == ["P3", "A2"]
+
+
+def test_a_poll_waits_for_a_client_with_priority_like_for_any_other(waiting: Waiting) -> None:
+    waiting.put("M", unit=2, yields=True)
+    for _ in range(YIELDS + 2):
+        waiting.put("P", WRITE, priority=True)
+    assert waiting.take_all() == ["P1!"] * YIELDS + ["M2"] + ["P1!"] * 2
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("many", [1, 3])
+def test_whoever_waits_has_a_turn_between_two_of_a_client_with_priority(many: int, seed: int) -> None:
+    """Clients that ask at random; who has waited for none of them goes next, or after one other."""
+    dice = random.Random(seed)
+    waiting = Waiting(coalesce=False)
+    open_of = dict.fromkeys("ABCDEF" + "PQR"[:many], 0)
+    #: For each client with priority, who has waited since its last turn; how many went while it was due.
+    before: dict[str, set[str]] = {client: set() for client in "PQR"[:many]}
+    passed_by: Counter[str] = Counter()
+    for _ in range(1000):
+        client = dice.choice([*open_of])
+        if open_of[client] < 2 and dice.random() < 0.6:
+            pdu = READ if client in before else dice.choice([READ, WRITE])
+            waiting.put(client, pdu, unit=ord(client), priority=client in before)
+            open_of[client] += 1
+        if dice.random() < 0.5 and any(open_of.values()):
+            due = {each for each, others in before.items() if open_of[each] and not others}
+            waits = {each for each, number in open_of.items() if number}
+            went = waiting.take()[:1]
+            open_of[went] -= 1
+            assert not before.get(went), f"{went} goes again before {before[went]}"
+            for others in before.values():
+                others.discard(went)
+            if went in before:
+                before[went] = waits - {went}
+            passed_by = Counter({each: passed_by[each] + 1 for each in due - {went}})
+            assert max(passed_by.values(), default=0) < 2 * many
+
+
+# --- polls ---
 
 
 def test_a_poll_lets_every_client_go_first() -> None:

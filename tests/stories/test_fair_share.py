@@ -2,6 +2,8 @@
 
 import asyncio
 import itertools
+import random
+from collections.abc import Iterator
 from statistics import median
 
 import pytest
@@ -21,18 +23,33 @@ from  = ["127.0.0.0/8"]
 units = "all"
 allow = ["read", "write"]
 """
+#: Clients of one network have priority, and there is a mirror that is polled as often as the line allows.
+PRIORITY = """
+[[access]]
+from     = ["127.0.3.0/24"]
+allow    = ["read", "write"]
+priority = "high"
+"""
+MIRROR = """
+[[image]]
+unit = 241
+of   = "hall-a/1"
+read = [{ holding = "100-109", every = "100 ms" }]
+"""
+CONFIG_WITH_PRIORITY = PRIORITY + CONFIG + MIRROR
 WRITE = (1, "06 0001 0005")
 READ_OF_HIGH_PRIORITY = (2, "03 0001 0001")
 
 
 class Asking:
-    """A client that asks again as soon as it is answered; a network takes a millisecond."""
+    """A client that asks again as soon as it is answered, or at times; a network takes a millisecond."""
 
-    def __init__(self, client: Client, unit: int, pdu: str) -> None:
+    def __init__(self, client: Client, unit: int, pdu: str, pauses: Iterator[float] | None = None) -> None:
         self.times: list[float] = []
         self.failed = 0
         self._client = client
         self._question = (unit, pdu)
+        self._pauses = pauses or itertools.repeat(0.001)
         self._task = asyncio.create_task(self._ask())
 
     def stop(self) -> int:
@@ -46,7 +63,7 @@ class Asking:
             answer = await self._client.asks(*self._question)
             self.failed += int(answer[:2], 16) >= 0x80
             self.times.append(self._client.now() - begin)
-            await asyncio.sleep(0.001)
+            await asyncio.sleep(next(self._pauses))
 
 
 async def reading(bench: GatewayBench, number: int, also: tuple[int, str] | None = None) -> tuple[list[Asking], int]:
@@ -68,6 +85,53 @@ async def test_who_writes_without_end_has_a_turn_in_each_round_like_the_others(a
         shares = [len(each.times) / count for each in disturbed]
         assert 0.95 < min(shares) <= max(shares) < 1.05
         assert median(disturbed[0].times) < 9 / 8 * median(undisturbed[0].times) + 0.002
+
+
+# --- clients with priority ---
+
+
+def from_control_room(bench: GatewayBench, unit: int, pdu: str, number: int = 1, **more: Iterator[float]) -> Asking:
+    host = f"127.0.3.{number}"
+    return Asking(bench.client(f"{host}:1", host=host), unit, pdu, **more)
+
+
+@pytest.mark.parametrize("function", ["03", "06"])
+async def test_a_client_with_priority_that_asks_without_end_has_one_turn_in_a_round_of_the_others(
+    function: str,
+) -> None:
+    async with gateway_bench(CONFIG_WITH_PRIORITY) as bench:
+        bench.attach("hall-a", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(2)))
+        await asyncio.sleep(5)  # the mirror has asked before there was a device
+        own = [from_control_room(bench, 1, f"{function} 1{number:03} 0001", number) for number in (1, 2)]
+        others, _ = await reading(bench, 8)
+        counts = [each.stop() for each in own]
+        assert all(0.9 < len(each.times) / count < 1.1 for each in others for count in counts)
+
+
+@pytest.mark.parametrize(("unit", "pdu"), [(1, "03 0001 000A"), (1, "06 0001 0005"), (241, "06 0064 0005")])
+@pytest.mark.parametrize("also", [None, WRITE, READ_OF_HIGH_PRIORITY], ids=["reads", "write", "high"])
+async def test_a_client_with_priority_waits_for_what_is_on_the_line_and_at_most_one_more(
+    unit: int, pdu: str, also: tuple[int, str] | None
+) -> None:
+    """It asks a line, or through a mirror, once in a round or less; the one more may be the poll of the mirror."""
+    dice = random.Random(3)
+    pauses = (dice.uniform(2.0, 4.0) for _ in itertools.count())
+    async with gateway_bench(CONFIG_WITH_PRIORITY) as bench:
+        bench.attach("hall-a", SimulatedLine("rtu", SimulatedDevice(1), SimulatedDevice(2)))
+        await asyncio.sleep(5)  # the mirror has asked before there was a device
+        alone = from_control_room(bench, unit, pdu)
+        await asyncio.sleep(1)
+        assert alone.stop()
+        own = from_control_room(bench, unit, pdu, pauses=pauses)
+        others = [Asking(bench.client(f"127.0.4.{n}:1", host=f"127.0.4.{n}"), *also) for n in range(8 * bool(also))]
+        readers, _ = await reading(bench, 8)
+        own.stop()
+        for each in others:
+            each.stop()
+        waiting, turn = 8 + len(others), median(readers[0].times) / (8 + len(others))
+        assert max(own.times[1:]) < max(alone.times) + 2.2 * turn
+        assert median(readers[0].times) > (waiting - 1) * turn, "the line is busy"
+        assert [each.failed for each in (own, *readers)] == [0] * 9
 
 
 async def test_a_writer_costs_none_of_many_readers_its_answer() -> None:

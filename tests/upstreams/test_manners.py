@@ -401,6 +401,22 @@ def test_who_waits_for_a_device_of_high_priority_is_first() -> None:
     assert bench.sent[-1].unit == 9
 
 
+def test_a_client_with_priority_is_first_and_then_each_of_the_others_is() -> None:
+    bench = UpstreamBench(in_flight=1)
+    prior = Asker("10.0.0.7:1", host="10.0.0.7")
+    prior.caller = prior.caller.made_urgent()
+    for unit in (37, 38, 39):
+        bench.ask(unit=unit, client=Asker(f"10.0.1.{unit}:1", host=f"10.0.1.{unit}"))
+    bench.ask(WRITE, unit=41, client=Asker("10.0.0.8:1", host="10.0.0.8"))
+    for unit in (42, 43):
+        bench.ask(unit=unit, client=prior)
+    units = []
+    for _ in range(5):
+        bench.respond(WRITE if bench.sent[-1].pdu == WRITE else RESPONSE)
+        units.append(bench.sent[-1].unit + 30)
+    assert units == [42, 41, 38, 39, 43]
+
+
 # --- a device that sleeps ---
 
 
