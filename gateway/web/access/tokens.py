@@ -44,7 +44,8 @@ class Tokens:
 
     def note_use(self, program: User, host: str, client: str) -> None:
         """Tell of a program's first request from an address, and of the first after an hour without one."""
-        now, place = asyncio.get_running_loop().time(), (program.hash, host)
+        now = asyncio.get_running_loop().time()
+        place = program.hash, self._share_keys.of(host, now)
         before = self._used.pop(place, None)
         if before is None and len(self._used) >= MOST_SESSIONS:
             del self._used[next(iter(self._used))]

@@ -167,10 +167,12 @@ async def test_a_page_of_another_site_gains_nothing_by_asking_to_send_a_token(be
     assert (await bench.browser(name="evil.example").put(PLACE, [77], **bearer(MES))).status == 421
 
 
-async def test_a_session_beside_a_token_still_needs_the_proofs_of_a_page(bench):
+@pytest.mark.parametrize("missing", [{"Origin": None}, {"X_CSRF_Token": None}])
+@pytest.mark.parametrize("token", [MES, WALL, new_token()], ids=["operator", "viewer", "wrong"])
+async def test_a_session_beside_a_token_still_needs_the_proofs_of_a_page(bench, missing, token):
     browser = bench.browser(AFAR)
     await browser.log_in("anna")
-    assert (await browser.put(PLACE, [77], **BARE, **bearer(MES))).status == 403
+    assert (await browser.put(PLACE, [77], **missing, **bearer(token))).status == 403
     assert written(bench) == []
 
 
