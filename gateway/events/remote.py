@@ -150,6 +150,17 @@ class WebLoginFailed(Event):
     user: str
 
 
+class WebDenied(Event):
+    """A user or a program has asked the web page for something that its role does not allow. Nothing was done."""
+
+    level = Level.WARNING
+    says = "{client} is a {role}, and may not {method} {path}"
+    client: str
+    role: str
+    method: str
+    path: str
+
+
 class WebUsersRejected(Event):
     """The file with the users cannot be used as it is now; those that were in it before stay."""
 

@@ -36,7 +36,8 @@ def subject_of(level: int, name: str, fields: Mapping[str, object]) -> Subject:
 
 
 def _without_port(part: str, value: object) -> object:
-    return str(value).rpartition(":")[0] or value if part == "client" else value
+    host, _, port = str(value).rpartition(":")
+    return host if part == "client" and host and port.isdecimal() else value
 
 
 @dataclass(slots=True)

@@ -27,6 +27,11 @@ def test_a_client_is_its_host_because_each_connection_has_another_port(client: s
     assert subject_of(30, "client_rejected", fields).key == (("listener", "scada"), ("client", host))
 
 
+def test_users_of_the_page_are_told_apart_so_that_none_hides_what_another_one_does() -> None:
+    anna, mes = ({"listener": "web", "client": f"web:{name}@10.2.0.7"} for name in ("anna", "mes"))
+    assert subject_of(30, "write_audit", anna) != subject_of(30, "write_audit", mes)
+
+
 def test_what_a_client_does_is_about_the_client_whatever_unit_it_names() -> None:
     fields = {"listener": "scada", "client": "10.0.0.9:49152", "unit": 7, "function": 6}
     assert subject_of(30, "access_denied", fields) == subject_of(30, "access_denied", {**fields, "unit": 8})

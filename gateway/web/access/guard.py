@@ -22,6 +22,7 @@ from urllib.parse import quote, urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
+from gateway.events import Emit, WebDenied
 from gateway.readconfig.page_users import Role, User, is_user_name
 from gateway.request import Caller
 from gateway.web.access.sessions import Sessions
@@ -82,12 +83,13 @@ VISITOR: Final = web.RequestKey("visitor", Visitor)
 class Guard:
     """Admits or refuses requests, by settings, users, sessions and tokens."""
 
-    def __init__(self, settings: WebSettings, table: UserTable, sessions: Sessions, tokens: Tokens) -> None:
+    def __init__(self, settings: WebSettings, table: UserTable, sessions: Sessions, tokens: Tokens, emit: Emit) -> None:
         self._settings = settings
         self._table = table
         self._sessions = sessions
         self._known = frozenset({"localhost", *(host.lower() for host in settings.hosts)})
         self._tokens = tokens
+        self._emit = emit
         self._secret = secrets.token_bytes(32)
         self.cookie: Final = "__Host-mbgw" if settings.is_encrypted else "mbgw"
 
@@ -173,6 +175,7 @@ class Guard:
             if not visitor.user:
                 raise _unauthorized("log in first, or send a token with a role")
             if need == "operator" and visitor.role != "operator":
+                self._emit(WebDenied(visitor.client, str(visitor.role), request.method, _shape(request)))
                 raise ProblemError(403, f"{visitor.user} is a {visitor.role}, and this needs the role operator")
             return
         if not visitor.may_read or (need == "metrics" and visitor.is_local and self._settings.token):
@@ -207,6 +210,12 @@ async def _check_csrf(request: web.Request, visitor: Visitor) -> None:
         given = str(form.get("csrf", ""))
     if not hmac.compare_digest(given.encode(errors="surrogateescape"), visitor.csrf.encode()):
         raise ProblemError(403, "X-CSRF-Token must be that of the session; GET /api/v1/session tells it")
+
+
+def _shape(request: web.Request) -> str:
+    """Return the path of a request without what is particular in it: the log has few different ones."""
+    resource = request.match_info.route.resource
+    return "" if resource is None else resource.canonical
 
 
 def _unauthorized(detail: str) -> ProblemError:

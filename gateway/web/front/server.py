@@ -138,7 +138,8 @@ def _application(
     connections: Connections,
 ) -> web.Application:
     sessions = Sessions()
-    guard = Guard(settings, table, sessions, Tokens(settings.token, table, operator.running.emit))
+    tokens = Tokens(settings.token, table, operator.running.emit)
+    guard = Guard(settings, table, sessions, tokens, operator.running.emit)
     api = Api(operator, operations, fan_out, guard, streams, may_write=settings.write)
     assets = Assets()
     situations = Situations(operator, doctor)

@@ -85,6 +85,9 @@ async def test_a_viewers_token_reads_and_does_nothing_else(bench):
     ):
         assert page.status in (403, 405)
     assert "wall is a viewer" in (await program.put(PLACE, [77], **bearer(WALL))).problem
+    denied = bench.events("web_denied")[-1]
+    assert (denied.client, denied.role, denied.method) == ("web:wall@10.2.0.7", "viewer", "PUT")
+    assert denied.path.startswith("/api/v1/units/{unit}/")
     assert written(bench) == []
 
 
