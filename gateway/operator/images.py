@@ -3,7 +3,6 @@
 import asyncio
 
 from gateway.errors import ExceptionCode, Malformed, NotPermitted, WrongQuestion
-from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
 from gateway.operator.answers.values import Cell, Cells
 from gateway.operator.asked import Addresses
@@ -11,7 +10,7 @@ from gateway.operator.grid import MOST, grid_of
 from gateway.operator.kept import window
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.reached import may
+from gateway.operator.reached import Readable
 from gateway.operator.reading_and_writing import points_at
 from gateway.operator.units import picture
 
@@ -27,10 +26,10 @@ async def tell_image(operator: Operator, asked: Addresses, asker: Asker) -> Cell
     span = Span(area, points[0].address, sum(point.count for point in points))
     if span.count > MOST:
         raise Malformed(f"{span.addresses}: at most {MOST} addresses at a time")
-    if not may(operator.router(asker.door), asker.host, unit.key, READERS[area][0]):
-        why = f"[[access]] does not let {asker.caller.client} read {area}"
+    if not Readable(operator.router(asker.door), asker.host, unit.key).has(span):
+        why = f"[[access]] does not let {asker.caller.client} read {area} {span.addresses}"
         raise NotPermitted(why, ExceptionCode.ILLEGAL_FUNCTION)
-    found = window(operator.gateway, unit.key, span, asyncio.get_running_loop().time())
+    found = window(operator.gateway, unit.key, span, [span], asyncio.get_running_loop().time())
     if found is None:
         raise WrongQuestion(f"unit {unit.unit} is no image")
     values: list[Cell] = []

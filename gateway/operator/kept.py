@@ -95,8 +95,11 @@ def maps_of(gateway: Gateway, name: str) -> list[str]:
     return [driver.name for driver in gateway.virtual if name in driver.pollers]
 
 
-def window(gateway: Gateway, unit: int, span: Span, now: float) -> ImageWindow | None:
-    """Return the part of an image or mirror at the addresses of `span`; None if the unit is neither."""
+def window(gateway: Gateway, unit: int, span: Span, shown: Sequence[Span], now: float) -> ImageWindow | None:
+    """Return the part of an image or mirror at the addresses of `span`, with the values of the parts that are `shown`.
+
+    None if the unit is neither.
+    """
     image = image_of(gateway, unit)
     if image is None:
         return None
@@ -109,7 +112,11 @@ def window(gateway: Gateway, unit: int, span: Span, now: float) -> ImageWindow |
         persist=image.settings.persist if isinstance(image, Image) else "",
         stale_ms=None if isinstance(image, Image) else milliseconds(image.settings.stale),
         areas=settings.areas,
-        parts=[(each, _items(image, each, now)) for each in _existing(settings.areas.get(span.area, ()), span)],
+        parts=[
+            (each, _items(image, each, now))
+            for part in shown
+            for each in _existing(settings.areas.get(span.area, ()), part)
+        ],
         ages=_ages_at(image, span, now),
         writes=[
             Written(each.span, each.client, milliseconds(now - each.at))

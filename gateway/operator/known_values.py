@@ -17,13 +17,12 @@ from gateway.config.plan.wanted_polls import wanted_polls
 from gateway.devices.device import Device
 from gateway.images.polls import Poll
 from gateway.lines.last_reads import LastRead
-from gateway.modbus.functions import READERS
 from gateway.operator.answers.known_values import KnownValue, KnownValues, ValueState
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.asked import KnownOf
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.reached import device_of, may
+from gateway.operator.reached import Readable, device_of
 from gateway.operator.units import picture, points_within, units_of
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.profiles.reading import Reading
@@ -106,10 +105,9 @@ def known_points(operator: Operator, unit: UnitPicture, asker: Asker) -> Iterato
     if device is None or device.name != unit.name:  # a reload came between
         return
     reads, intervals = _newest(operator, unit, device), _intervals(operator).get(unit.name, {})
-    router = operator.router(asker.door)
-    allowed = {area for area, (function, _) in READERS.items() if may(router, asker.host, unit.key, function)}
+    readable = Readable(operator.router(asker.door), asker.host, unit.key)
     for point in unit.points:
-        if point.write != "only" and point.area in allowed:
+        if point.write != "only" and readable.has(point.read_span):
             every = intervals.get(point.name)
             yield Known(point, reads.get(point.name), STALE_BY_CLIENTS if every is None else STALE_AFTER * every)
 

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.modbus.functions import READERS
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Door, Operator
-from gateway.operator.reached import holes_of, may, target
+from gateway.operator.reached import Readable, ReadableHoles, holes_of, target
 from gateway.operator.requests import ask_for
 from gateway.operator.unit_values import read
 from gateway.operator.values import Outcome
@@ -19,8 +20,8 @@ from gateway.profiles.point import Point
 #: Units whose last reads are kept.
 MOST_UNITS: Final = 256
 
-#: Unit, door, and the functions that may read the unit there: values are shared only between equal rights.
-_Key = tuple[int, Door, frozenset[int]]
+#: Unit, door, and what may be read of its points there: values are shared only between equal rights.
+_Key = tuple[int, Door, frozenset[Area | Span]]
 
 
 @dataclass(slots=True)
@@ -51,8 +52,11 @@ async def read_all(operator: Operator, unit: UnitPicture, asker: Asker, max_age:
     async with last.turn:
         now = clock()
         if last.outcome is None or last.at < asked_at - max_age:
-            points, holes = readable(unit), holes_of(operator.gateway, unit.key)
-            last.outcome, last.at = await read(unit, points, ask, holes) if points else Outcome(), now
+            may_read = Readable(operator.router(asker.door), asker.host, unit.key)
+            points, holes = readable(unit), ReadableHoles(holes_of(operator.gateway, unit.key), may_read)
+            allowed = [point for point in points if may_read.has(point.read_span)]
+            refused = [point for point in points if not may_read.has(point.read_span)]
+            last.outcome, last.at = await read(unit, allowed, ask, holes, refused) if points else Outcome(), now
         return last.outcome, clock() - last.at
 
 
@@ -93,5 +97,6 @@ def _has_changed(operator: Operator, last: _Last, unit: UnitPicture) -> bool:
 
 
 def _key(operator: Operator, unit: UnitPicture, asker: Asker) -> _Key:
-    router, functions = operator.router(asker.door), {READERS[point.area][0] for point in unit.points}
-    return unit.key, asker.door, frozenset(each for each in functions if may(router, asker.host, unit.key, each))
+    may_read = Readable(operator.router(asker.door), asker.host, unit.key)
+    spans = {point.read_span for point in unit.points if point.area not in may_read.areas}
+    return unit.key, asker.door, may_read.areas.union(span for span in spans if may_read.has(span))

@@ -9,7 +9,7 @@ from gateway.modbus.pdu import Span, parse_sent
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.reached import device_of, may
+from gateway.operator.reached import device_of
 from gateway.registers.items import items_read
 from gateway.trace.records import Sent
 from gateway.trace.ring import STEP
@@ -34,7 +34,7 @@ async def passed(operator: Operator, unit: UnitPicture, asker: Asker) -> Sequenc
     if device is None:
         return ()
     of_device = device.line_name, device.name, device.unit
-    router, found = operator.router(asker.door), dict[bytes, Passed]()
+    rights, found = operator.router(asker.door).rights, dict[bytes, Passed]()
     last, oldest = ring.added, max(ring.first, ring.added - MOST_RECORDS)
     while last > oldest and len(found) < MOST_READS:
         first = max(oldest, last - STEP)
@@ -42,7 +42,7 @@ async def passed(operator: Operator, unit: UnitPicture, asker: Asker) -> Sequenc
             if not isinstance(record, Sent) or (record.line, record.name, record.address) != of_device:
                 continue
             read = None if record.request in found or len(found) == MOST_READS else _read(record, now)
-            if read is not None and may(router, asker.host, unit.key, record.request[0]):
+            if read is not None and rights.permits(asker.host, unit.key, record.request):
                 found[record.request] = read
         last = first
         await asyncio.sleep(0)

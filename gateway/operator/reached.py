@@ -1,10 +1,16 @@
-"""What answers for a unit, and which clients may ask it."""
+"""What answers for a unit, and what clients may read of it."""
 
+from collections.abc import Sequence
+
+from gateway.config.values.ranges import MOST_ITEMS, join_ranges
 from gateway.devices.device import Device
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
 from gateway.images.virtual.unit import VirtualUnit
+from gateway.modbus.functions import READERS
+from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes
+from gateway.registers.items import read_request
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_monitor import GatewayMonitor
@@ -14,10 +20,41 @@ from gateway.runtime.gateway_upstream import GatewayUpstream
 Held = Image | Mirror | VirtualUnit
 
 
-def may(router: Router, host: str, unit: int, function: int) -> bool:
-    """Return whether [[access]] lets a client at this address use a function of a unit, through this router."""
-    right = router.rights.everywhere(host, unit)
-    return function in right or bytes((function,)) in right
+class Readable:
+    """What [[access]] lets a client at the address `host` read of a unit through a router; `areas` are whole ones."""
+
+    def __init__(self, router: Router, host: str, unit: int) -> None:
+        self._rights, self._host, self._unit = router.rights, host, unit
+        everywhere = router.rights.everywhere(host, unit)
+        self.areas = frozenset(area for area, (function, _) in READERS.items() if function in everywhere)
+
+    def has(self, span: Span) -> bool:
+        """Return whether all addresses of a span may be read."""
+        return span.area in self.areas or self._rights.permits(self._host, self._unit, read_request(span))
+
+    def parts(self, span: Span) -> Sequence[Span]:
+        """List the parts of a span that may be read; it should not be long."""
+        if span.area in self.areas:
+            return [span]
+        last = min(span.end, MOST_ITEMS)
+        found = (at for at in range(span.start, last) if self.has(Span(span.area, at, 1)))
+        return [Span(span.area, first, end - first + 1) for first, end in join_ranges((at, at) for at in found)]
+
+
+class ReadableHoles(Holes):
+    """The `holes` of a device, and as further ones what a client may not read."""
+
+    def __init__(self, holes: Holes, readable: Readable) -> None:
+        self._holes = holes
+        self._readable = readable
+
+    def add(self, hole: Span) -> None:
+        """Remember a hole that the device has refused."""
+        self._holes.add(hole)
+
+    def refuse(self, hole: Span) -> bool:
+        """Return whether it must not be read with what is around it."""
+        return not self._readable.has(hole) or self._holes.refuse(hole)
 
 
 def target(gateway: Gateway, unit: int) -> object:

@@ -197,14 +197,14 @@ async def capture(running: Running, asked: Traced, host: str) -> AsyncIterator[b
 
 def may_see_all(running: Running, host: str) -> bool:
     """Return whether a reader at this address may read every unit over HTTP."""
-    return all(right >= READING for right in set(running.routers.web.rights[host]))  # most units have the same
+    return running.routers.web.rights.reads_all(host)
 
 
 def what_is_seen(running: Running, host: str) -> MaySee:
     """Make the test whether a reader at this address may see the values of a record: those that it may read over HTTP.
 
     Written values, frames of unknown origin and units that are reached only by a listener for their line or upstream
-    need the right to read everything.
+    need the right to read everything; what came instead of an answer, the right to read every address.
     """
     if may_see_all(running, host):
         return lambda _: True
@@ -218,9 +218,13 @@ def what_is_seen(running: Running, host: str) -> MaySee:
             return True
         if isinstance(record, Heard):
             name = "" if record.kind == "noise" else places.get((record.line, record.frame[0]), "")
-            return name in units and _may_read(rights.everywhere(host, units[name]), record.frame[1:])
-        name = record.name if isinstance(record, Sent) else names.of(record)
-        return name in units and _may_read(rights.everywhere(host, units[name]), getattr(record, "request", b""))
+            return name in units and _may_read_any(rights.everywhere(host, units[name]), record.frame[1:])
+        name, request = record.name if isinstance(record, Sent) else names.of(record), getattr(record, "request", b"")
+        if name not in units:
+            return False
+        if request and request[0] in READING_FUNCTIONS and not getattr(record, "heard", b""):
+            return rights.permits(host, units[name], request)
+        return _may_read_any(rights.everywhere(host, units[name]), request)
 
     return is_seen
 
@@ -230,6 +234,7 @@ def without_values(told: Fact) -> Fact:
     return {name: None if name in _VALUES else value for name, value in told.items()}
 
 
-def _may_read(right: Right, pdu: bytes) -> bool:
+def _may_read_any(right: Right, pdu: bytes) -> bool:
+    """Return whether a right to every address includes the values in a PDU, which may be a request or a response."""
     function = pdu[0] & ~EXCEPTION_BIT if pdu else 0
     return function in right if function in READING_FUNCTIONS else right >= READING

@@ -70,17 +70,20 @@ def point_named(unit: UnitPicture, name: str) -> Point:
     raise WrongQuestion(f"unit {unit.unit} has no point {name}")
 
 
-async def read(unit: UnitPicture, points: Sequence[Point], ask: Ask, holes: Holes | None = None) -> Outcome:
+async def read(
+    unit: UnitPicture, points: Sequence[Point], ask: Ask, holes: Holes | None = None, apart: Sequence[Point] = ()
+) -> Outcome:
     """Read points in as few requests as the unit allows; named ones that it refuses together are read apart.
 
-    `holes` are those that it has refused.
+    `holes` are those that it has refused. Points `apart` are read in requests of their own.
 
     Raises:
         UnitFailed: nothing could be read, or values without names only in part.
         ChangedMeanwhile: a reload has given the unit's number to another target.
     """
     outcome = await carried_out(reading(points, unit.read_rules, Holes() if holes is None else holes), ask)
-    if outcome.failures and not (outcome.readings and points[0].name):
+    outcome.add(await carried_out(reading(apart, unit.read_rules, Holes()), ask))
+    if outcome.failures and not (outcome.readings and (*points, *apart)[0].name):
         raise refused(outcome.failures[0].answer)
     return outcome
 

@@ -166,8 +166,8 @@ def no_such_line(wanted: object, known: Iterable[str]) -> WrongQuestion:
 
 def may_read_all(running: Running) -> bool:
     """Return whether an operator may read every unit: a search for devices asks unknown numbers."""
-    rights = running.routers.control.rights[""]
-    return all(FunctionCode.READ_HOLDING_REGISTERS in rights[unit] for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1))
+    rights, function = running.routers.control.rights, FunctionCode.READ_HOLDING_REGISTERS
+    return all(function in rights.everywhere("", unit) for unit in range(FIRST_UNIT, HIGHEST_UNIT + 1))
 
 
 def names(plan: Plan) -> dict[int, str]:

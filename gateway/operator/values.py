@@ -79,6 +79,12 @@ class Outcome:
         """The sum of the times that the requests took."""
         return round(sum((answer.elapsed_ms for answer in self.answers), 0.0), 1)
 
+    def add(self, other: "Outcome") -> None:
+        """Add the outcome of further reads."""
+        self.readings.extend(other.readings)
+        self.failures.extend(other.failures)
+        self.answers.extend(other.answers)
+
     def trouble_of(self, point: Point) -> Complaint | None:
         """Say why a point could not be read; None if no request for it failed."""
         at = (each for each in self.failures if each.span.area == point.area)

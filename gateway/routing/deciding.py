@@ -10,9 +10,9 @@ from heapq import heappop, heappush
 from typing import Final
 
 from gateway.modbus.codes import Area
-from gateway.modbus.functions import TABLE_FUNCTIONS, only_reads, row_of
+from gateway.modbus.functions import READERS, TABLE_FUNCTIONS, only_reads, row_of
 from gateway.modbus.pdu import Span, spans_of
-from gateway.routing.access import NOTHING, AccessRow, Right, includes, right_to
+from gateway.routing.access import NOTHING, WRITING, AccessRow, Right, includes, right_to
 
 _ADDRESSES: Final = 0x10000
 
@@ -34,8 +34,8 @@ _ALLOWED_AND_URGENT: Final = Ruling(is_allowed=True, is_urgent=True)
 class Deciding:
     """The rows that fit a client and a unit, in their order: those with addresses, and at the end one without.
 
-    The end is missing if there is none: what no row decides is refused. `everywhere` is what each of them allows, so it
-    is allowed at every address. The router looks no further for what is `plain`: the same, if no row has priority.
+    The end is missing if there is none: what no row decides is refused. `everywhere` is what is allowed whatever
+    addresses a request tells. The router looks no further for what is `plain`: the same, if no row has priority.
 
     At an address, the first row that has it decides, and a request must be allowed at each of its addresses. Without
     any it is for the row without addresses; but if it may write, it must not pass by a row that does not allow it.
@@ -44,23 +44,16 @@ class Deciding:
     def __init__(self, rows: Sequence[AccessRow]) -> None:
         self.rows = tuple(rows)
         self._last = self.rows[-1] if self.rows and self.rows[-1].addresses is None else None
-        self.everywhere: Right = NOTHING
-        if self._last is not None:
-            self.everywhere = self._last.right.intersection(*(row.right for row in self.rows))
+        self.everywhere = _everywhere(self.rows, self._last)
         self.plain = NOTHING if any(row.priority == "high" for row in self.rows) else self.everywhere
         #: By area, where each stretch begins, and its row.
         self._stretches: dict[Area, tuple[list[int], list[AccessRow | None]]] = {}
 
     @property
-    def gives_something(self) -> bool:
-        """Whether any request is allowed."""
-        if self._last is not None and self._last.right:
-            return True
-        return any(
-            row is not None and not row.right.isdisjoint(_OF_AREA[area])
-            for area in Area
-            for row in self._stretches_of(area)[1]
-        )
+    def somewhere(self) -> Right:
+        """What may be allowed at some address, or without one."""
+        rights = (row.right & _OF_AREA[area] for area in Area for row in self._stretches_of(area)[1] if row is not None)
+        return (NOTHING if self._last is None else self._last.right).union(*rights)
 
     def ruling(self, pdu: bytes) -> Ruling:
         """Decide about a request."""
@@ -99,6 +92,15 @@ class Deciding:
         if found is None:
             found = self._stretches[area] = _stretches(self.rows, area, self._last)
         return found
+
+
+def _everywhere(rows: Sequence[AccessRow], last: AccessRow | None) -> Right:
+    """Find what is allowed whatever addresses a request tells. A write may tell none, so each row counts for it."""
+    if last is None:
+        return NOTHING
+    rights = {(row.right, frozenset(span.area for span in row.addresses)) for row in rows if row.addresses is not None}
+    refused = ((WRITING | right_to(READERS[area][0] for area in areas)) - right for right, areas in rights)
+    return last.right.difference(*refused)
 
 
 def _stretches(

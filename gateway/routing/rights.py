@@ -11,6 +11,7 @@ from gateway.routing.access import (
     ALL_UNITS,
     AS_NUMBERED,
     NO_UNIT,
+    READING,
     AccessRow,
     Client,
     EntryPoint,
@@ -86,8 +87,15 @@ class Rights(dict[str, tuple[Right, ...]]):
 
     def everywhere(self, host: str, unit: int) -> Right:
         """Return what is allowed to a client at all addresses of a unit; `permits` knows what else is."""
-        right, *others = [each.everywhere for each in self._deciding(host, unit)]
-        return right.intersection(*others)
+        return self._units_of(host).everywhere[min(unit, NO_UNIT)]
+
+    def somewhere(self, host: str, unit: int) -> Right:
+        """Return what may be allowed to a client at some address of a unit, or without one."""
+        return _common(each.somewhere for each in self._deciding(host, unit))
+
+    def reads_all(self, host: str) -> bool:
+        """Tell whether a client may read all addresses of all units."""
+        return all(right >= READING for right in set(self._units_of(host).everywhere))  # most units have the same
 
     def at(self, host: str, unit: int) -> Right:
         """Return what is allowed to a client at a unit without a further look; `permits` knows what else is."""
@@ -126,12 +134,13 @@ class Rights(dict[str, tuple[Right, ...]]):
 
 
 class _Units(NamedTuple):
-    """The rights of a client at each unit identifier, and at NO_UNIT: what is `plain`, and all that decides.
+    """The rights of a client at each unit identifier, and at NO_UNIT. Every one of `deciding` must allow a request.
 
-    Every one of `deciding` must allow a request. `gives_something`: one of them may allow one.
+    `plain` and `everywhere` are what all of them have so. `gives_something`: one of them may allow a request.
     """
 
     plain: tuple[Right, ...]
+    everywhere: tuple[Right, ...]
     deciding: tuple[tuple[Deciding, ...], ...]
     gives_something: bool
 
@@ -146,8 +155,14 @@ def _by_unit(rows: tuple[AccessRow, ...], known_as: KnownAs, unit0: int | None) 
     ]
     all_units = (each for at, each in enumerate(deciding) if at in ALL_UNITS or known_as[at])
     deciding[BROADCAST_UNIT] = tuple(dict.fromkeys(chain(*all_units))) if unit0 is None else deciding[unit0]
-    plain = tuple([frozenset.intersection(*(each.plain for each in there)) for there in deciding])
-    return _Units(plain, tuple(deciding), any(each.gives_something for each in made.values()))
+    plain = tuple([_common(each.plain for each in there) for there in deciding])
+    everywhere = tuple([_common(each.everywhere for each in there) for there in deciding])
+    return _Units(plain, everywhere, tuple(deciding), any(each.somewhere for each in made.values()))
+
+
+def _common(rights: Iterable[Right]) -> Right:
+    """Return what is in each of the rights; there is at least one."""
+    return frozenset.intersection(*rights)
 
 
 def _deciding_at(

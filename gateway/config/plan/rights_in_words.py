@@ -1,23 +1,30 @@
 """The table of access rights in words, with the rules that are not rows."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 from gateway.config.plan.settings import Plan
 from gateway.config.values.unitset import show_units
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
 from gateway.routing.access import EVERYTHING, LOOPBACK, NOTHING, READING, WRITING, AccessRow, Network, Right
 
 _WORDS: Final = {EVERYTHING: "read, write", READING: "read", WRITING: "write", NOTHING: "nothing"}
 
 
 class RightsRow(NamedTuple):
-    """From where, through which listeners, to which units clients may do what. `source` is its place in the config."""
+    """From where, through which listeners, to which units clients may do what. `source` is its place in the config.
+
+    `addresses` are those of a row for some only: `holding 0-99, 120; coils 3`. `priority` is `high`, or empty.
+    """
 
     clients: str
     through: str
     units: str
     may: str
     source: str = ""
+    addresses: str = ""
+    priority: str = ""
 
 
 def rows_in_words(plan: Plan) -> list[RightsRow]:
@@ -28,12 +35,29 @@ def rows_in_words(plan: Plan) -> list[RightsRow]:
 def row_in_words(row: AccessRow, plan: Plan) -> RightsRow:
     """Say one row in words."""
     units = "all" if row.units is None else f"{show_units(row.units)} {own_numbers(row, plan)}".rstrip()
-    return RightsRow(_clients(row), _through(row), units, right_in_words(row.right), row.source)
+    right, addresses = right_in_words(row.right), addresses_in_words(row)
+    priority = "" if row.priority == "normal" else row.priority
+    return RightsRow(_clients(row), _through(row), units, right, row.source, addresses, priority)
 
 
 def right_in_words(right: Right) -> str:
     """Say what a right allows: `read, write`, or the numbers of functions."""
     return _WORDS.get(right) or "functions " + show_units(each if isinstance(each, int) else each[0] for each in right)
+
+
+def addresses_in_words(row: AccessRow) -> str:
+    """Say which addresses a row is for; empty if it is for all."""
+    return "; ".join(
+        f"{area} {', '.join(span.addresses for span in spans)}" for area, spans in addresses_by_area(row).items()
+    )
+
+
+def addresses_by_area(row: AccessRow) -> Mapping[Area, list[Span]]:
+    """Sort the addresses that a row is for by area; nothing if it is for all."""
+    found: dict[Area, list[Span]] = {}
+    for span in row.addresses or ():
+        found.setdefault(span.area, []).append(span)
+    return found
 
 
 def own_numbers(row: AccessRow, plan: Plan) -> str:
@@ -74,7 +98,7 @@ def _through(row: AccessRow) -> str:
 
 def _rest(plan: Plan) -> Iterator[RightsRow]:
     """Say the rights of clients that match no row."""
-    if not any((row.networks, row.listeners, row.units, row.role) == (None,) * 4 for row in plan.access):
+    if not any((row.networks, row.listeners, row.units, row.role, row.addresses) == (None,) * 5 for row in plan.access):
         yield RightsRow("all else", "", "", "nothing")
     for server in plan.servers:
         if not _is_named(server.line.name, plan):

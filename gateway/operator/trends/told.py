@@ -10,13 +10,12 @@ from gateway.clock.times import rfc_3339
 from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration
 from gateway.errors import ExceptionCode, Malformed, NotPermitted, WrongQuestion
-from gateway.modbus.functions import READERS
 from gateway.operator.answers.trend import PointTrend, TrendSlot
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.asked import TrendOfPoint
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.reached import device_of, may
+from gateway.operator.reached import Readable, device_of
 from gateway.operator.trends.kept import KeptTrends, kept_trends
 from gateway.operator.trends.trends import key_of
 from gateway.operator.unit_values import point_named
@@ -33,7 +32,7 @@ async def tell_trend(operator: Operator, asked: TrendOfPoint, asker: Asker) -> P
     """
     unit = picture(operator.gateway, asked.device)
     point, trends = point_named(unit, asked.point), trends_of(operator)
-    if not may(operator.router(asker.door), asker.host, unit.key, READERS[point.area][0]):
+    if not Readable(operator.router(asker.door), asker.host, unit.key).has(point.read_span):
         why = f"[[access]] does not let you read {point.name} of {unit.name}"
         raise NotPermitted(why, ExceptionCode.ILLEGAL_FUNCTION)
     now, step = operator.clock(), _step(asked.step, trends.layout.step)

@@ -12,7 +12,7 @@ from gateway.fleet.status import SiteStatus
 from gateway.operator.answers.status import Status
 from gateway.operator.asked import Traced
 from gateway.operator.operator import Operator
-from gateway.operator.rights import Verdict, rights_in_words, routers, verdict
+from gateway.operator.rights import Client, Verdict, rights_in_words, routers, verdict
 from gateway.operator.status import recent_status
 from gateway.operator.trace_reader import latest
 from gateway.operator.units import units_of
@@ -29,7 +29,9 @@ MOST_DENIED: Final = 10
 #: How long NATS may take to list the sites, and how old the list may be, in seconds.
 _PATIENCE: Final = 2.0
 _KEPT: Final = 3.0
-_NUMBER: Final = re.compile(r"[0-9]{1,3}")
+_NUMBER: Final = re.compile(r"[0-9]{1,5}")
+#: The fields of the form.
+_FIELDS: Final = ("from", "listener", "role", "unit", "function", "address")
 
 
 class ClientsPage:
@@ -48,7 +50,7 @@ class ClientsPage:
 
     async def show(self, request: web.Request) -> web.Response:
         """Show clients and rights; the address has the fields of the form."""
-        asked = {name: request.query.get(name, "").strip() for name in ("from", "listener", "role", "unit", "function")}
+        asked = {name: request.query.get(name, "").strip() for name in _FIELDS}
         found, why = self._verdict(asked)
         status = await recent_status(self._operator)
         never = float("inf")
@@ -77,13 +79,17 @@ class ClientsPage:
         """Decide what the form asks, or say why that is not possible; neither without a question."""
         if not asked["from"]:
             return None, ""
-        unit, function, role = asked["unit"], asked["function"], asked["role"]
+        unit, function, address = asked["unit"], asked["function"], asked["address"]
         if not (_NUMBER.fullmatch(unit) and 1 <= int(unit) <= 255):
             return None, f'"{unit}" is no unit: 1 to 255'
         if not (_NUMBER.fullmatch(function) and 1 <= int(function) <= 127):
             return None, f'"{function}" is no function: 1 to 127'
+        if address and not (_NUMBER.fullmatch(address) and int(address) <= 65535):
+            return None, f'"{address}" is no address: 0 to 65535'
+        client = Client(asked["from"], asked["listener"], asked["role"])
+        at = int(address) if address else None
         try:
-            return verdict(self._operator.running, asked["from"], asked["listener"], int(unit), int(function), role), ""
+            return verdict(self._operator.running, client, int(unit), int(function), at), ""
         except WrongQuestion as wrong:
             return None, str(wrong)
 

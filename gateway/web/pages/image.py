@@ -10,14 +10,13 @@ from aiohttp import web
 from gateway.clock.slices import in_slices
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.modbus.codes import Area
-from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.grid import COLUMNS, MOST, grid_of
 from gateway.operator.kept import ImageWindow, window
 from gateway.operator.map_lines import MapLine, map_lines
 from gateway.operator.operator import Operator
-from gateway.operator.reached import image_of, may
+from gateway.operator.reached import Readable, image_of
 from gateway.operator.status import part_of_unit
 from gateway.operator.unit_values import values_at
 from gateway.operator.units import points_within, units_of
@@ -65,12 +64,13 @@ class ImagePage:
         asked = _asked(request.query, whole_image.areas)
         area, ranges = asked["area"], whole_image.areas.get(asked["area"], ())
         start = asked["from"]
-        may_read = may(self._operator.router(asker.door), asker.host, unit.key, READERS[area][0])
-        shown = self._window(unit, Span(area, start, MOST)) if may_read else None
+        readable, there = Readable(self._operator.router(asker.door), asker.host, unit.key), Span(area, start, MOST)
+        parts = readable.parts(there)
+        shown = self._window(unit, there, parts) if parts else None
         grid = grid_of(shown, area, asked["type"], asked["swap"]) if shown is not None else None
         size, is_panel = 1 if grid is None else grid.size, "kiosk" in request.query
-        points = points_within(self._operator, unit, Span(area, start, MOST))
-        mapped = await self._mapped(unit, points, Span(area, start, MOST if may_read else 0))
+        points = points_within(self._operator, unit, there)
+        mapped = [each for each in await self._mapped(unit, points, there) if readable.has(each.point.read_span)]
         return await self._renderer.page(
             "image.html",
             request,
@@ -108,8 +108,8 @@ class ImagePage:
             return {"no_value": NO_VALUE, **self._rights.of(unit, request[VISITOR]).as_content()}
         return points_shown(self._operator, self._rights, unit, request)
 
-    def _window(self, unit: UnitPicture, span: Span) -> ImageWindow | None:
-        return window(self._operator.gateway, unit.key, span, asyncio.get_running_loop().time())
+    def _window(self, unit: UnitPicture, span: Span, parts: Sequence[Span] = ()) -> ImageWindow | None:
+        return window(self._operator.gateway, unit.key, span, parts, asyncio.get_running_loop().time())
 
 
 class _Names:

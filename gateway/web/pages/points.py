@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 from aiohttp import web
 
-from gateway.modbus.functions import READERS
 from gateway.operator.answers.known_values import ValueState
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint
@@ -15,7 +14,7 @@ from gateway.operator.known_values import Known, known_points, state_of
 from gateway.operator.last_values import last_read, readable
 from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.reached import may
+from gateway.operator.reached import Readable
 from gateway.operator.values import Outcome
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.registers.items import reference
@@ -67,12 +66,12 @@ def _heard(operator: Operator, unit: UnitPicture, asker: Asker, last: tuple[Outc
 
 def _held(operator: Operator, unit: UnitPicture, asker: Asker) -> list[ShownPoint]:
     """List the points of an image or a mirror with the values that it has, as far as the asker may read them."""
-    router, now = operator.router("web"), asyncio.get_running_loop().time()
+    readable, now = Readable(operator.router("web"), asker.host, unit.key), asyncio.get_running_loop().time()
     spans = [point.read_span for point in unit.points]
-    may_read = {area: may(router, asker.host, unit.key, READERS[area][0]) for area in {span.area for span in spans}}
     there = kept(operator.gateway, unit.key, spans, now)
     return [
-        _kept(point, each if may_read[point.area] else None) for point, each in zip(unit.points, there, strict=True)
+        _kept(point, each if readable.has(span) else None)
+        for point, span, each in zip(unit.points, spans, there, strict=True)
     ]
 
 

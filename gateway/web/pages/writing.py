@@ -5,7 +5,7 @@ is answered once. All pages are answers to GET, so that reloading one sends noth
 """
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
@@ -13,13 +13,13 @@ from typing import Any, Final
 from aiohttp import web
 
 from gateway.errors import DoesNotFit, ExceptionCode, WrongQuestion
-from gateway.modbus.codes import Area, FunctionCode
+from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint, complaint_of
 from gateway.operator.last_values import forget_values
 from gateway.operator.operator import Operator
-from gateway.operator.reached import may, target
+from gateway.operator.reached import target
 from gateway.operator.requests import Ask, ask_for
 from gateway.operator.status import recent_status
 from gateway.operator.unit_states import rests_ms
@@ -28,9 +28,10 @@ from gateway.operator.units import picture
 from gateway.operator.values import Failure, writing
 from gateway.profiles.point import Point
 from gateway.profiles.profile import width_at
-from gateway.profiles.writing import Write
+from gateway.profiles.writing import Write, writes_of
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import REGISTER, WRITERS, reference
+from gateway.routing.access import right_to
 from gateway.web.access.guard import VISITOR, Need, Visitor
 from gateway.web.api.asking import asker_for, asker_of, unit_in
 from gateway.web.front.problems import Handler, ProblemError
@@ -55,16 +56,16 @@ _Why = Complaint | str | None
 
 @dataclass(frozen=True, slots=True)
 class Writable:
-    """What a visitor may write at a unit, and whether that includes `bits`; `could`: an operator might write there."""
+    """Where a visitor may write at a unit, if `permits` allows the request; `could`: an operator might write there."""
 
     areas: tuple[Area, ...]
     could: bool
-    bits: bool
+    permits: Callable[[bytes], bool]
 
     def takes(self, point: Point) -> bool:
         """Return whether this point can be written."""
-        has_right = point.write_span.area in self.areas and (point.bits is None or self.bits)
-        return point.write != "no" and has_right
+        is_possible = point.write != "no" and point.write_span.area in self.areas
+        return is_possible and any(map(self.permits, writes_of(point)))
 
     def as_content(self) -> dict[str, Any]:
         """Return it for templates."""
@@ -80,18 +81,17 @@ class WriteRights:
 
     def of(self, unit: UnitPicture, visitor: Visitor) -> Writable:
         """Return what this visitor may write."""
-        areas = tuple(
-            area
-            for area, (single, several, _) in WRITERS.items()
-            if any(self._is_allowed(unit, function, visitor) for function in (single, several))
-        )
+        rights, host = self._operator.router("web").rights, visitor.host
+        possible = rights.somewhere(host, unit.key)
+        if unit.functions is not None:
+            possible &= right_to(unit.functions)
+        areas = tuple(area for area, functions in WRITERS.items() if not possible.isdisjoint(right_to(functions[:2])))
         is_operator = visitor.role == "operator"
-        bits = may(self._operator.router("web"), visitor.host, unit.key, FunctionCode.MASK_WRITE_REGISTER)
-        return Writable(areas if self.may_write and is_operator else (), self.may_write and bool(areas), bits)
-
-    def _is_allowed(self, unit: UnitPicture, function: int, visitor: Visitor) -> bool:
-        is_known = unit.functions is None or function in unit.functions
-        return is_known and may(self._operator.router("web"), visitor.host, unit.key, function)
+        return Writable(
+            areas if self.may_write and is_operator else (),
+            self.may_write and bool(areas),
+            lambda pdu: rights.permits(host, unit.key, pdu),
+        )
 
 
 class WritePages:
@@ -136,8 +136,9 @@ class WritePages:
         return see_other(f"{path_of('units', unit)}/writes/{identifier}")
 
     def _require_right(self, unit: UnitPicture, visitor: Visitor, write: Write) -> None:
-        if not may(self._operator.router("web"), visitor.host, unit.key, write.pdu[0]):
-            raise ProblemError(403, f"[[access]] does not let {visitor.client} write {write.span.area}", exception=1)
+        if not self._operator.router("web").rights.permits(visitor.host, unit.key, write.pdu):
+            where = f"{write.span.area} {write.span.addresses}"
+            raise ProblemError(403, f"[[access]] does not let {visitor.client} write {where}", exception=1)
 
     async def show(self, request: web.Request) -> web.Response:
         """Show old and new values with the question, or its result."""

@@ -148,7 +148,9 @@ def test_for_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         "listen": None,
         "units": [41, 42, 43, 46],
         "by_address": False,
+        "addresses": None,
         "may": "read, write",
+        "priority": "normal",
         "source": "gateway.toml:22",
     }
     assert (functions["from"], functions["listen"], functions["may"]) == (None, ["scada"], "functions 3, 16, 43")
