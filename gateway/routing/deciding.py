@@ -52,7 +52,7 @@ class Deciding:
     @property
     def somewhere(self) -> Right:
         """What may be allowed at some address, or without one."""
-        rights = (row.right & _OF_AREA[area] for area in Area for row in self._stretches_of(area)[1] if row is not None)
+        rights = (row.right & OF_AREA[area] for area in Area for row in self._stretches_of(area)[1] if row is not None)
         return (NOTHING if self._last is None else self._last.right).union(*rights)
 
     def ruling(self, pdu: bytes) -> Ruling:
@@ -149,4 +149,5 @@ def _functions_of(area: Area) -> Right:
     return right_to(row.code for row in rows if any(items and items.area == area for items in (row.reads, row.writes)))
 
 
-_OF_AREA: Final = {area: _functions_of(area) for area in Area}
+#: The right to all functions that have addresses of an area.
+OF_AREA: Final = {area: _functions_of(area) for area in Area}

@@ -5,7 +5,7 @@ from typing import Final
 
 from gateway.config.checks.own_listeners import numbers_on
 from gateway.config.checks.units import not_configured, served_units
-from gateway.config.plan.access import networks_of, sites_of
+from gateway.config.plan.access import access_row, networks_of, sites_of
 from gateway.config.plan.names import owners, rows_of
 from gateway.config.plan.reach import client_lines, is_apart, only_part
 from gateway.config.plan.settings import DEFAULT_LISTENER
@@ -18,10 +18,13 @@ from gateway.config.schema.upstream import Upstream
 from gateway.config.values.reserved_names import RESERVED, WITHOUT_ADDRESSES
 from gateway.config.values.site import Site
 from gateway.config.values.unitset import show_units
-from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT, Area
 from gateway.modbus.functions import only_reads
+from gateway.profiles.profile import Range
 from gateway.routing.access import LOOPBACK, Network
+from gateway.routing.deciding import OF_AREA
 
+_AREAS: Final = tuple(map(str, Area))
 _FIRST_RIGHT: Final = (
     'allow = ["read", "write"]. Then add a last row allow = ["read"]: clients that match no row are refused'
 )
@@ -37,6 +40,7 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         yield from _check_reserve(listen, config, failed)
     for row in config.access:
         yield from _check_content(row)
+        yield from _check_addresses(row)
         if not failed & {"listen", "line"}:
             yield from _check_listeners(row, config)
             yield from _check_networks(row, config)
@@ -102,6 +106,19 @@ def _check_content(row: Access) -> Iterator[Problem]:
     for key, value in (("from", row.networks), ("listen", row.listen)):
         if value == ():
             yield error((*row.path, key), "is empty, so the row matches no client", "leave it out to match all clients")
+
+
+def _check_addresses(row: Access) -> Iterator[Problem]:
+    """Find rows for no address, and those that allow no function that has such addresses."""
+    named = _ranges(row)
+    for area, ranges in named.items():
+        if not ranges:
+            remedy = 'write a range such as "0-99", or leave the key out'
+            yield error((*row.path, area), "names no address", remedy)
+    key, right = "allow" if row.allow else "functions", access_row(row).right
+    if named and right and all(right.isdisjoint(OF_AREA[Area(area)]) for area in named):
+        what = f"nothing of this is for {' or '.join(named)}, so the row refuses everything at its addresses"
+        yield warning((*row.path, key), what, "write allow = [] if that is meant")
 
 
 def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
@@ -220,14 +237,30 @@ def _around_first_client(row: Access) -> Iterator[Network | Site]:
 
 
 def _covers(earlier: Access, row: Access, *, by_own_numbers: bool) -> bool:
-    """Tell whether `earlier` matches every client and unit of `row`, which may count units `by_own_numbers`."""
+    """Tell whether `earlier` matches all that `row` does, which may count units `by_own_numbers`."""
     if by_own_numbers and earlier.units != "all" and earlier.listen is None:
         return False
     listeners = earlier.listen is None or (row.listen is not None and set(row.listen) <= set(earlier.listen))
     units = earlier.units == "all" or (row.units != "all" and set(row.units) <= set(earlier.units))
     # without a role and a listener, it does not count for clients with certificates
     roles = earlier.role == row.role or (earlier.role is None and earlier.listen is not None)
-    return roles and listeners and units and _covers_clients(earlier, row)
+    return roles and listeners and units and _covers_addresses(earlier, row) and _covers_clients(earlier, row)
+
+
+def _covers_addresses(earlier: Access, row: Access) -> bool:
+    covering, covered = _ranges(earlier), _ranges(row)
+    if not covering or not covered:
+        return not covering
+    return all(
+        any(first <= start and end <= last for first, last in covering.get(area, ()))
+        for area, ranges in covered.items()
+        for start, end in ranges
+    )
+
+
+def _ranges(row: Access) -> dict[str, tuple[Range, ...]]:
+    """Find the addresses that a row names, by area; nothing if it is for all."""
+    return {area: ranges for area in _AREAS if (ranges := getattr(row, area)) is not None}
 
 
 def _covers_clients(earlier: Access, row: Access) -> bool:

@@ -230,6 +230,73 @@ def test_a_row_that_means_more_than_the_earlier_one_counts(earlier, row):
     assert access(earlier, row, listen=SCADA.replace("0.0.0.0", "[::]") + PANEL) == []
 
 
+# Addresses
+
+
+@pytest.mark.parametrize(
+    ("earlier", "row"),
+    [
+        ('holding = "0-99"\n', 'holding = "10-0x10"\n'),
+        ('holding = "0-99"\nunits = [7, 8]\n', 'holding = ["1", "90-99"]\nunits = 7\n'),
+        ("", 'coils = "0-9"\n'),
+        ('holding = ["0-49", "50-99"]\ncoils = 4\n', 'holding = "40-60"\n'),
+    ],
+)
+def test_a_row_for_addresses_that_an_earlier_one_hides(earlier, row):
+    (said,) = access(earlier, row)
+    assert said.startswith("warning: access[1]: never matches, because the row in gateway.toml:10 ")
+
+
+@pytest.mark.parametrize(
+    ("earlier", "row"),
+    [
+        ('holding = "0-99"\n', ""),
+        ('holding = "0-99"\n', 'holding = "90-100"\n'),
+        ('holding = "0-99"\n', 'coils = "0-9"\n'),
+        ('holding = "0-99"\n', 'holding = "0-9"\ncoils = "0-9"\n'),
+        ('holding = "0-99"\nunits = 7\n', 'holding = "0-9"\n'),
+    ],
+)
+def test_a_row_for_other_addresses_counts(earlier, row):
+    assert access(earlier, row) == []
+
+
+def test_a_row_is_for_some_address():
+    said = 'error: access[0].holding: names no address | write a range such as "0-99", or leave the key out'
+    assert access("holding = 0\n") == [said]
+    assert access("coils = 1\nholding = []\n") == [said]
+
+
+@pytest.mark.parametrize(
+    ("row", "key", "areas"),
+    [
+        ('coils = "0-9"\nfunctions = [3, 43]\n', "functions", "coils"),
+        ('input = "0-9"\ndiscrete = "7"\nallow = ["write"]\n', "allow", "discrete or input"),
+    ],
+)
+def test_a_row_allows_something_that_there_is_at_its_addresses(row, key, areas):
+    what = f"nothing of this is for {areas}, so the row refuses everything at its addresses"
+    last = "[[access]]\n" + READ
+    assert problems(f"{SCADA}[[access]]\n{row}{last}") == [
+        f"warning: access[0].{key}: {what} | write allow = [] if that is meant"
+    ]
+    assert problems(f'{SCADA}[[access]]\ncoils = "0-9"\nallow = []\n{last}') == []
+    assert problems(f'{SCADA}[[access]]\ncoils = "0-9"\nfunctions = [3, 15]\n{last}') == []
+
+
+@pytest.mark.parametrize(
+    ("key", "why"),
+    [
+        ('holding = "9-1"', 'access[0].holding: "9-1" counts backwards | write "1-9"'),
+        ('coils = "65530-65536"', "access[0].coils: address 65536 is above 65535"),
+        ('priority = "low"', 'access[0].priority: must be "normal" or "high"'),
+    ],
+)
+def test_addresses_and_priority_are_written_as_elsewhere(key, why):
+    (said,) = access(key + "\n")
+    assert said.startswith(f"error: {why}")
+
+
 # Places that are kept
 
 NAMED = 'from = ["10.2.0.0/24"]\n'

@@ -28,6 +28,7 @@ points = [
 """
 BROKER = 'broker = "mqtt://broker"\n'
 ROW = 'publish = [{ device = "silo-1", every = "1 s" }]\n'
+NOT_DONE = (("publish", "read"), ("write", "written"))
 OWN_STATUS = "modbus/plant-2/status says whether the gateway is there"
 
 
@@ -286,3 +287,21 @@ def test_under_sparkplug_names_that_differ_by_case_only_are_told():
         f"warning: mqtt.publish: the points of silo-1 weight, Weight {alike}",
         f"warning: mqtt.publish: the points of Silo-1 weight, Weight {alike}",
     ]
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (
+            'holding = "0-99"\nallow = []',
+            ["mqtt.publish: silo-1 may not be read", "mqtt.write: silo-1 may not be written"],
+        ),
+        ('holding = "0-99"\nallow = ["read"]', ["mqtt.write: silo-1 may not be written"]),
+        ('holding = "0-99"\nallow = ["read", "write"]', []),
+        ('holding = "1000-1099"\nallow = []', []),
+        ('coils = "0-99"\nallow = []', []),
+    ],
+)
+def test_rows_for_addresses_count_where_points_are(rows, said):
+    text = "".join(f'[[access]]\nlisten = ["mqtt"]\n{row}\n' for row in (rows, 'allow = ["read", "write"]'))
+    assert of_mqtt(BROKER + ROW + "write = true\n" + text) == [f"error: {each}" for each in said]
