@@ -9,10 +9,16 @@ import pytest
 
 from gateway.cli.show.rights import rights_as_text
 from gateway.config.load import parse
+from gateway.config.plan.access import access_row
 from gateway.config.resolve import resolve
+from gateway.config.schema.access import Access
 from gateway.events import AccessDenied, WriteAudit
+from gateway.modbus.codes import Area
+from gateway.modbus.pdu import Span
 from gateway.request import Caller
-from gateway.routing.access import AS_NUMBERED, EntryPoint
+from gateway.routing.access import AS_NUMBERED, NOTHING, READING, AccessRow, EntryPoint
+from gateway.routing.broadcast import Broadcast, Recipient
+from gateway.routing.deciding import Deciding
 from gateway.routing.rights import Rights
 from gateway.routing.router import CertifiedRouter, Router
 from kit.asker import Asker
@@ -28,6 +34,7 @@ from kit.rights_reference import (
     only_reads,
     read_back,
 )
+from kit.router import router
 
 CONFIG = """
 [[listen]]
@@ -134,3 +141,111 @@ def test_the_comparison_sees_both():
 @pytest.mark.parametrize("seed", range(1000, 1400))
 def test_many_tables_say_what_their_rows_say_address_by_address(seed):
     compared(seed, 5)
+
+
+# What is told of a refusal, and who comes first
+
+
+def rows_of(*rows):
+    return tuple(map(access_row, (Access.model_validate(row) for row in rows)))
+
+
+def asked_of(rows, pdu, *, unit=7, target=NOWHERE):
+    """What a client is answered, and the events."""
+    events, client = [], Asker()
+    made = router({unit: target}, events.append, rows=rows)
+    request = client.ask(pdu, unit=unit)
+    made.submit(request, 0.0)
+    return client.answers, [each for each in events if isinstance(each, AccessDenied)], request
+
+
+KEEP_OUT = ({"holding": "0-99", "allow": ["read"]}, {"allow": ["read", "write"]})
+
+
+@pytest.mark.parametrize(
+    ("pdu", "refused_at"),
+    [
+        ("10 0062 0003 06 000000000000", "holding 98"),
+        ("10 0063 0002 04 00000000", "holding 99"),
+        ("06 0000 0001", "holding 0"),
+        ("10 FFFF 0002 04 00000000", "holding 0"),  # a device may go on at 0
+        ("17 0000 0001 0064 0001 02 0000", "holding 0"),  # 23 writes, so it is refused where it reads, too
+        ("08 0000 1234", ""),
+        ("10 0064 0000 00", ""),
+        ("06 00", ""),
+        ("41 00", ""),
+    ],
+)
+def test_the_first_address_that_is_refused_is_told(pdu, refused_at):
+    answers, denied, _ = asked_of(rows_of(*KEEP_OUT), pdu)
+    assert answers == [f"{int(pdu[:2], 16) | 0x80:02X} 01"]
+    (event,) = denied
+    assert event.refused_at == refused_at
+    assert ("refused_at" in event.fields()) == bool(refused_at)
+    assert event.in_words().endswith(f"unit 7 at {refused_at}" if refused_at else "unit 7")
+
+
+@pytest.mark.parametrize("pdu", ["10 0064 0002 04 00000000", "03 0000 0064", "11", "05 0000 FF00", "06 FFFF 0001"])
+def test_what_touches_no_such_address_passes(pdu):
+    answers, denied, _ = asked_of(rows_of(*KEEP_OUT), pdu)
+    assert (answers, denied) == ([bytes.fromhex(pdu).hex(" ").upper()], [])
+
+
+@pytest.mark.parametrize(
+    ("pdu", "is_urgent"),
+    [
+        ("03 0000 0001", True),
+        ("03 0005 0006", True),
+        ("03 000A 0001", False),
+        ("06 0000 0001", True),
+        ("07", False),
+        ("01 0000 0001", False),
+    ],
+)
+def test_a_row_of_high_priority_makes_the_requests_urgent_that_it_decides(pdu, is_urgent):
+    first = {"holding": "0-9", "allow": ["read", "write"], "priority": "high"}
+    answers, _, request = asked_of(rows_of(first, {"allow": ["read", "write"]}), pdu)
+    assert answers == [bytes.fromhex(pdu).hex(" ").upper()]
+    assert request.caller.is_urgent is is_urgent
+    assert replace(request.caller, is_urgent=False) == request.origin.caller
+
+
+def test_the_copies_of_a_broadcast_are_as_urgent_as_it_is():
+    copies = []
+    device = SimpleNamespace(name="", submit=lambda request, now: copies.append(request))
+    rows = rows_of({"allow": ["read", "write"], "priority": "high"})
+    asked_of(rows, "06 0000 0001", unit=0, target=Broadcast([Recipient(device)]))
+    assert [each.caller.is_urgent for each in copies] == [True]
+
+
+def test_a_broadcast_is_refused_where_one_unit_is():
+    rows = rows_of({"units": 9, "holding": "5", "allow": ["read"]}, {"allow": ["read", "write"]})
+    for pdu, is_refused in (("06 0005 0001", True), ("06 0006 0001", False), ("10 0004 0002 04 00000000", True)):
+        answers, denied, _ = asked_of(rows, pdu, unit=0)
+        assert (len(denied), answers[0][3:] == "01") == (int(is_refused), is_refused), pdu
+        assert not asked_of(rows, pdu)[1]
+
+
+def test_what_a_client_may_do_by_addresses_only_admits_it():
+    rows = rows_of({"from": ["10.2.0.0/24"], "holding": "5", "allow": ["read"]}, {"coils": "0", "functions": [3]})
+    rights = Rights(rows, EntryPoint("scada"))
+    assert [rights.admits(host) for host in ("10.2.0.7", "10.3.0.7")] == [True, False]
+    assert [rights.names(host) for host in ("10.2.0.7", "10.3.0.7")] == [True, False]
+
+
+def test_rows_for_addresses_leave_the_look_up_as_it_is_for_what_they_do_not_change():
+    """So a plain read costs the router no more."""
+    rows = rows_of({"holding": "0-99", "allow": ["read"]}, {"coils": "0", "allow": []}, {"allow": ["read", "write"]})
+    right = Rights(rows, EntryPoint("scada"))["10.2.0.7"][7]
+    assert right & READING == READING - {1}
+    assert right - READING == NOTHING
+
+
+def test_thousands_of_ranges_are_looked_up_and_not_searched():
+    """A read of 2000 coils meets the rows that have some of these, and a request for one register one row."""
+    rows = [AccessRow(READING, addresses=(Span(Area.COILS, 60 * at, 40),)) for at in range(1000)]
+    deciding = Deciding([*rows, AccessRow(NOTHING)])
+    assert len(list(deciding._deciders(Span(Area.COILS, 100, 2000)))) == 67
+    assert len(list(deciding._deciders(Span(Area.COILS, 59, 1)))) == 1
+    assert deciding.ruling(bytes.fromhex("01 0000 0028")).is_allowed
+    assert deciding.ruling(bytes.fromhex("01 0000 07D0")).refused_at == "coils 40"
