@@ -192,3 +192,50 @@ def test_roles_are_shown_and_what_tls_clients_have_without(tmp_path: Path, capsy
     assert rights(tmp_path, capsys, FILE + tls).splitlines()[-1] == (
         "  Through far (TLS) clients only read, from everywhere, as there are no rows."
     )
+
+
+ADDRESSES = """\
+[[access]]
+holding = ["0-0x63", "120"]
+coils   = "7"
+allow   = ["read"]
+
+[[access]]
+from     = ["10.2.0.7"]
+units    = 41
+allow    = ["read", "write"]
+priority = "high"
+
+"""
+
+
+def test_addresses_have_a_column_if_a_row_names_some_and_so_has_priority(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert rights(tmp_path, capsys, FILE + ADDRESSES + ROWS[: ROWS.index("\n\n") + 1]) == dedent(
+        """\
+        Rights: first match wins
+          FROM       THROUGH       UNITS  ADDRESSES                   RIGHTS                  PRIORITY
+          anywhere   any listener  all    coils 7; holding 0-99, 120  read
+          10.2.0.7   any listener  41     all                         read, write             high
+          10.2.0.66  any listener  all    all                         nothing
+          all else                                                    nothing
+          the line   panel         41     all                         read, write, broadcast
+          At each address of a request the first row that has it counts, and each of these rows must allow the function.
+          What may write and tells no addresses is also refused by an earlier row for addresses that does not allow it.
+          Through field (UDP) clients only read, as no row names it."""
+    )
+
+
+def test_addresses_and_priority_for_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(FILE + ADDRESSES)
+    main(["check", "--json", str(file)])
+    by_address, other = json.loads(capsys.readouterr().out)["rights"]
+    assert by_address["addresses"] == {"coils": [[7, 7]], "holding": [[0, 99], [120, 120]]}
+    assert (by_address["priority"], other["addresses"], other["priority"]) == ("normal", None, "high")
+
+
+def test_a_row_for_addresses_leaves_others_to_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = rights(tmp_path, capsys, FILE + '[[access]]\nholding = "0-99"\nallow = ["read"]\n')
+    assert [line.split() for line in said.splitlines() if "all else" in line] == [["all", "else", "nothing"]]
