@@ -6,7 +6,7 @@ from gateway.errors import DoesNotFit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
-from gateway.profiles.writing import Write, request_to_write, to_be_writable, written
+from gateway.profiles.writing import Write, request_to_write, to_be_writable, writes_of, written
 
 MASKING = frozenset({3, 6, 16, 22})
 
@@ -121,3 +121,16 @@ def test_values_that_lie_side_by_side_are_one_request():
 def test_what_one_request_cannot_write_is_refused(points, limits, complaint):
     with pytest.raises(DoesNotFit, match=complaint):
         request(*((each, "1") for each in points), limits=limits)
+
+
+@pytest.mark.parametrize(
+    ("at", "pdus"),
+    [
+        (point(), ["06 0008 0000", "10 0008 0001 02 0000"]),
+        (point(type="uint32", count=2, write_at=0x20), 2 * ["10 0020 0002 04 00000000"]),
+        (point(area=Area.COILS), ["05 0008 0000", "0F 0008 0001 01 00"]),
+        (point(bits=(3, 3)), ["16 0008 FFFF 0000"]),
+    ],
+)
+def test_the_requests_that_would_write_a_point(at, pdus):
+    assert writes_of(at) == [bytes.fromhex(each) for each in pdus]

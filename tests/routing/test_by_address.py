@@ -16,6 +16,7 @@ from gateway.events import AccessDenied, WriteAudit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.request import Caller
+from gateway.routing import access
 from gateway.routing.access import AS_NUMBERED, NOTHING, READING, AccessRow, EntryPoint
 from gateway.routing.broadcast import Broadcast, Recipient
 from gateway.routing.deciding import Deciding
@@ -123,6 +124,8 @@ def compared(seed, requests_of_each):
             ), what
             if listener != "field" or is_unnamed:
                 assert decide(said, listener, host, role, unit, pdu, known_as) == expected, what
+            rights = router.rights if role is None else router.rights.of_role(role)
+            assert rights.permits(host, unit, pdu) == expected, what
             told[expected] += 1
     return told
 
@@ -249,3 +252,16 @@ def test_thousands_of_ranges_are_looked_up_and_not_searched():
     assert len(list(deciding._deciders(Span(Area.COILS, 59, 1)))) == 1
     assert deciding.ruling(bytes.fromhex("01 0000 0028")).is_allowed
     assert deciding.ruling(bytes.fromhex("01 0000 07D0")).refused_at == "coils 40"
+
+
+def test_what_is_allowed_at_every_address_at_some_and_by_which_rows():
+    rows = rows_of({"units": 7, "holding": "0-99", "allow": ["read"]}, {"input": "5", "allow": []}, KEEP_OUT[1])
+    rights = Rights(rows, EntryPoint("scada"))
+    assert rights.everywhere("10.2.0.7", 7) == READING - {4}
+    assert rights.somewhere("10.2.0.7", 7) == access.EVERYTHING
+    assert rights.rows_for("10.2.0.7", 7) == rows
+    assert rights.rows_for("10.2.0.7", 8) == rows[1:]
+    assert not rights.reads_all("10.2.0.7")
+    assert Rights((rows[0], rows[2]), EntryPoint("scada")).reads_all("10.2.0.7")
+    alone = Rights(rows[:1], EntryPoint("scada"))
+    assert (alone.everywhere("10.2.0.7", 7), alone.somewhere("10.2.0.7", 7)) == (NOTHING, frozenset({3}))
