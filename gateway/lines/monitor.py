@@ -25,7 +25,7 @@ from gateway.lines.telling import Telling
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, WITHOUT_EFFECT
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import BROADCAST_FUNCTIONS, request_size, response_size
-from gateway.modbus.pdu import RequestPdu, can_be_read_both_ways, parse_sent
+from gateway.modbus.pdu import RequestPdu, parse_sent
 from gateway.modbus.scan import Token
 from gateway.timing.usage import Usage
 from gateway.trace.records import Sent
@@ -177,7 +177,7 @@ class Monitor:
         pdu = frame.pdu
         key = frame.unit, pdu[0] & ~EXCEPTION_BIT
         fits = self._requests.fitting(key, pdu)
-        is_twofold = can_be_read_both_ways(pdu)
+        is_twofold = self._parts.is_twofold(frame)
         self.counts.both_ways += is_twofold
         asked = None if fits else _request_in(pdu)
         if self._stretch is not None:

@@ -9,11 +9,13 @@ from binascii import Error as NotHexadecimal
 from binascii import unhexlify
 from typing import Final
 
+from gateway.errors import RequestError
 from gateway.modbus.ascii import END, START, plain
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_ASCII_ADU, MAX_PDU, MAX_RTU_ADU
 from gateway.modbus.frame import Frame
 from gateway.modbus.functions import request_size, response_size
-from gateway.modbus.rtu import OVERHEAD, SHORTEST, crc_fits
+from gateway.modbus.pdu import can_be_read_both_ways, parse_sent
+from gateway.modbus.rtu import OVERHEAD, SHORTEST, crc_fits, encode
 from gateway.modbus.scan import Expected, Scanner, Token
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import HOLE, RtuScanner
@@ -66,6 +68,9 @@ class Succession:
         #: The place behind the last part; the bytes that follow it, or the last ones of them.
         self._place = 0
         self._text = b""
+        #: The place behind the last damaged byte; the unit that was asked last, until it answers.
+        self._damaged_to = 0
+        self._asked_unit: int | None = None
         #: Frames in these bytes that are not taken yet.
         self._found: list[Token] = []
         #: When the last byte was read, and whether the silence behind it was noticed.
@@ -87,6 +92,19 @@ class Succession:
             for at in range(0, len(data), MAX_RTU_ADU):
                 self._take(data[at : at + MAX_RTU_ADU], now, parts)
         return parts
+
+    def is_twofold(self, frame: Frame) -> bool:
+        """Tell whether a frame may be a request or a response, perhaps with or without a NUL behind it."""
+        pdu = frame.pdu
+        if can_be_read_both_ways(pdu):
+            return True
+        if self._is_ascii or request_size(pdu) != len(pdu) + 1:
+            return False
+        try:
+            parse_sent(encode(frame.unit, pdu)[1:-1])
+        except RequestError:
+            return False
+        return True
 
     def is_damaged_answer(self, stretch: Stretch, asked: Expected) -> bool:
         """Tell whether a stretch behind a request looks like its answer with a wrong check sum, and like no request."""
@@ -123,19 +141,61 @@ class Succession:
 
     def _take(self, data: bytes, now: float, parts: list[Part], *, damaged: bool = False) -> None:
         """Add what is complete with these bytes to `parts`."""
+        scanner = self._scanner
         self._text = self._text + data if self._text else data
-        tokens = self._scanner.received(data, now, damaged=damaged)
+        if damaged:
+            self._damaged_to = scanner.position + len(data)
+        if isinstance(scanner, RtuScanner) and not damaged:
+            begun = self._take_whole(parts, scanner.position + len(data), now)
+            if begun <= len(data):
+                scanner.skip(len(data) - begun, now)
+                data = self._text
+                if not data:
+                    return
+        tokens = scanner.received(data, now, damaged=damaged)
         self._found += [each for each in tokens if each.start >= self._place and not each.is_damaged]
         while (token := self._next()) is not None:
             self._add(token, parts)
         if len(self._text) > self._kept:
             self._text = self._text[-self._kept :]
 
+    def _take_whole(self, parts: list[Part], end: int, now: float) -> int:
+        """Take whole frames off the beginning; return how many bytes are left of those before the place `end`.
+
+        This is the usual case, and much faster than a scanner, which looks for frames at any place. NUL bytes behind a
+        frame do not change its CRC: so a frame is read as an answer first if its unit was asked, else as a request.
+        """
+        text = self._text
+        if len(text) != end - self._place or self._place < self._damaged_to:
+            return len(text)
+        while text:
+            pdu = text[1 : MAX_PDU + 1]
+            sizes = request_size(pdu), response_size(pdu)
+            for known in sizes if text[0] != self._asked_unit else reversed(sizes):
+                size = known + OVERHEAD
+                if SHORTEST <= size <= min(len(text), MAX_RTU_ADU) and crc_fits(text[:size]):
+                    break
+            else:
+                break
+            start, self._place = self._place, self._place + size
+            self._found = []
+            self._append(Token(start, self._place, now, Frame(text[0], text[1 : size - 2])), parts)
+            text = text[size:]
+        self._text = text
+        return len(text)
+
+    def _append(self, token: Token, parts: list[Part]) -> None:
+        """Append a frame to `parts`, and note whether an answer is next."""
+        parts.append(token)
+        unit, pdu = token.frame.unit, token.frame.pdu
+        is_request = request_size(pdu) == len(pdu) and not (unit == self._asked_unit and response_size(pdu) == len(pdu))
+        self._asked_unit = unit if is_request else None
+
     def _add(self, token: Token, parts: list[Part]) -> None:
         """Add a frame to `parts`, and what lies before it."""
         if token.start > self._place:
             parts.append(self._cut(token.start, token.at))
-        parts.append(token)
+        self._append(token, parts)
         self._go_to(token.end)
 
     def _next(self) -> Token | None:

@@ -109,6 +109,12 @@ class RtuScanner(Scanner):
                 self._sent_at, self._expected.since = self.position, NEVER  # that echo was not ours either
         return tokens
 
+    def skip(self, size: int, now: float) -> None:
+        """Pass over bytes that, with all before them, are known to be whole frames."""
+        self._last = now
+        self.position += size
+        self._restart()
+
     @property
     def missing(self) -> int:
         """The least number of bytes that the response still needs; 0 if it has not begun."""

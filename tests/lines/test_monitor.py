@@ -244,6 +244,10 @@ def test_damaged_bytes_put_everything_in_doubt(bench: MonitorBench) -> None:
     assert not is_believed(bench)
     bench.passes(CLEAR)
     assert is_believed(bench)
+    bench.receives(bench.frame(4, READ), damaged=True)
+    bench.receives(b"\x01")
+    bench.passes(CLEAR)
+    assert bench.take() == []
 
 
 def test_bytes_between_request_and_answer_make_it_unsure(bench: MonitorBench) -> None:
@@ -271,6 +275,33 @@ def test_a_frame_that_can_be_read_both_ways_is_no_value_but_is_recorded(bench: M
     assert is_believed(bench)
     exchange(bench, 4, BOTH_WAYS, "01 03 01 02 03")
     assert bench.take() == [(4, BOTH_WAYS, "01 03 01 02 03", False)]
+
+
+def test_a_request_that_ends_with_nul_is_no_response_without_it() -> None:
+    bench = MonitorBench()
+    frames = (bench.frame(unit, f"03 02 {at:02X} 00 03") for unit in range(4, 40) for at in range(256))
+    request = next(each for each in frames if each[-1] == 0)
+    unit = request[0]
+    for delay in (0.0, 0.01):
+        bench.hears(unit, "03 00 10 00 01")
+        bench.passes(1.0)
+        bench.receives(request[:7])
+        bench.passes(delay)
+        bench.receives(request[7:])
+        bench.passes(0.01)
+        bench.hears(unit, "03 02 AB CD")
+        assert not any(each.is_sure for each in bench.heard)
+        bench.passes(CLEAR)
+    bench.take()
+    bench.receives(request)
+    bench.hears(unit, "03 06 11 22 33 44 55 66")
+    assert [(answer, is_sure) for _, _, answer, is_sure in bench.take()] == [("03 06 11 22 33 44 55 66", True)]
+
+
+def test_nul_behind_a_response_does_not_make_it_a_request() -> None:
+    bench = MonitorBench()
+    bench.receives(bench.frame(3, "03 00 10 00 01") + bench.frame(3, "03 02 AB CD") + bench.frame(0, "06 00 10 12 34"))
+    assert bench.take() == [(3, "03 00 10 00 01", "03 02 AB CD", True), (0, "06 00 10 12 34", None, False)]
 
 
 def test_a_frame_inside_the_data_of_another_is_none() -> None:
