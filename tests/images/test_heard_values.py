@@ -1,7 +1,5 @@
 """What is heard of a device that only others ask, for a mirror and for a virtual unit. Time is a number."""
 
-from types import SimpleNamespace
-
 import pytest
 
 from gateway.images.heard_values import HeardValues
@@ -258,6 +256,5 @@ def test_who_comes_later_waits_for_the_next_answer_and_who_goes_gets_none(bench)
 
 def test_an_answer_of_another_size_is_no_value(bench):
     client = bench.mirror((0, 9))
-    odd = SimpleNamespace(read=Span(Area.HOLDING, 0, 4), write=None, only_reads=True)
-    bench.values.heard(HeardTransaction(3, odd, Frame(3, bytes.fromhex("03 02 0001")), 1.0, 1.0, is_sure=True), 1.0)
+    bench.hears("03 0000 0004", "03 02 0001", 1.0)
     assert client.asks("03 0000 0001", 1.1) == "83 0B"

@@ -81,7 +81,7 @@ class DatedWorld:
     def _check_shown(self) -> None:
         """Compare what is shown as values, and not said to be outdated, with what the devices held."""
         for device, real in self.shown():
-            written = [each.written_at for each in self.units().values() if each.device is real]
+            written = self._written(real)
             for read in () if device.last_reads is None else device.last_reads.of(device.unit):
                 if read.outdated:
                     continue
@@ -91,6 +91,10 @@ class DatedWorld:
                     what = f"{read.span.area} {read.span.start} of {device.name}: {read.response.hex(' ')}: {trouble}"
                     story = () if real is None else self.passed.get(real.number, ())
                     self.tally.complain("\n    ".join((f"at {self.loop.time():.6f} s shown as {what}", *story)))
+
+    def _written(self, device: DatedDevice | None) -> list[Sequence[float]]:
+        """When the cells of a device were written as clients know, for each unit that leads to it."""
+        return [each.written_at for each in self.units().values() if each.device is device]
 
     async def run(self, events: list[Event], *beside: Coroutine[Any, Any, None]) -> Tally:
         """Run until it is over; all that is `beside` ends by itself then. What came of it."""

@@ -22,7 +22,7 @@ if __name__ == "__main__":
 
 from kit.virtual_time import VirtualTimeLoop
 from soak.tally import Tally
-from soak.worlds import bits, lines, maps, mirrors, moving, over_tcp, reloads, upstreams, writers
+from soak.worlds import bits, lines, maps, mirrors, monitors, moving, over_tcp, reloads, upstreams, writers
 
 #: Plays one run of so many transactions, this share of them with a fault, from a seed; in virtual time.
 World = Callable[[int, float, int], Awaitable[Tally]]
@@ -31,6 +31,7 @@ WORLDS: Final[dict[str, World]] = {
     "lines": lines.play,
     "maps": maps.play,
     "mirrors": mirrors.play,
+    "monitors": monitors.play,
     "moving": moving.play,
     "over_tcp": over_tcp.play,
     "reloads": reloads.play,
