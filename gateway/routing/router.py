@@ -92,7 +92,8 @@ class Router:
         self.counts.denied += 1
         who = caller.client, request.unit, function, caller.subject, caller.role
         self._emit(events.AccessDenied(self.entry.name, *who, device, refused_at))
-        denial = errors.AccessDenied(f"through {self.entry.name}")
+        where = f", at {refused_at}" if refused_at else ""
+        denial = errors.AccessDenied(f"through {self.entry.name}{where}")
         self._ring.refuse(request, denial, now, name=target.name)
         request.fail(denial)
 

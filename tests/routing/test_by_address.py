@@ -180,8 +180,9 @@ KEEP_OUT = ({"holding": "0-99", "allow": ["read"]}, {"allow": ["read", "write"]}
     ],
 )
 def test_the_first_address_that_is_refused_is_told(pdu, refused_at):
-    answers, denied, _ = asked_of(rows_of(*KEEP_OUT), pdu)
+    answers, denied, request = asked_of(rows_of(*KEEP_OUT), pdu)
     assert answers == [f"{int(pdu[:2], 16) | 0x80:02X} 01"]
+    assert str(request.error) == ("through scada" + (f", at {refused_at}" if refused_at else ""))
     (event,) = denied
     assert event.refused_at == refused_at
     assert ("refused_at" in event.fields()) == bool(refused_at)
