@@ -109,12 +109,8 @@ def _check_content(row: Access) -> Iterator[Problem]:
 
 
 def _check_addresses(row: Access) -> Iterator[Problem]:
-    """Find rows for no address, and those that allow no function that has such addresses."""
+    """Find rows for addresses that allow no function that has such addresses."""
     named = _ranges(row)
-    for area, ranges in named.items():
-        if not ranges:
-            remedy = 'write a range such as "0-99", or leave the key out'
-            yield error((*row.path, area), "names no address", remedy)
     key, right = "allow" if row.allow else "functions", access_row(row).right
     if named and right and all(right.isdisjoint(OF_AREA[Area(area)]) for area in named):
         what = f"nothing of this is for {' or '.join(named)}, so the row refuses everything at its addresses"

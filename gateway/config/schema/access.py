@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from gateway.config.schema.table import FunctionNumber, Table
-from gateway.config.values.key_types import ListOf, Name, NetworksOrSites, Ranges, Role, UnitsOrAll
+from gateway.config.values.key_types import ListOf, Name, NetworksOrSites, RangesOfRow, Role, UnitsOrAll
 
 
 class Access(Table):
@@ -42,7 +42,7 @@ class Access(Table):
     functions: Annotated[tuple[FunctionNumber, ...], ListOf] | None = Field(
         None, description="Functions that are allowed, and no others."
     )
-    holding: Ranges | None = Field(
+    holding: RangesOfRow | None = Field(
         None,
         description="Holding registers that the row is for. A row with this key or one of the next three is for these "
         "addresses only. Each address of a request counts by itself: for each the first matching row decides, and each "
@@ -50,9 +50,9 @@ class Access(Table):
         "unknown functions) is also refused by earlier rows for addresses that do not allow it. Reads without such "
         "addresses (7, 11, 12, 17, 20, 24, 43/14) pass by rows for addresses.",
     )
-    input: Ranges | None = Field(None, description="Input registers that the row is for.")
-    coils: Ranges | None = Field(None, description="Coils that the row is for.")
-    discrete: Ranges | None = Field(None, description="Discrete inputs that the row is for.")
+    input: RangesOfRow | None = Field(None, description="Input registers that the row is for.")
+    coils: RangesOfRow | None = Field(None, description="Coils that the row is for.")
+    discrete: RangesOfRow | None = Field(None, description="Discrete inputs that the row is for.")
     priority: Literal["normal", "high"] = Field(
         "normal",
         description="`high`: requests that the row allows take their turns first, at most once in a round of the "

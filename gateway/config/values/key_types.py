@@ -43,7 +43,7 @@ from gateway.config.values.point_keys import (
 )
 from gateway.config.values.port import parse_port
 from gateway.config.values.profile_keys import parse_identity, parse_wide
-from gateway.config.values.ranges import parse_ranges
+from gateway.config.values.ranges import parse_addresses, parse_ranges
 from gateway.config.values.site import Site, parse_lease_name, parse_other_servers, parse_site
 from gateway.config.values.size import parse_size_or_zero, show_size
 from gateway.config.values.unitset import (
@@ -77,6 +77,8 @@ def _is_off(value: object) -> str:
 _TIME = text(r"0|[0-9]+(\.[0-9]+)?\s*(ms|s|min|h|days?)")
 _RANGE = any_of(NUMBER, text(r"[0-9]+(\s*-\s*[0-9]+)?"))
 _RANGES = any_of(_RANGE, list_of(_RANGE))
+_RANGE_IN_TEXT = text(r"[0-9A-Fa-fxX]+(\s*-\s*[0-9A-Fa-fxX]+)?")
+_RANGES_IN_TEXT = any_of(_RANGE_IN_TEXT, list_of(_RANGE_IN_TEXT))
 _ADDRESS = text(".+://.+")
 _SECRETS = tuple({"type": "object", "required": [key], "properties": {key: WORD}} for key in ("file", "credential"))
 
@@ -150,6 +152,11 @@ UnitsOrAll = Annotated[
     Kind('units or `"all"`', any_of(one_of("all"), _RANGES), '"{}"'.format),
 ]
 Ranges = Annotated[tuple[Range, ...], PlainValidator(parse_ranges), Kind("addresses", _RANGES)]
+RangesOfRow = Annotated[
+    tuple[Range, ...],
+    PlainValidator(parse_addresses),
+    Kind("addresses", _RANGES_IN_TEXT),
+]
 Item = Annotated[int, PlainValidator(parse_item), Kind("value", any_of(NUMBER, TRUTH))]
 Limits = Annotated[dict[int, int], PlainValidator(parse_limits), Kind("table such as `{ 3 = 99 }`", map_to(NUMBER))]
 PointName = Annotated[str, PlainValidator(parse_point_name), Kind("text", WORD)]

@@ -25,6 +25,20 @@ def parse_ranges(value: object) -> tuple[Range, ...]:
     return join_ranges([_parse_range(part) for part in (value if isinstance(value, list) else [value])])
 
 
+def parse_addresses(value: object) -> tuple[Range, ...]:
+    """Parse ranges of addresses as `parse_ranges` does, but no count: where others write a unit it reads as an address.
+
+    Raises:
+        WrongValue: `value` names no address, leaves the addresses 0-65535, or could mean a count or an address.
+    """
+    if isinstance(value, int) and not isinstance(value, bool) and 0 < value <= MOST_ITEMS:
+        raise WrongValue("could be a count or an address", f'write "0-{value - 1}", or "{value}" for one address')
+    ranges = parse_ranges(value)
+    if not ranges:
+        raise WrongValue("names no address", 'write a range such as "0-99", or leave the key out')
+    return ranges
+
+
 def show_ranges(ranges: tuple[Range, ...]) -> str:
     """Show ranges as text: `0-9, 20-29`, or `none`."""
     return ", ".join(f"{first}-{last}" for first, last in ranges) or "none"

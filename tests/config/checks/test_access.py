@@ -239,7 +239,7 @@ def test_a_row_that_means_more_than_the_earlier_one_counts(earlier, row):
         ('holding = "0-99"\n', 'holding = "10-0x10"\n'),
         ('holding = "0-99"\nunits = [7, 8]\n', 'holding = ["1", "90-99"]\nunits = 7\n'),
         ("", 'coils = "0-9"\n'),
-        ('holding = ["0-49", "50-99"]\ncoils = 4\n', 'holding = "40-60"\n'),
+        ('holding = ["0-49", "50-99"]\ncoils = "4"\n', 'holding = "40-60"\n'),
     ],
 )
 def test_a_row_for_addresses_that_an_earlier_one_hides(earlier, row):
@@ -264,7 +264,14 @@ def test_a_row_for_other_addresses_counts(earlier, row):
 def test_a_row_is_for_some_address():
     said = 'error: access[0].holding: names no address | write a range such as "0-99", or leave the key out'
     assert access("holding = 0\n") == [said]
-    assert access("coils = 1\nholding = []\n") == [said]
+    assert access('coils = "1"\nholding = []\n') == [said]
+
+
+def test_a_number_alone_could_be_a_count_or_an_address():
+    """It is a count elsewhere, and `units = 40` is a unit: to guess wrong gives rights away."""
+    assert access("holding = 40\n") == [
+        'error: access[0].holding: could be a count or an address | write "0-39", or "40" for one address'
+    ]
 
 
 @pytest.mark.parametrize(
