@@ -72,6 +72,13 @@ devices = [{ unit = 1, as = 41, name = "silo-1", points = [{ name = "weight", ho
 broker = "mqtt://127.0.0.1"
 publish = [{ device = "silo-1", points = ["weight"], every = "1 s" }]
 """
+MONITOR = """
+[[line]]
+name = "bus"
+port = "/dev/bus"
+role = "monitor"
+devices = [{ unit = 3, as = 63, name = "boiler" }]
+"""
 MES, WALL = new_token(), new_token()
 READ, WRITE = "03 00 03 00 01", "06 00 03 00 05"
 #: What says in a cell that somebody may do nothing.
@@ -173,6 +180,24 @@ def _value(router: Router, unit: int) -> int:
     return int(asker.answers[0].replace(" ", "")[-4:], 16)
 
 
+async def test_on_a_monitor_line_nobody_may_anything(tmp_path):
+    row = the("what is on the bus of a line")
+    assert told(row) == May(False, False)
+    async with web_bench(CONFIG + MONITOR, tmp_path) as bench:
+        running = bench.running
+        (monitor,) = running.gateway.monitors
+        assert monitor.plan.port.listens
+        assert not hasattr(monitor, "router")
+        for router in (router_of(running, "broadcasting"), running.routers.control, running.routers.web):
+            for pdu in (READ, WRITE):
+                asker = Asker(host=HERE)
+                router.submit(Request(63, bytes.fromhex(pdu), asker, 0.0), 0.0)
+                assert asker.answers == [f"{0x80 | int(pdu[:2], 16):02X} 0A"]
+            asked(router, 0, WRITE, HERE)
+        await asyncio.sleep(10)
+        assert bench.inner.lines["bus"].written == b""
+
+
 async def test_the_control_socket_and_other_sites_may_what_the_table_says(tmp_path):
     async with web_bench(CONFIG, tmp_path) as bench:
         asker = OperatorAsker(Caller.without_address("control"), lambda: True)
@@ -241,9 +266,10 @@ def test_each_row_of_the_table_has_a_test():
         *("client on this machine", "the same from another machine", "Modbus UDP", "`tls://`", "client on the cable"),
         *("control socket", "page or API, no login, from this machine", "page or API, no login, from elsewhere"),
         *("viewer", "operator", "program with the `token`", "user whom a `proxy` names", "MQTT broker", "other sites"),
+        "what is on the bus of a line",
     }
-    #: A server line with another port, and one whose port cannot send: tests/config, tests/system.
-    elsewhere = {"program at a virtual serial port", "what is on the bus of a line"}
+    #: A server line with another port.
+    elsewhere = {"program at a virtual serial port"}
     known = tested | elsewhere
     assert [row.who for row in rows() if not row.who.startswith(tuple(known))] == []
     assert {begin for begin in known if any(row.who.startswith(begin) for row in rows())} == known
