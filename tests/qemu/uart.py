@@ -11,7 +11,9 @@ time. Status 0 if all went well.
 
 import sys
 import tempfile
+import threading
 import time
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from socket import socket
@@ -36,6 +38,39 @@ def send_a_break(line: socket) -> None:
         time.sleep(0.5)  # its 8250 has one flag for all characters that it holds
 
 
+class Bus:
+    """Two others on a bus who talk while they are told to; the machine should only hear them."""
+
+    def __init__(self, line: socket) -> None:
+        self._line = line
+        self._may_talk = threading.Event()
+        threading.Thread(target=self._talk, daemon=True).start()
+
+    def tell(self) -> None:
+        """Say how many bytes the machine has sent until now."""
+        self._line.setblocking(False)
+        sent = 0
+        with suppress(BlockingIOError):
+            while data := self._line.recv(4096):
+                sent += len(data)
+        self._line.setblocking(True)
+        print(f"{'ok' if sent == 0 else 'FAILED'}: bytes that a port that listens has sent: {sent}", flush=True)
+
+    def talk(self) -> None:
+        """Begin to talk."""
+        self._may_talk.set()
+
+    def be_silent(self) -> None:
+        """Be silent."""
+        self._may_talk.clear()
+
+    def _talk(self) -> None:
+        while True:
+            self._may_talk.wait()
+            self._line.sendall(b"ask\n")
+            time.sleep(4 * 10 / 19200)
+
+
 def main() -> int:
     """Boot the machine; status 0 if all went well."""
     kind = sys.argv[1]
@@ -47,7 +82,14 @@ def main() -> int:
         folder = Path(name)
         initrd = pack(debian, INIT.format(port=port, kind=kind), files, folder)
         with Booted(machine, debian, initrd, folder, *words, mux=",mux=on") as booted:
-            return 0 if booted.watch({"send a break": partial(send_a_break, booted.line)}) else 1
+            bus = Bus(booted.line)
+            wishes = {
+                "talk": bus.talk,
+                "be silent": bus.be_silent,
+                "nothing was sent": bus.tell,
+                "send a break": partial(send_a_break, booted.line),
+            }
+            return 0 if booted.watch(wishes) else 1
 
 
 if __name__ == "__main__":

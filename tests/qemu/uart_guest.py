@@ -12,11 +12,12 @@ from serial.serialposix import SER_RS485_ENABLED, SER_RS485_RTS_ON_SEND, TIOCGRS
 
 from gateway.errors import PortError
 from gateway.hardware.ioctls import FORMAT_FLAGS, encode_format
-from gateway.ports.opener import open_serial
+from gateway.ports.opener import make_opener
 from gateway.ports.port import SerialSettings
 from gateway.timing.characters import CharacterFormat
 
 PARITY = termios.INPCK | termios.IGNPAR | termios.PARMRK | termios.BRKINT
+ROUNDS_OF_LISTENING = 10
 SPD_VHI, SPD_MASK = 0x20, 0x1030
 
 
@@ -40,12 +41,12 @@ def check(what, seen, expected):
 class Held:
     """The port as the gateway holds it, and a descriptor beside it, as `stty -F` has one."""
 
-    def __init__(self, port, format_="8E1", baud=19200, rs485="adapter"):
-        self.settings = SerialSettings(port, baud, CharacterFormat.parse(format_), rs485)
+    def __init__(self, port, format_="8E1", baud=19200, rs485="adapter", *, listens=False):
+        self.settings = SerialSettings(port, baud, CharacterFormat.parse(format_), rs485, listens=listens)
         self.user = User()
 
     async def __aenter__(self):
-        self.port = await open_serial(self.settings, self.user)
+        self.port = await make_opener(self.settings)(self.user)
         return self
 
     async def __aexit__(self, *_):
@@ -127,12 +128,66 @@ async def check_rs485(port, beside):
     async with Held(port):
         check("RS-485, adapter", rs485(beside) & SER_RS485_ENABLED, 0)
     check("RS-485 after adapter", rs485(beside), found)
+    async with Held(port, listens=True):
+        check("RS-485, listening, found on", rs485(beside), found)
     async with Held(port, rs485="kernel"):
         check("RS-485, kernel, found on", rs485(beside) & on, on)
     check("RS-485 after kernel, found on", rs485(beside), found)
 
 
+def modem_lines(descriptor):
+    state = struct.unpack("=I", fcntl.ioctl(descriptor, termios.TIOCMGET, bytes(4)))[0]
+    return state & (termios.TIOCM_RTS | termios.TIOCM_DTR)
+
+
+def set_echo(port):
+    """Leave the terminal as one is that nobody has set: it sends what it receives."""
+    descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    attributes = termios.tcgetattr(descriptor)
+    attributes[3] |= termios.ECHO | termios.ICANON
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    os.close(descriptor)
+
+
+async def ask(wish):
+    """Have the host do something, and give it time for that."""
+    print(wish, flush=True)
+    await asyncio.sleep(0.3)
+
+
+async def listen_to_talk(port, *, from_before):
+    """Open the port to listen, before others talk or while they do; they are silent and heard to the end after it."""
+    if from_before:
+        await ask("talk")
+    async with Held(port, "8N1", listens=True) as held:
+        if not from_before:
+            await ask("talk")
+        await ask("be silent")
+        check("whether talk is heard", bool(held.user.heard), True)
+
+
+async def check_listening(port):
+    """Whatever is sent meanwhile is heard by the host."""
+    set_echo(port)
+    await listen_to_talk(port, from_before=False)
+    for _ in range(ROUNDS_OF_LISTENING):
+        await listen_to_talk(port, from_before=True)
+    await ask("nothing was sent")
+    beside = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    check("lines of a port that may send", modem_lines(beside), termios.TIOCM_RTS | termios.TIOCM_DTR)
+    async with Held(port, listens=True):
+        check("lines of a port that listens", modem_lines(beside), 0)
+    attributes = termios.tcgetattr(beside)
+    attributes[4] = attributes[5] = termios.B0
+    termios.tcsetattr(beside, termios.TCSANOW, attributes)
+    async with Held(port, listens=True):
+        check("lines of a port that listens and had no rate before", modem_lines(beside), 0)
+    os.close(beside)
+
+
 async def main(port, kind):
+    print("booted", flush=True)  # in one line with what the machine said before
+    await check_listening(port)
     beside = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     await check_parity(port, beside)
     await check_break(port)
