@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Mapping
 
+from gateway.config.plan.forecast import heard_window
 from gateway.config.plan.settings import MonitorPlan
 from gateway.devices.heard import HeardDevice
 from gateway.events import Emit
@@ -16,9 +17,6 @@ from gateway.ports.reconnector import Reconnector
 from gateway.runtime.port_records import kept_in
 from gateway.timing.budget import Budget
 from gateway.trace.ring import Ring
-
-#: The late window of a request to a device without a timing table, in seconds.
-USUAL_WINDOW = 5.0
 
 
 class GatewayMonitor:
@@ -78,11 +76,6 @@ class GatewayMonitor:
                 device.heard(transaction, now)
 
     def _window(self, unit: int, asked: RequestPdu) -> float:
-        """Return for how many seconds an answer may come: the slowest of the device, at least twice its limit."""
+        """Return for how many seconds an answer may come."""
         device = self._by_address.get(unit)
-        if self.plan.line.late_window is not None:
-            return self.plan.line.late_window
-        if device is None or not device.settings.profile.timing.rows:
-            return USUAL_WINDOW
-        answer_time = device.answer_time
-        return max(answer_time.slowest, 2 * self.budget.limit(asked, answer_time))
+        return heard_window(self.plan, None if device is None else device.settings, asked)

@@ -9,6 +9,7 @@ from gateway.cli.kit.columns import align
 from gateway.cli.show.images import images_as_json, images_as_text, mirrors_as_json
 from gateway.cli.show.lines import line_as_json, line_as_text
 from gateway.cli.show.listeners import listeners_as_json, listeners_as_text
+from gateway.cli.show.monitors import monitor_as_json, monitor_as_text
 from gateway.cli.show.published import published_as_json, published_as_text
 from gateway.cli.show.rights import rights_as_json, rights_as_text
 from gateway.cli.show.servers import server_as_json, server_as_text, upstream_as_json, upstream_as_text
@@ -44,6 +45,7 @@ def check_as_text(loaded: Loaded, plan: Plan | None, in_words: Callable[[Problem
     parts += [upstream_as_text(upstream, plan) for upstream in plan.upstreams]
     parts += sites_as_text(plan)
     parts += [server_as_text(server, plan) for server in plan.servers]
+    parts += [monitor_as_text(monitor, plan) for monitor in plan.monitors]
     parts += images_as_text(plan)
     parts += virtual_as_text(plan)
     parts += published_as_text(plan)
@@ -123,6 +125,7 @@ def check_as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
         picture["upstreams"] = [upstream_as_json(upstream, plan) for upstream in plan.upstreams]
         picture["other_sites"] = sites_as_json(plan)
         picture["servers"] = [server_as_json(server, plan) for server in plan.servers]
+        picture["monitors"] = [monitor_as_json(monitor, plan) for monitor in plan.monitors]
         picture["images"] = images_as_json(plan)
         picture["mirrors"] = mirrors_as_json(plan)
         picture["virtual_units"] = virtual_as_json(plan)

@@ -30,7 +30,7 @@ def published_as_text(plan: Plan) -> list[str]:
     ]
     head = ("DEVICE", "TOPIC", "POINTS", "LEFT OUT", "SET THROUGH THE BROKER")
     table = align([head, *without_middles(rows, (0, 1))], "  ")
-    return ["\n".join([f"Broker {mqtt.broker}", *_form(mqtt), *_kept(mqtt), table])]
+    return ["\n".join([f"Broker {mqtt.broker}", *_form(mqtt), *_kept(mqtt), table, *_heard(mqtt)])]
 
 
 def published_as_json(plan: Plan) -> dict[str, Any] | None:
@@ -43,6 +43,7 @@ def published_as_json(plan: Plan) -> dict[str, Any] | None:
         "form": "json" if mqtt.sparkplug is None else "sparkplug",
         "home_assistant": mqtt.home_assistant,
         "keep": _kept_as_json(mqtt),
+        "devices_left_out": list(mqtt.heard),
         "devices": [
             {
                 "device": device.name,
@@ -64,6 +65,11 @@ def _form(mqtt: MqttPlan) -> Iterator[str]:
     yield f"  JSON; {Topics(mqtt.site, mqtt.prefix).status} says whether the gateway is there"
     if mqtt.home_assistant is not None:
         yield f"  Announced to Home Assistant below {mqtt.home_assistant}/"
+
+
+def _heard(mqtt: MqttPlan) -> Iterator[str]:
+    if mqtt.heard:
+        yield f"  Left out, because only others ask them: {_names([*mqtt.heard])}; a mirror can be published."
 
 
 def _kept(mqtt: MqttPlan) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Cross-checks of `[mqtt]`: what it needs, and that its rows mean something that it may read and write."""
 
 import fnmatch
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from gateway.config.plan.mqtt import EXCLUDES, Publishable, names_device, names_point, publishable
@@ -46,7 +46,7 @@ def check_published(config: Config, plan: Plan) -> Iterator[Problem]:
     if mqtt is None:
         return
     for row in mqtt.publish:
-        yield from _check_row(row, tuple(publishable(plan)))
+        yield from _check_row(row, tuple(publishable(plan)), plan.heard_on)
     devices = () if plan.mqtt is None else plan.mqtt.devices
     yield from _check_topics(mqtt, devices)
     yield from _check_rights(mqtt, devices, plan)
@@ -101,9 +101,15 @@ def _check_needed(mqtt: Mqtt) -> Iterator[Problem]:
         yield error((*mqtt.path, "keep_every"), "has no effect without keep", 'add keep = "64 MiB"')
 
 
-def _check_row(row: Publish, known: tuple[Publishable, ...]) -> Iterator[Problem]:
-    """Find rows that match no device, and patterns that match no point."""
+def _check_row(row: Publish, known: tuple[Publishable, ...], heard_on: Mapping[str, str]) -> Iterator[Problem]:
+    """Find rows that match no device, and patterns that match no point. `heard_on` is that of the plan."""
     meant = [each for each in known if names_device(row, each.name)]
+    heard = next((name for name in heard_on if names_device(row, name)), None)
+    if not meant and heard is not None:
+        what = f'line "{heard_on[heard]}" only listens, so nobody polls {heard}'
+        remedy = f'publish a mirror of it: [[image]] with of = "{heard}", and its name here'
+        yield error((*row.path, "device"), what, remedy)
+        return
     if not meant:
         remedy = did_you_mean(row.device, (each.name for each in known))
         yield error((*row.path, "device"), f'nothing is called "{row.device}"', remedy)

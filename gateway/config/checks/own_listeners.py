@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from gateway.config.plan.reach import client_lines
+from gateway.config.plan.reach import client_lines, monitor_lines
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.line import Line
@@ -39,6 +39,8 @@ def _no_such(key: str, name: str, known: Mapping[str, list[str]], config: Config
     other = next((each for each in known if name in known[each]), None)
     if other is not None:
         return f'there is no {key} "{name}"', f'write {other} = "{name}"'
+    if any(line.label == name for line in monitor_lines(config)):
+        return f'line "{name}" only listens: nobody can ask there', "put its values in a mirror, and ask that"
     if any(line.label == name for line in config.line):
         return f'line "{name}" is a server line', f"leave {key} out: every listener leads to the units that it serves"
     return f'there is no {key} "{name}"', did_you_mean(name, known[key])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
-from gateway.config.plan.settings import LinePlan, Plan, ServerPlan, UpstreamPlan
+from gateway.config.plan.settings import LinePlan, MonitorPlan, Plan, ServerPlan, UpstreamPlan
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import UNNOTICED
@@ -39,6 +39,9 @@ _LARGEST: Final[dict[int, bytes]] = {
     FunctionCode.ENCAPSULATED_INTERFACE: bytes((*READING_IDENTIFICATION, 1, 0)),
 }
 
+
+#: How long an answer to a request that was heard may come, for a device without a timing table, in seconds.
+USUAL_WINDOW: Final = 5.0
 
 #: How many requests are kept: the limits of all devices are worked out from the same few.
 _REQUESTS: Final = 128
@@ -89,6 +92,28 @@ def owed_after_waking(plan: LinePlan, device: DeviceSettings) -> float:
     limits = function_limits(device.profile, device.answer_time, plan.budget)
     reads = [one.most_items for one in limits if one.function in READING_FUNCTIONS]
     return max((limit + _late_window(limit, plan.line, device) for limit in reads), default=0.0)
+
+
+def heard_window(plan: MonitorPlan, device: DeviceSettings | None, asked: RequestPdu) -> float:
+    """Compute for how long an answer to a request that was heard may come; a unit that is not configured has no device.
+
+    It is the slowest answer of the device, and at least twice the limit of the request.
+    """
+    if plan.line.late_window is not None:
+        return plan.line.late_window
+    if device is None or not device.profile.timing.rows:
+        return USUAL_WINDOW
+    return max(device.answer_time.slowest, 2 * plan.budget.limit(asked, device.answer_time))
+
+
+def longest_heard_window(plan: MonitorPlan, device: DeviceSettings) -> float:
+    """Compute for how long an answer of this device may come at most."""
+    if plan.line.late_window is not None:
+        return plan.line.late_window
+    if not device.profile.timing.rows:
+        return USUAL_WINDOW
+    limits = function_limits(device.profile, device.answer_time, plan.budget)
+    return max(device.answer_time.slowest, 2 * max(limit.most_items for limit in limits))
 
 
 def longest_waits(plan: LinePlan, *, repeats: bool = True) -> dict[str, float]:

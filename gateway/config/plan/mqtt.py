@@ -32,7 +32,14 @@ class Publishable(NamedTuple):
 
 def add_mqtt(plan: Plan, config: Config) -> Plan:
     """Add what is published to a plan, if the config asks for it. All other units and their points are in the plan."""
-    return plan if config.mqtt is None else replace(plan, mqtt=_mqtt(config.site, config.mqtt, publishable(plan)))
+    if config.mqtt is None:
+        return plan
+    rows = config.mqtt.publish
+    with_points = (
+        device for monitor in plan.monitors for device in monitor.devices if plan.points.get(device.known_as)
+    )
+    heard = tuple(each.name for each in with_points if any(names_device(row, each.name) for row in rows))
+    return replace(plan, mqtt=_mqtt(config.site, config.mqtt, publishable(plan), heard))
 
 
 def publishable(plan: Plan) -> Iterator[Publishable]:
@@ -64,7 +71,7 @@ def _matches(name: str, patterns: Iterable[str]) -> bool:
     return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
-def _mqtt(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
+def _mqtt(site: str, mqtt: Mqtt, known: Iterable[Publishable], heard: tuple[str, ...]) -> MqttPlan:
     return MqttPlan(
         site=site,
         broker=mqtt.broker,
@@ -79,6 +86,7 @@ def _mqtt(site: str, mqtt: Mqtt, known: Iterable[Publishable]) -> MqttPlan:
         home_assistant=mqtt.home_assistant,
         sparkplug=mqtt.sparkplug,
         source=mqtt.place,
+        heard=heard,
     )
 
 

@@ -224,7 +224,7 @@ class MqttPlan:
 
     With `write`, points are written from there. Topics begin with `prefix`. What cannot be published is kept on disk:
     at most `keep` bytes, written every `keep_every` seconds; nothing if `keep` is 0. `source` is its place in the
-    config.
+    config. Patterns mean devices in `heard` too, which are not published because only others ask them.
     """
 
     needs_restart: ClassVar[bool] = False
@@ -241,6 +241,7 @@ class MqttPlan:
     home_assistant: str | None = None
     sparkplug: Sparkplug | None = None
     source: str = field(default="", compare=False)
+    heard: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def secured(self) -> tuple[Secured, ...]:
