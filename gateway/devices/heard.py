@@ -64,6 +64,9 @@ class HeardDevice(Device):
             counts.timeout += asked.is_answered
             return
         counts.responses += 1
+        times = self.counts.times[asked.function]
+        times.answered_at = transaction.answered_at
+        times.answer.add(transaction.answered_at - transaction.asked_at)
         if response.pdu[0] & EXCEPTION_BIT:
             counts.exception += 1
             self.counts.count_exception(response.pdu[1], 1, now)

@@ -24,6 +24,7 @@ from gateway.operator.answers.status import (
     LineUserStatus,
     ListenerStatus,
     MirrorStatus,
+    MonitorStatus,
     MovedStatus,
     RangeStatus,
     RejectionStatus,
@@ -32,6 +33,7 @@ from gateway.operator.answers.status import (
     Status,
     TimesStatus,
     UnitStatus,
+    UnknownUnitStatus,
     UpstreamStatus,
     VirtualStatus,
 )
@@ -44,6 +46,7 @@ from gateway.ports.reconnector import Reconnector
 from gateway.readconfig.expiry import certificates
 from gateway.runtime.gateway import Gateway, Listener, Owner
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.recent import LineUser, Recent
@@ -146,6 +149,7 @@ def _status(
         lines=tuple(lines),
         servers=tuple(_server(each) for each in gateway.servers),
         upstreams=tuple(_upstream(each, running.recent, now) for each in gateway.upstreams),
+        monitors=tuple(_monitor(each, running.recent, now) for each in gateway.monitors),
         units=tuple(units),
         images=tuple(_image(each) for each in gateway.images),
         mirrors=tuple(_mirror(each.unit, now) for each in gateway.mirrors),
@@ -226,7 +230,7 @@ def _leases(lines: Iterable[GatewayLine]) -> Iterator[LeaseStatus]:
             yield LeaseStatus(line.name, name, lease.is_held, lease.holder, line.standby.taken, lease.trouble)
 
 
-def _users(parts: GatewayLine, users: Iterable[LineUser]) -> Iterator[LineUserStatus]:
+def _users(parts: GatewayLine | GatewayMonitor, users: Iterable[LineUser]) -> Iterator[LineUserStatus]:
     names = {device.unit: device.settings.name for device in parts.devices.values()}
     for (client, unit, function), share, per_second in users:
         name = names.get(unit, "")
@@ -265,6 +269,34 @@ def _upstream(parts: GatewayUpstream, recent: Recent, now: float) -> UpstreamSta
         requests_per_s=rate and round(rate.per_second, 1),
         unasked_frames=upstream.unasked_frames,
         counts=total_of_units(parts.counts),
+    )
+
+
+def _monitor(parts: GatewayMonitor, recent: Recent, now: float) -> MonitorStatus:
+    settings, timing, counts = parts.plan.line, parts.plan.line.timing, parts.driver.monitor.counts
+    rate = recent.rate(parts, now)
+    return MonitorStatus(
+        name=parts.name,
+        source=settings.source,
+        port=parts.reconnector.port_path,
+        state=_port_state(parts.reconnector),
+        reason=str(parts.reconnector.error or ""),
+        wire=parts.driver.wire,
+        mode=timing.mode,
+        baud=timing.baud,
+        format=str(timing.format),
+        heard_ms=_since(parts.heard_at, now),
+        busy_share=rate and round(rate.busy, 3),
+        requests_per_s=rate and round(rate.per_second, 1),
+        requests=counts.requests,
+        answers=counts.answers,
+        sure=counts.sure,
+        unanswered=counts.unanswered,
+        strays=counts.strays,
+        both_ways=counts.both_ways,
+        noise=counts.stretches,
+        unknown_units=tuple(UnknownUnitStatus(*each) for each in parts.unknown_units()),
+        users=tuple(_users(parts, recent.users(parts, now)[:MOST_USERS])),
     )
 
 

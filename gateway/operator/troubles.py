@@ -4,15 +4,14 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
 from gateway.lines.counts import UNSENT
-from gateway.operator.answers.status import AnyLine, LineStatus, Status, UpstreamStatus
+from gateway.operator.answers.status import LineStatus, Status, UpstreamStatus
 from gateway.operator.answers.trouble import FULL, Trouble
 from gateway.operator.unit_states import ShownState
 
 
 def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Trouble]:
     """Yield what is wrong now, lines and the broker first."""
-    known: tuple[AnyLine, ...] = (*status.lines, *status.servers, *status.upstreams)
-    for each in known:
+    for each in status.all_lines:
         if each.state == "down":
             yield Trouble("down", "lines", each.name, reason=each.reason)
     for broker in status.brokers:
@@ -23,7 +22,7 @@ def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Troub
         share = line.busy_share or 0.0
         if share >= FULL:
             yield Trouble("full", "lines", line.name, share=share)
-    down = {each.name for each in known if each.state in ("down", "standby")}
+    down = {each.name for each in status.all_lines if each.state in ("down", "standby")}
     for kind in ("resting", "failing"):
         for unit in status.units:
             state = states[unit.name]

@@ -28,6 +28,7 @@ from gateway.runtime.remembered_port import RememberedPort
 from gateway.state.memory import Memory
 from gateway.timing.budget import Budget
 from gateway.timing.characters import CharacterFormat
+from gateway.timing.usage import Usage
 from gateway.trace.ring import Ring
 
 if TYPE_CHECKING:
@@ -129,6 +130,11 @@ class GatewayLine:
     def sent(self) -> int:
         """The number of frames sent to its units, and as broadcasts."""
         return sum(counts.sent for unit in self.counts for counts in unit.values())
+
+    @property
+    def usage(self) -> Usage:
+        """The use of the line since the last look at it."""
+        return self.driver.line.spent.usage
 
     def busy(self, now: float) -> float:
         """Return for how many seconds the line was in use."""

@@ -16,6 +16,8 @@ from gateway.ports.port import Opener
 from gateway.ports.reconnector import Reconnector
 from gateway.runtime.port_records import kept_in
 from gateway.timing.budget import Budget
+from gateway.timing.measured import NEVER
+from gateway.timing.usage import Usage
 from gateway.trace.ring import Ring
 
 
@@ -28,6 +30,8 @@ class GatewayMonitor:
         self.plan = plan
         self.name = plan.name
         self.now = loop.time
+        #: When a request was heard last.
+        self.heard_at = NEVER
         #: Nobody waits for its devices.
         self.longest_wait: Mapping[str, float] = {device.name: 0.0 for device in plan.devices}
         self.devices = {each.known_as: HeardDevice(each, emit, ring, self.name) for each in plan.devices}
@@ -56,12 +60,23 @@ class GatewayMonitor:
 
     @property
     def sent(self) -> int:
-        """The number of requests that were heard to its units."""
-        return sum(counts.sent for unit in self.counts for counts in unit.values())
+        """The number of requests that were heard."""
+        return self.driver.monitor.counts.requests
+
+    @property
+    def usage(self) -> Usage:
+        """The use of the line since the last look at it."""
+        return self.driver.monitor.usage
 
     def busy(self, now: float) -> float:  # noqa: ARG002 - see GatewayLine
         """Return for how many seconds the line was in use."""
         return self.driver.monitor.busy
+
+    def unknown_units(self) -> list[tuple[int, int]]:
+        """List units that are asked and not configured, each with the number of requests, the most asked first."""
+        asked = self.driver.monitor.counts.requests_to.items()
+        unknown = [each for each in asked if each[0] not in self._by_address and each[0] != BROADCAST_UNIT]
+        return sorted(unknown, key=lambda each: (-each[1], each[0]))
 
     def adopt(self, plan: MonitorPlan) -> None:
         """Take over `plan`, which differs only in its place in the file."""
@@ -71,6 +86,7 @@ class GatewayMonitor:
 
     def _heard(self, transaction: HeardTransaction, now: float) -> None:
         """Pass what was heard to its device, a broadcast to all of them."""
+        self.heard_at = now
         for device in self.devices.values():  # several may be one unit on the wire, under several names
             if transaction.unit in (device.unit, BROADCAST_UNIT):
                 device.heard(transaction, now)

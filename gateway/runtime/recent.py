@@ -8,6 +8,7 @@ from typing import Final, Literal, NamedTuple
 from gateway.diagnosis.last import NOW, Last
 from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.timing.usage import Use, User
 
 #: The time between two samples in seconds, and how many are kept: those of a minute.
@@ -41,7 +42,7 @@ class _Sample(NamedTuple):
     busy: Mapping[Owner, float]
     sent: Mapping[Owner, int]
     #: Use of the lines since the previous sample.
-    used: Mapping[GatewayLine, Mapping[User, Use]]
+    used: Mapping[Owner, Mapping[User, Use]]
 
 
 class _Wrong(NamedTuple):
@@ -97,7 +98,7 @@ class Recent:
                 else:  # fewer, if the port was opened again
                     self._wrong[line, kind] = seen._replace(characters=wrong)
 
-    def users(self, line: GatewayLine, now: float) -> list[LineUser]:
+    def users(self, line: GatewayLine | GatewayMonitor, now: float) -> list[LineUser]:
         """List the users of `line`, most time first; a shared request counts for the client that asked first."""
         first = next((at for at, each in enumerate(self._samples) if line in each.busy), None)
         if first is None or now <= self._samples[first].at:
@@ -105,7 +106,7 @@ class Recent:
         elapsed = now - self._samples[first].at
         uses: dict[User, Use] = {}
         behind = list(self._samples)[first + 1 :]
-        for rows in (*(each.used.get(line, {}) for each in behind), line.driver.line.spent.usage.look()):
+        for rows in (*(each.used.get(line, {}) for each in behind), line.usage.look()):
             for user, use in rows.items():
                 uses.setdefault(user, Use()).add(use.seconds, use.transactions)
         users = [LineUser(user, use.seconds / elapsed, use.transactions / elapsed) for user, use in uses.items()]
@@ -123,10 +124,11 @@ class Recent:
 
 
 def _sample(gateway: Gateway, now: float, lag: float) -> _Sample:
+    used: tuple[GatewayLine | GatewayMonitor, ...] = (*gateway.lines, *gateway.monitors)
     return _Sample(
         now,
         lag,
         {owner: owner.busy(now) for owner in gateway.owners},
         {owner: owner.sent for owner in gateway.owners},
-        {line: line.driver.line.spent.usage.take() for line in gateway.lines},
+        {line: line.usage.take() for line in used},
     )

@@ -7,7 +7,15 @@ from typing import Final, Literal, NamedTuple
 from gateway.config.values.duration import show_age, show_duration
 from gateway.devices.moved import how_to_forget
 from gateway.lines.counts import RESULTS, Counts
-from gateway.operator.answers.status import LineStatus, MovedStatus, ServerStatus, Status, UnitStatus, UpstreamStatus
+from gateway.operator.answers.status import (
+    AnyLine,
+    LineStatus,
+    MonitorStatus,
+    MovedStatus,
+    Status,
+    UnitStatus,
+    UpstreamStatus,
+)
 from gateway.operator.answers.trouble import FULL
 from gateway.timing.verdict import verdict
 
@@ -56,8 +64,14 @@ def notes(status: Status) -> Iterator[Note]:
         yield from (Note("lines", server.name, server.name, text) for text in _for_part(server))
     for upstream in status.upstreams:
         yield from (Note("lines", upstream.name, upstream.name, text) for text in _for_upstream(upstream))
+    for monitor in status.monitors:
+        yield from (Note("lines", monitor.name, monitor.name, text) for text in _for_monitor(monitor))
     lines = {line.name for line in status.lines}
+    heard = {monitor.name for monitor in status.monitors}
     for unit in status.units:
+        if unit.line in heard:
+            yield from (Note("units", unit.name, called(unit), text) for text in _for_heard_unit(unit))
+            continue
         found = _for_unit(unit, is_on_line=unit.line in lines)
         yield from (Note("units", unit.name, called(unit), text) for text in found)
     for moved in status.moved:
@@ -80,8 +94,8 @@ def count_failed(counts: Counts) -> int:
     return int(asked) - count_ok(counts)
 
 
-def _for_part(part: LineStatus | ServerStatus | UpstreamStatus) -> Iterator[str]:
-    """Give the notes about a line, a server line or an upstream."""
+def _for_part(part: AnyLine) -> Iterator[str]:
+    """Give the notes about any line or upstream."""
     if part.state == "down":
         yield f"down: {part.reason}"
     elif part.state == "standby":
@@ -105,6 +119,20 @@ def _for_upstream(upstream: UpstreamStatus) -> Iterator[str]:
     busy = upstream.busy_share
     if busy is not None and busy >= FULL:
         yield f"busy for {busy:.0%} of the time: poll less often"
+
+
+def _for_monitor(monitor: MonitorStatus) -> Iterator[str]:
+    """Give the notes about a line that only listens."""
+    yield from _for_part(monitor)
+    if monitor.state == "up" and not monitor.requests:
+        yield f"nothing is heard that is Modbus: modbus-gateway doctor {monitor.name} looks for the reason"
+
+
+def _for_heard_unit(unit: UnitStatus) -> Iterator[str]:
+    """Give the notes about a unit that others ask: there is no limit, and no request of ours."""
+    sent, answers = unit.counts.sent, unit.counts.responses + unit.counts.broadcast
+    if sent > answers and answers < _ANSWERED * sent:
+        yield f"{sent - answers} of {sent} requests of others had no answer that was heard"
 
 
 def _mostly(line: LineStatus) -> str:

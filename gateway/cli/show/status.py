@@ -10,7 +10,7 @@ from gateway.cli.kit.paint import red
 from gateway.cli.kit.watching import Screen
 from gateway.cli.show.advice import Note, called, notes
 from gateway.cli.show.status_tables import TABLES, was_asked
-from gateway.operator.answers.status import AnyLine, Status
+from gateway.operator.answers.status import Status
 from gateway.operator.answers.trouble import Trouble, worst_first
 
 _INDENT: Final = "  "
@@ -53,7 +53,7 @@ def _parts(status: Status, others: list[Note], width: int, prose_width: int) -> 
 
 
 def only(status: Status, line: str) -> Status:
-    """Leave out of a status what does not belong to a line, a server line or an upstream."""
+    """Leave out of a status what does not belong to a line or upstream."""
     units = tuple(unit for unit in status.units if unit.line == line)
     devices = {unit.name for unit in units}
     return replace(
@@ -61,6 +61,7 @@ def only(status: Status, line: str) -> Status:
         lines=tuple(each for each in status.lines if each.name == line),
         servers=tuple(each for each in status.servers if each.name == line),
         upstreams=tuple(each for each in status.upstreams if each.name == line),
+        monitors=tuple(each for each in status.monitors if each.name == line),
         units=units,
         moved=tuple(each for each in status.moved if each.line == line),
         leases=tuple(each for each in status.leases if each.line == line),
@@ -83,8 +84,7 @@ def _is_about(note: Note, status: Status) -> bool:
 
 
 def _lines(status: Status) -> list[str]:
-    lines: tuple[AnyLine, ...] = (*status.lines, *status.servers, *status.upstreams)
-    return [line.name for line in lines]
+    return [line.name for line in status.all_lines]
 
 
 def _what_is_wrong(troubles: tuple[Trouble, ...], about: list[Note], status: Status, width: int) -> list[str]:

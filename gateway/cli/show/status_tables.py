@@ -18,9 +18,11 @@ from gateway.operator.answers.status import (
     LineUserStatus,
     ListenerStatus,
     MirrorStatus,
+    MonitorStatus,
     ServerStatus,
     Status,
     UnitStatus,
+    UnknownUnitStatus,
     UpstreamStatus,
     VirtualStatus,
 )
@@ -45,6 +47,13 @@ class _User(NamedTuple):
     user: LineUserStatus
 
 
+class _UnknownUnit(NamedTuple):
+    """A unit that was heard on a line."""
+
+    line: str
+    unit: UnknownUnitStatus
+
+
 def was_asked(unit: UnitStatus) -> bool:
     """Tell whether there is anything to show of a unit: it was asked, or was to be, or is not fine."""
     counts = unit.counts
@@ -58,13 +67,18 @@ def _asked_units(status: Status) -> list[UnitStatus]:
 def _users(status: Status) -> Iterator[_User]:
     """Find who takes most of each line's time."""
     numbers = {unit.name: show_unit(unit.unit) for unit in status.units}
-    for line in status.lines:
+    lines: tuple[LineStatus | MonitorStatus, ...] = (*status.lines, *status.monitors)
+    for line in lines:
         for user in line.users[:_USERS_SHOWN]:
             if user.share:
                 yield _User(line.name, numbers.get(user.device, _NOTHING), user)
 
 
-def _speed(line: LineStatus | ServerStatus) -> str:
+def _unknown_units(status: Status) -> list[_UnknownUnit]:
+    return [_UnknownUnit(line.name, unit) for line in status.monitors for unit in line.unknown_units]
+
+
+def _speed(line: LineStatus | ServerStatus | MonitorStatus) -> str:
     return f"{line.baud} {line.format}"
 
 
@@ -256,6 +270,32 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "SPEED": _speed,
             "STATE": lambda server: painted(server.state),
             "ANSWERED": lambda server: server.counts.responses,
+        },
+    ),
+    Table[Status, MonitorStatus](
+        "Monitor lines, which only listen (busy and requests/s: of the last minute)",
+        lambda status: status.monitors,
+        {
+            "NAME": lambda monitor: monitor.name,
+            "PORT": lambda monitor: monitor.port,
+            "SPEED": _speed,
+            "STATE": lambda monitor: painted(monitor.state),
+            "LAST": lambda monitor: _age(monitor.heard_ms),
+            "BUSY": lambda monitor: _share(monitor.busy_share),
+            "REQ/S": lambda monitor: _per_second(monitor.requests_per_s),
+            "REQUESTS": lambda monitor: monitor.requests,
+            "ANSWERS": lambda monitor: monitor.answers,
+            "VALUES": lambda monitor: monitor.sure,
+            "NOISE": lambda monitor: monitor.noise,
+        },
+    ),
+    Table[Status, _UnknownUnit](
+        "Units that were heard and are not configured",
+        _unknown_units,
+        {
+            "LINE": lambda row: row.line,
+            "ON THE WIRE": lambda row: row.unit.on_the_wire,
+            "REQUESTS": lambda row: row.unit.requests,
         },
     ),
     Table[Status, ImageStatus](

@@ -157,8 +157,52 @@ class UpstreamStatus:
     counts: Counts
 
 
-#: A client line, a server line, or an upstream.
-AnyLine = LineStatus | ServerStatus | UpstreamStatus
+@dataclass(frozen=True, slots=True)
+class UnknownUnitStatus:
+    """A unit that is asked on a monitor line, and is none of its devices: `requests` to it were heard."""
+
+    on_the_wire: int
+    requests: int
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorStatus:
+    """A line on which others ask, and the gateway only listens. `reason` says why it is down.
+
+    Of the `requests` that were heard, the last one `heard_ms` ago, `answers` were heard too; the values of `sure` ones
+    were taken. `unanswered` requests had none within their late windows. `strays` are responses to no request that was
+    heard, and requests that violate the specification; `both_ways` are frames that may be a request or a response;
+    `noise` are stretches of bytes that are no frames. `unknown_units` are those that are not among its devices.
+
+    `busy_share` and `requests_per_s` are of the last minute; None in the first second. `users` are the largest users of
+    its time in the last minute.
+    """
+
+    name: str
+    source: str
+    port: str
+    state: Literal["up", "down", "not tried"]
+    reason: str
+    wire: Wire
+    mode: str
+    baud: int
+    format: str
+    heard_ms: float | None
+    busy_share: float | None
+    requests_per_s: float | None
+    requests: int
+    answers: int
+    sure: int
+    unanswered: int
+    strays: int
+    both_ways: int
+    noise: int
+    unknown_units: tuple[UnknownUnitStatus, ...]
+    users: tuple[LineUserStatus, ...]
+
+
+#: A client line, a server line, an upstream, or a monitor line.
+AnyLine = LineStatus | ServerStatus | UpstreamStatus | MonitorStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +212,7 @@ class Lines:
     lines: tuple[LineStatus, ...]
     servers: tuple[ServerStatus, ...]
     upstreams: tuple[UpstreamStatus, ...]
+    monitors: tuple[MonitorStatus, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -346,6 +391,12 @@ class Status:
     moved: tuple[MovedStatus, ...] = ()
     state_files: tuple[StateFileStatus, ...] = ()
     troubles: tuple[Trouble, ...] = ()
+    monitors: tuple[MonitorStatus, ...] = ()
     #: The name of the plant, and the address of the web page; empty if there is none.
     site: str = ""
     page: str = ""
+
+    @property
+    def all_lines(self) -> "tuple[AnyLine, ...]":
+        """All lines and upstreams."""
+        return (*self.lines, *self.servers, *self.upstreams, *self.monitors)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import quote
 
-from gateway.operator.answers.status import AnyLine, LineStatus, Status, UpstreamStatus
+from gateway.operator.answers.status import LineStatus, MonitorStatus, Status, UpstreamStatus
 from gateway.operator.unit_states import ShownState
 
 #: Where the page of the clients explains them.
@@ -37,15 +37,14 @@ def tiles_of(status: Status, states: Mapping[str, ShownState], with_page: Contai
 
 
 def _tiles(status: Status, states: Mapping[str, ShownState], with_page: Container[str]) -> Iterator[Tile]:
-    lines: tuple[AnyLine, ...] = (*status.lines, *status.servers, *status.upstreams)
-    active = [each for each in lines if each.state != "standby"]
+    active = [each for each in status.all_lines if each.state != "standby"]
     up = sum(each.state == "up" for each in active)
     yield Tile("lines", _all(up, len(active)), "/#lines", up, len(active))
     words = [state.word for state in states.values() if state.word != "not asked"]
     fine = words.count("fine")
     is_resting = "resting" in words
     yield Tile("units", "down" if is_resting else "failing" if fine < len(words) else "up", "/#units", fine, len(words))
-    yield Tile("requests", "known", "/traffic", value=_per_second((*status.lines, *status.upstreams)))
+    yield Tile("requests", "known", "/traffic", value=_per_second((*status.lines, *status.upstreams, *status.monitors)))
     slowest = max(status.units, key=lambda unit: unit.times.answer_p99_ms or 0.0, default=None)
     if slowest is not None and slowest.times.answer_p99_ms is not None:
         has_page = slowest.name in with_page
@@ -67,7 +66,7 @@ def _all(count: int, total: int) -> Literal["up", "down"]:
     return "up" if count == total else "down"
 
 
-def _per_second(lines: Iterable[LineStatus | UpstreamStatus]) -> float | None:
+def _per_second(lines: Iterable[LineStatus | UpstreamStatus | MonitorStatus]) -> float | None:
     """Add up the requests per second; None while none is known."""
     known = [each.requests_per_s for each in lines if each.requests_per_s is not None]
     return sum(known) if known else None
