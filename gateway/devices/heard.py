@@ -8,7 +8,7 @@ from gateway.errors import NoRoute
 from gateway.events import Emit, discard_event
 from gateway.lines.monitor import HeardTransaction
 from gateway.lines.transaction import Transaction
-from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.request import Caller, Request
 from gateway.trace.ring import Ring
 
@@ -61,14 +61,21 @@ class HeardDevice(Device):
         counts = self.counts[asked.function]
         counts.sent += 1
         if response is None:
-            counts.timeout += asked.is_answered
+            if transaction.unit == BROADCAST_UNIT:
+                counts.broadcast += 1
+            elif asked.is_answered:
+                counts.timeout += 1
+            else:
+                counts.ok += 1
             return
         counts.responses += 1
-        times = self.counts.times[asked.function]
+        times, elapsed = self.counts.times[asked.function], transaction.answered_at - transaction.asked_at
         times.answered_at = transaction.answered_at
-        times.answer.add(transaction.answered_at - transaction.asked_at)
+        times.answer.add(elapsed)
         if response.pdu[0] & EXCEPTION_BIT:
             counts.exception += 1
             self.counts.count_exception(response.pdu[1], 1, now)
         else:
             counts.ok += 1
+            if transaction.is_sure:
+                times.samples.add(asked.items, elapsed)

@@ -222,8 +222,42 @@ class LineEvidence:
 
 
 @dataclass(frozen=True, slots=True)
+class HeardUnitEvidence:
+    """A device that others ask: requests that were heard, and those of them that need no answer or had one."""
+
+    name: str
+    on_the_wire: int
+    requests: int
+    answers: int
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorEvidence:
+    """A line on which the gateway only listens; `on_port` has what is known of its port.
+
+    Counts as in MonitorStatus. The last request was heard `ago` seconds ago, None if none was. `unknown_units` are
+    asked and not configured, each with the number of requests. It `asks_units` if requests were not all broadcasts.
+    """
+
+    name: str
+    mode: str
+    on_port: LineEvidence
+    requests: int = 0
+    answers: int = 0
+    sure: int = 0
+    strays: int = 0
+    noise: int = 0
+    ago: float | None = None
+    units: tuple[HeardUnitEvidence, ...] = ()
+    unknown_units: tuple[tuple[int, int], ...] = ()
+    asks_units: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class SourceEvidence:
     """What a mirror or virtual unit polls of the device `name` on `line`; an image has no line.
+
+    If it `is_heard`, others ask it, and nothing is polled.
 
     The oldest value was read `since` seconds ago; None if one never was. It `is_lost` if one is not known, and its last
     poll has failed. `invalid` values are none, or do not fit; `refused` ones the device answers with an exception.
@@ -235,6 +269,7 @@ class SourceEvidence:
     is_lost: bool = False
     invalid: int = 0
     refused: int = 0
+    is_heard: bool = False
 
 
 @dataclass(frozen=True, slots=True)

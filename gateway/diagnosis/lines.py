@@ -50,6 +50,12 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
         yield Finding("note", line.name, f"not asked yet: {len(line.units) - len(asked)} of {len(line.units)} units")
 
 
+def about_characters(line: LineEvidence) -> Iterator[Finding]:
+    """Find damaged and lost characters."""
+    for rule in (_parity, _framing, _overrun):
+        yield from rule(line)
+
+
 def against_loss(reason: str, otherwise: str) -> str:
     """Choose what to do about a connection that was lost or refused for this reason."""
     return _ONE_CLIENT_ONLY if is_closed_at_once(reason) else otherwise

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from gateway import __version__
 from gateway.clock.threads import ThreadPerCall
 from gateway.clock.times import rfc_3339
-from gateway.config.plan.settings import LinePlan, Plan, ServerPlan
+from gateway.config.plan.settings import LinePlan, MonitorPlan, Plan, ServerPlan
 from gateway.hardware.listing import describe_adapter
 from gateway.operator.answers.inventory import (
     AppliedConfig,
@@ -48,7 +48,7 @@ async def tell_inventory(operator: Operator, _asked: Nothing, _asker: Asker) -> 
 
 
 def _adapters(plan: Plan) -> Iterator[InventoryAdapter]:
-    lines: tuple[LinePlan | ServerPlan, ...] = (*plan.lines, *plan.servers)
+    lines: tuple[LinePlan | ServerPlan | MonitorPlan, ...] = (*plan.lines, *plan.servers, *plan.monitors)
     for each in lines:
         if isinstance(each.port, SerialSettings):
             found = describe_adapter(each.port.port)
@@ -62,6 +62,9 @@ def _lines(plan: Plan) -> Iterator[InventoryLine]:
     for server in plan.servers:
         timing = server.line.timing
         yield InventoryLine(server.line.name, "server", server.port.port, timing.mode, timing.baud, str(timing.format))
+    for monitor in plan.monitors:
+        timing = monitor.line.timing
+        yield InventoryLine(monitor.name, "monitor", monitor.port.port, timing.mode, timing.baud, str(timing.format))
     for upstream in plan.upstreams:
         yield InventoryLine(upstream.name, "upstream", upstream.port.port, "tcp", None, None)
 

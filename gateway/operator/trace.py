@@ -24,6 +24,7 @@ from gateway.operator.units import find_unit, shown_unit
 from gateway.ports.port import SiteSettings
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
@@ -238,8 +239,8 @@ def _site(upstream: GatewayUpstream) -> str:
     return port.site if isinstance(port, SiteSettings) else ""
 
 
-def _serial(gateway: Gateway) -> tuple[GatewayLine | GatewayServer, ...]:
-    return (*gateway.lines, *gateway.servers)
+def _serial(gateway: Gateway) -> tuple[GatewayLine | GatewayServer | GatewayMonitor, ...]:
+    return (*gateway.lines, *gateway.servers, *gateway.monitors)
 
 
 def _number(ring: Ring, asked: Traced, clock: Clock) -> int:

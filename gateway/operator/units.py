@@ -155,6 +155,8 @@ def find_line(gateway: Gateway, wanted: object) -> GatewayLine:
         raise WrongQuestion(f"{wanted} is a connection to another server: that is for lines only")
     if any(wanted == server.name for server in gateway.servers):
         raise WrongQuestion(f"on {wanted} the gateway is a server: an outside client asks there")
+    if any(wanted == monitor.name for monitor in gateway.monitors):
+        raise WrongQuestion(f"on {wanted} the gateway only listens: nothing is ever sent there")
     raise no_such_line(wanted, (each.name for each in gateway.lines))
 
 

@@ -14,6 +14,8 @@ from gateway.timing.usage import Use, User
 #: The time between two samples in seconds, and how many are kept: those of a minute.
 STEP: Final = 5.0
 _KEPT: Final = 13
+#: A line whose use, and whose characters, are watched.
+OnPort = GatewayLine | GatewayMonitor
 #: What a driver finds wrong with a character.
 Wrong = Literal["parity", "framing"]
 WRONG: Final[tuple[Wrong, ...]] = ("parity", "framing")
@@ -57,7 +59,7 @@ class Recent:
     """Samples of the last minute. A reload may have replaced some lines."""
 
     def __init__(self, gateway: Gateway, now: float) -> None:
-        self._wrong: dict[tuple[GatewayLine, Wrong], _Wrong] = {}
+        self._wrong: dict[tuple[OnPort, Wrong], _Wrong] = {}
         self._samples: deque[_Sample] = deque([_sample(gateway, now, 0.0)], maxlen=_KEPT)
 
     async def keep_sampling(self, gateway: Callable[[], Gateway]) -> None:
@@ -80,7 +82,7 @@ class Recent:
         busy, sent = owner.busy(now) - first.busy[owner], owner.sent - first.sent[owner]
         return Rate(min(busy / (now - first.at), 1.0), sent / (now - first.at))
 
-    def last_wrong(self, line: GatewayLine, kind: Wrong, now: float) -> Last:
+    def last_wrong(self, line: OnPort, kind: Wrong, now: float) -> Last:
         """Return when a character was last wrong in this way, to the next sample."""
         seen, errors = self._wrong.get((line, kind)), line.driver.errors
         if seen is None or errors is None or getattr(errors, kind) > seen.characters:
@@ -89,7 +91,7 @@ class Recent:
 
     def _look_at_characters(self, gateway: Gateway, now: float) -> None:
         before, self._wrong = self._wrong, {}
-        for line in gateway.lines:
+        for line in _on_ports(gateway):
             errors = line.driver.errors
             for kind in WRONG if errors is not None else ():
                 wrong, seen = getattr(errors, kind), before.get((line, kind))
@@ -98,7 +100,7 @@ class Recent:
                 else:  # fewer, if the port was opened again
                     self._wrong[line, kind] = seen._replace(characters=wrong)
 
-    def users(self, line: GatewayLine | GatewayMonitor, now: float) -> list[LineUser]:
+    def users(self, line: OnPort, now: float) -> list[LineUser]:
         """List the users of `line`, most time first; a shared request counts for the client that asked first."""
         first = next((at for at, each in enumerate(self._samples) if line in each.busy), None)
         if first is None or now <= self._samples[first].at:
@@ -123,12 +125,15 @@ class Recent:
         return max(each.lag for each in self._samples)
 
 
+def _on_ports(gateway: Gateway) -> tuple[OnPort, ...]:
+    return (*gateway.lines, *gateway.monitors)
+
+
 def _sample(gateway: Gateway, now: float, lag: float) -> _Sample:
-    used: tuple[GatewayLine | GatewayMonitor, ...] = (*gateway.lines, *gateway.monitors)
     return _Sample(
         now,
         lag,
         {owner: owner.busy(now) for owner in gateway.owners},
         {owner: owner.sent for owner in gateway.owners},
-        {line: line.usage.take() for line in used},
+        {line: line.usage.take() for line in _on_ports(gateway)},
     )

@@ -60,7 +60,7 @@ def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None) ->
         with open_log(plan.log.level, plan.log.format) as log:
             fan_out = FanOut(log)
             emit = fan_out.emit
-            emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers), _units(plan)))
+            emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers) + len(plan.monitors), _units(plan)))
             warn(read.problems, emit)
             path = Path(control or plan.control or control_path(file)).absolute()
             _serve(plan, _Source(file, read), path, fan_out)
@@ -153,5 +153,4 @@ def _reload_or_stop(reloader: Reloader, stop: Stop, hang_up: HangUp) -> None:
 
 
 def _units(plan: Plan) -> int:
-    behind = (*(line.devices for line in plan.lines), *(upstream.devices for upstream in plan.upstreams))
-    return sum(map(len, behind)) + len(plan.images)
+    return sum(len(owner.devices) for owner in plan.owners) + len(plan.images)

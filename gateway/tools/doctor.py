@@ -16,6 +16,7 @@ from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.images import about_polled
 from gateway.diagnosis.last import RECENT
 from gateway.diagnosis.lines import about_line, against_loss
+from gateway.diagnosis.monitors import about_monitor
 from gateway.diagnosis.state import about_state_file
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.errors import WrongQuestion
@@ -37,6 +38,7 @@ from gateway.timing.measured import NEVER
 from gateway.tools.evidence import (
     client_evidence,
     line_evidence,
+    monitor_evidence,
     pauses_before,
     polled_evidence,
     records_of,
@@ -62,9 +64,12 @@ _STEP: Final = 0.05
 #: Listening time for a line with few samples, in seconds.
 LISTENING: Final = 3.0
 
+#: A line on a serial port, or behind a device server.
+Serial = GatewayLine | GatewayServer | GatewayMonitor
+
 
 async def examine(operator: Operator, asked: ToExamine, asker: Asker) -> Examination:
-    """Examine one line, server line or upstream, or all of them, after any other examination.
+    """Examine one line or upstream, or all of them, after any other examination.
 
     Raises:
         WrongQuestion: there is no such line, or another examination does not end.
@@ -100,9 +105,10 @@ async def examined(
     lines = [line for line in gateway.lines if wanted in (None, line.name)]
     servers = [server for server in gateway.servers if wanted in (None, server.name)]
     upstreams = [upstream for upstream in gateway.upstreams if wanted in (None, upstream.name)]
-    if wanted is not None and not (lines or servers or upstreams):
+    monitors = [monitor for monitor in gateway.monitors if wanted in (None, monitor.name)]
+    if wanted is not None and not (lines or servers or upstreams or monitors):
         raise no_such_line(wanted, [part.name for part in gateway.parts])
-    asked: tuple[Owner, ...] = (*lines, *upstreams)
+    asked: tuple[Owner, ...] = (*lines, *upstreams, *monitors)
     if asks:
         found_about = await asyncio.gather(*(_about(running, part, is_there, asks=True) for part in asked))
     else:  # in turn, each with pauses
@@ -111,6 +117,7 @@ async def examined(
     groups = [(line.name, about[line.name]) for line in lines]
     groups += [(server.name, _about_server(server)) for server in servers]
     groups += [(upstream.name, about[upstream.name]) for upstream in upstreams]
+    groups += [(monitor.name, about[monitor.name]) for monitor in monitors]
     if wanted is None:
         polled = await polled_evidence(gateway)
         beside = [finding for each in polled for finding in about_polled(each)]
@@ -121,7 +128,7 @@ async def examined(
     now = asyncio.get_running_loop().time()
     clients = [client for listener in listeners for client in client_evidence(listener, gateway, now)]
     groups.append(("", [finding for client in clients for finding in about_client(client)]))
-    parts: tuple[GatewayLine | GatewayServer, ...] = (*lines, *servers)
+    parts: tuple[Serial, ...] = (*lines, *servers, *monitors)
     return groups, [each for part in parts for each in _port_of(part)]
 
 
@@ -145,7 +152,7 @@ async def _about(running: Running, part: Owner, is_there: IsThere, *, asks: bool
     if isinstance(part, GatewayUpstream):
         return await _about_upstream(running, part, is_there, asks=asks)
     if isinstance(part, GatewayMonitor):
-        return []
+        return await _about_monitor(running, part, waits=asks)
     line, now = part, asyncio.get_running_loop().time
     began, found, said = now(), None, []
     if asks and line.reconnector.is_open:
@@ -162,6 +169,15 @@ async def _about(running: Running, part: Owner, is_there: IsThere, *, asks: bool
     if said:
         findings.append(_has_sent(line, said))
     return findings
+
+
+async def _about_monitor(running: Running, monitor: GatewayMonitor, *, waits: bool) -> list[Finding]:
+    """Find why little is heard; if nothing was heard yet and it `waits`, LISTENING seconds later."""
+    if waits and monitor.reconnector.is_open and not monitor.sent:
+        await asyncio.sleep(LISTENING)
+    records = [] if isinstance(monitor.plan.port, SerialSettings) else await records_of(monitor, running.ring)
+    now = asyncio.get_running_loop().time()
+    return list(about_monitor(monitor_evidence(monitor, now, running.recent, records)))
 
 
 async def _about_upstream(
@@ -298,7 +314,7 @@ def _why_down(running: Running, upstream: GatewayUpstream) -> Iterable[Finding]:
     return [Finding("fix", upstream.name, f"is down: {error}", remedy)]
 
 
-def _port_of(part: GatewayLine | GatewayServer) -> list[PortInUse]:
+def _port_of(part: Serial) -> list[PortInUse]:
     if not isinstance(part.plan.port, SerialSettings):
         return []
     is_standby = isinstance(part, GatewayLine) and part.is_standby

@@ -9,7 +9,9 @@ from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import (
     ClientEvidence,
+    HeardUnitEvidence,
     LineEvidence,
+    MonitorEvidence,
     PolledEvidence,
     Search,
     SourceEvidence,
@@ -22,6 +24,7 @@ from gateway.images.mirror import Mirror
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
+from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.operator.mapped import source_states
 from gateway.operator.status import oldest
 from gateway.ports.port import SerialSettings
@@ -199,9 +202,44 @@ def _last(counts: UnitCounts, now: float, *what: str) -> Last:
     return Last(now - last.at, counts.responses - last.responses)
 
 
+def monitor_evidence(monitor: GatewayMonitor, now: float, recent: Recent, records: Sequence[Record]) -> MonitorEvidence:
+    """Gather the evidence about a line that only listens; `records` are the last ones about it."""
+    counts, timing = monitor.driver.monitor.counts, monitor.plan.line.timing
+    return MonitorEvidence(
+        name=monitor.name,
+        mode=timing.mode,
+        on_port=LineEvidence(
+            name=monitor.name,
+            source=monitor.plan.line.source,
+            baud=timing.baud,
+            format=str(timing.format),
+            reason=str(monitor.reconnector.error or ""),
+            **_losses(records, now),
+            is_serial=isinstance(monitor.plan.port, SerialSettings),
+            errors=monitor.driver.errors,
+            last_parity=recent.last_wrong(monitor, "parity", now),
+            last_framing=recent.last_wrong(monitor, "framing", now),
+        ),
+        requests=counts.requests,
+        answers=counts.answers,
+        sure=counts.sure,
+        strays=counts.strays,
+        noise=counts.stretches,
+        ago=None if monitor.heard_at == NEVER else now - monitor.heard_at,
+        units=tuple(map(_heard_unit, monitor.all_devices)),
+        unknown_units=tuple(monitor.unknown_units()),
+        asks_units=any(unit != BROADCAST_UNIT for unit in counts.requests_to),
+    )
+
+
+def _heard_unit(device: Device) -> HeardUnitEvidence:
+    counts = total(device.counts.values())
+    return HeardUnitEvidence(device.name, device.unit, counts.sent, counts.sent - counts.timeout)
+
+
 async def polled_evidence(gateway: Gateway) -> list[PolledEvidence]:
     """Gather the evidence about mirrors and virtual units, with pauses for the lines."""
-    lines = {device.name: owner.name for owner in gateway.owners for device in owner.all_devices}
+    lines = {device.name: owner for owner in gateway.owners for device in owner.all_devices}
     found = []
     for driver in gateway.polling_units:
         unit, now = driver.unit, asyncio.get_running_loop().time()
@@ -210,16 +248,21 @@ async def polled_evidence(gateway: Gateway) -> list[PolledEvidence]:
     return found
 
 
-def _sources(unit: Mirror | VirtualUnit, lines: Mapping[str, str], now: float) -> Iterator[SourceEvidence]:
+def _sources(unit: Mirror | VirtualUnit, lines: Mapping[str, Owner], now: float) -> Iterator[SourceEvidence]:
+    """Gather the evidence about sources. One that is only heard is lost if it never was: a write may come between."""
     if isinstance(unit, VirtualUnit):
         for each in source_states(unit, now):
-            line = lines.get(each.device, "")
-            yield SourceEvidence(each.device, line, each.since, each.is_lost, each.invalid, each.refused)
+            line = lines.get(each.device)
+            is_heard = isinstance(line, GatewayMonitor)
+            name, is_lost = "" if line is None else line.name, each.since is None if is_heard else each.is_lost
+            yield SourceEvidence(each.device, name, each.since, is_lost, each.invalid, each.refused, is_heard)
         return
     of, parts = unit.settings.of, unit.parts
     since = oldest(None if part.sampled_at is None else now - part.sampled_at for part in parts)
-    is_lost = any(part.age(now) is None and not part.is_awaited for part in parts)
-    yield SourceEvidence(of, lines.get(of, ""), since, is_lost)
+    line = lines[of]
+    is_heard = isinstance(line, GatewayMonitor)
+    is_lost = since is None if is_heard else any(part.age(now) is None and not part.is_awaited for part in parts)
+    yield SourceEvidence(of, line.name, since, is_lost, is_heard=is_heard)
 
 
 def client_evidence(listener: Listener, gateway: Gateway, now: float) -> list[ClientEvidence]:

@@ -22,6 +22,7 @@ from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.ports.port import SerialSettings
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.overdue import place_of
 from gateway.timing.characters import LineTiming
@@ -137,10 +138,11 @@ class PageScans:
             await asyncio.gather(self._task, return_exceptions=True)
 
     def line_at(self, port: str) -> str:
-        """Name the line, or server line, of the gateway that has this port; empty if none does."""
+        """Name the line of the gateway that has this port; empty if none does."""
         place = place_of(SerialSettings(port, 9600, FORMATS["rtu"][0]))
         gateway = self._operator.gateway
-        parts: tuple[GatewayLine | GatewayServer, ...] = (*gateway.lines, *gateway.servers)
+        parts: tuple[GatewayLine | GatewayServer | GatewayMonitor, ...]
+        parts = (*gateway.lines, *gateway.servers, *gateway.monitors)
         taken = [(each.plan.port, each.name) for each in parts]
         return next((name for there, name in taken if place_of(there) == place), "")
 

@@ -44,6 +44,7 @@ def _told(problem: Problem) -> str:
 def _ports(plan: Plan, line: str | None) -> list[PortInUse]:
     parts = [(one.line.name, one.line.source, one.port) for one in plan.lines]
     parts += [(one.line.name, one.line.source, one.port) for one in plan.servers]
+    parts += [(one.line.name, one.line.source, one.port) for one in plan.monitors]
     if line is not None and line not in {name for name, _, _ in parts}:
         remedy = did_you_mean(line, [name for name, _, _ in parts])
         raise DaemonError(f'there is no line "{line}"' + (f"; {remedy}" if remedy else ""))

@@ -36,7 +36,7 @@ class InventoryLine:
     """A line, or a connection to another server; that has no `baud` and no `format`."""
 
     name: str
-    role: Literal["client", "server", "upstream"]
+    role: Literal["client", "server", "upstream", "monitor"]
     port: str
     mode: str
     baud: int | None

@@ -8,13 +8,12 @@ from gateway import __version__
 from gateway.modbus.codes import HIGHEST_UNIT
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.gateway_line import GatewayLine
-from gateway.runtime.gateway_server import GatewayServer
+from gateway.runtime.gateway_upstream import GatewayUpstream
 
 
 def tell(gateway: Gateway, router: Router, up: float) -> Mapping[str, Any]:
     """Describe its host, its uptime `up` in seconds, its lines and its units; see gateway.fleet.presence."""
-    lines: list[GatewayLine | GatewayServer] = [*gateway.lines, *gateway.servers]
+    lines = [part for part in gateway.parts if not isinstance(part, GatewayUpstream)]
     down = [part.name for part in gateway.parts if not part.reconnector.is_open and not getattr(part, "is_standby", 0)]
     return {
         "host": gethostname(),
@@ -27,9 +26,10 @@ def tell(gateway: Gateway, router: Router, up: float) -> Mapping[str, Any]:
 
 
 def served_units(gateway: Gateway, router: Router) -> Iterator[int]:
-    """List the units that other sites reach here now: none of a line on which another gateway may ask.
+    """List the units that other sites reach here now: none of a line on which others ask.
 
     They ask by numbers only, so not for a device without one.
     """
     elsewhere = {unit for line in gateway.lines if line.is_standby for unit in line.devices}
+    elsewhere |= {unit for monitor in gateway.monitors for unit in monitor.devices}
     return (unit for unit in router.routes if unit <= HIGHEST_UNIT and unit not in elsewhere)
