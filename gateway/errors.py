@@ -148,6 +148,12 @@ class NoRoute(PathUnavailable):
     result = "no_route"
 
 
+class OnlyHeard(PathUnavailable):
+    """The unit is on a line where others ask, and the gateway only listens."""
+
+    result = "only_heard"
+
+
 class LineDown(PathUnavailable):
     """The port or upstream of the unit is down."""
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Final
 
 from gateway.devices.device import Device, DeviceSettings
-from gateway.errors import NoRoute
+from gateway.errors import OnlyHeard
 from gateway.events import Emit, discard_event
 from gateway.lines.monitor import HeardTransaction
 from gateway.lines.transaction import Transaction
@@ -39,7 +39,7 @@ class HeardDevice(Device):
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - see Device
         """Fail the request with 0A: nothing is ever sent on a monitor line."""
-        error = NoRoute(f"the gateway only listens on {self.line_name}")
+        error = OnlyHeard(f"the gateway only listens on {self.line_name}")
         self.report_rejection(request, error)
         self._ring.refuse(request, error, now, line=self.line_name, name=self.name)
         request.fail(error)

@@ -13,6 +13,8 @@ from gateway.diagnosis.lines import ENOUGH, about_characters, against_loss
 MANY: Final = 0.05
 #: Below this share of the answers, it is told that few have values that are sure.
 FEW: Final = 0.5
+#: After the port was opened, nothing is sure until the first late window has ended.
+MANY_ANSWERS: Final = 50
 #: So many units are named.
 _MOST_NAMED: Final = 8
 _ONE_DIRECTION: Final = (
@@ -78,7 +80,7 @@ def _one_direction(line: MonitorEvidence) -> Iterator[Finding]:
 
 def _few_values(line: MonitorEvidence) -> Iterator[Finding]:
     """Find answers that cannot be believed."""
-    if line.answers >= ENOUGH and line.sure < FEW * line.answers:
+    if line.answers >= MANY_ANSWERS and line.sure < FEW * line.answers:
         what = f"of {line.answers} answers, {line.sure} have values that are sure"
         remedy = "not where units do not answer, or answer late, or frames are broken; a shorter late_window helps"
         yield Finding("note", line.name, what, remedy)

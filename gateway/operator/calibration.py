@@ -13,6 +13,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.units import find_unit
 from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.timing.budget import Budget, ServerBudget
 
 
@@ -41,6 +42,8 @@ def _measured(owner: Owner, device: Device) -> Measured:
     settings, timing = device.settings, None
     if isinstance(owner, GatewayLine):
         timing = owner.driver.line.settings.timing
+    elif isinstance(owner, GatewayMonitor):
+        timing = owner.plan.line.timing
     return Measured(
         unit=settings.client_unit,
         name=settings.name,

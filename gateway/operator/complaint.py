@@ -21,6 +21,7 @@ WHYS: Final[Mapping[str, str]] = {
     "line_down": "not sent: the line is down",
     "denied": "not sent: [[access]] does not allow it",
     "no_route": "not sent: there is no such unit",
+    "only_heard": "not sent: the gateway only listens on its line",
 }
 
 

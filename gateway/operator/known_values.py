@@ -87,14 +87,14 @@ async def tell_values(operator: Operator, asked: KnownOf, asker: Asker) -> Known
 
 def devices_with_points(operator: Operator) -> Sequence[UnitPicture]:
     """List the devices, on lines and behind other servers, that have points."""
-    return [unit for unit in units_of(operator) if unit.points and unit.kind in ("device", "upstream")]
+    return [unit for unit in units_of(operator) if unit.points and unit.is_device]
 
 
 def hint_for(operator: Operator, unit: UnitPicture | None = None) -> str:
     """Say what to do if a unit, or without one all devices, have no points; empty if they have some."""
     if unit is None:
         return "" if devices_with_points(operator) else f"no device has points: {_HOW_TO_GET_POINTS}"
-    if unit.kind not in ("device", "upstream"):
+    if not unit.is_device:
         return f"{unit.name} is answered by the gateway itself: modbus-gateway read {quote(unit.name)} tells its values"
     return "" if unit.points else f"{unit.name} has no points: {_HOW_TO_GET_POINTS}"
 

@@ -169,6 +169,10 @@ def _no_route(story: Story) -> str:
     return f"There is no route to unit {story['unit']}: {story['reason']}."
 
 
+def _only_heard(story: Story) -> str:
+    return f"Nothing is sent to unit {story['unit']}: {story['reason']}. A mirror of it answers clients."
+
+
 def _denied(story: Story) -> str:
     return f"The client has no right to this {story['reason']}: [[access]] says who may do what."
 
@@ -203,6 +207,7 @@ _AFTER_SENDING: Final[Mapping[str, str]] = {
 #: Why a request was not sent, by its result.
 _NOT_SENT: Final[Mapping[str, Callable[[Story], str]]] = {
     "no_route": _no_route,
+    "only_heard": _only_heard,
     "line_down": _line_down,
     "resting": _resting,
     "overdue": _overdue,

@@ -12,7 +12,7 @@ from gateway.errors import WrongQuestion
 from gateway.images.image import ImageSettings
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, Area, FunctionCode
 from gateway.modbus.pdu import Span
-from gateway.operator.answers.unit import UnitHead, UnitPicture, Units
+from gateway.operator.answers.unit import DEVICES, UnitHead, UnitPicture, Units
 from gateway.operator.answers.unit_status import UnitWithStatus
 from gateway.operator.asked import OneUnit
 from gateway.operator.operation import Asker, Nothing
@@ -191,7 +191,7 @@ def _units(plan: Plan) -> Iterator[_Unit]:
     for upstream in plan.upstreams:
         yield from (_Unit(each.known_as, each.name, "upstream", each.profile) for each in upstream.devices)
     for monitor in plan.monitors:
-        yield from (_Unit(each.known_as, each.name, "device", each.profile) for each in monitor.devices)
+        yield from (_Unit(each.known_as, each.name, "heard", each.profile) for each in monitor.devices)
     yield from (_Unit(image.unit, image.name, _kind(image), image.profile) for image in plan.images)
     yield from (_Unit(mirror.unit, mirror.name, "mirror", mirror.profile) for mirror in plan.mirrors)
     yield from (_Unit(virtual.unit, virtual.name, "virtual", virtual.profile) for virtual in plan.virtual)
@@ -203,7 +203,7 @@ def _kind(image: ImageSettings) -> str:
 
 def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> UnitPicture:
     functions = found.profile.functions
-    wide = found.profile.wide if found.kind in ("device", "upstream") else {}
+    wide = found.profile.wide if found.kind in DEVICES else {}
     return UnitPicture(
         unit=shown_unit(found.key),
         name=found.name,
@@ -214,6 +214,6 @@ def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> Un
         areas={str(area): ranges for area, ranges in found.profile.areas.items()},
         longest_wait_ms=round(longest.get(found.name, 0.0) * 1000, 1),
         wide={str(area): ranges for area, ranges in wide.items()},
-        max_gap=ReadRules.of(found.profile).max_gap if found.kind in ("device", "upstream") else 0,
+        max_gap=ReadRules.of(found.profile).max_gap if found.kind in DEVICES else 0,
         points=gateway.plan.points.get(found.key, ()),
     )

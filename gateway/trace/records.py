@@ -24,7 +24,7 @@ MOST_STORIES: Final = 50
 RESULTS: Final = (
     *("ok", "exception", "failed", "timeout", "bad_frame", "ambiguous", "line_lost", "sent_again", "not_answered"),
     *("resting", "overdue", "queue_full", "expired", "line_down", "no_route", "denied", "unwanted", "refused"),
-    *("echo_suspected", "stale"),
+    *("echo_suspected", "stale", "only_heard"),
 )
 #: Those of which the ring keeps all records among its failures.
 FAILURES: Final = frozenset(RESULTS) - {"ok", "exception", "failed", "sent_again", "not_answered"}

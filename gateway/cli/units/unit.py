@@ -31,6 +31,7 @@ _REASONS: Final[Mapping[str, str]] = {
     "overdue": "a late response to an earlier request may still come; try again in a moment",
     "echo_suspected": "the adapter echoes; set echo = true for the line",
     "no_route": "there is no such unit; modbus-gateway check lists the units",
+    "only_heard": "others ask it, and the gateway only listens there; values shows what was heard, a mirror answers",
     "denied": "[[access]] does not allow it for the control socket",
     "queue_full": "too many requests wait for the line; try again",
     "expired": "the line was busy for longer than its max_wait; try again",
@@ -99,6 +100,7 @@ class DaemonUnit:
         self.wanted: int | str = unit.name if unit.unit is None else unit.unit
         self.name = unit.name
         self.gateway: Path | None = daemon.gateway
+        self.kind = unit.kind
         self.is_virtual = unit.kind == "virtual"
         self.functions = None if unit.functions is None else frozenset(unit.functions)
         self.areas = {Area(area): ranges for area, ranges in unit.areas.items()}

@@ -17,7 +17,7 @@ from gateway.cli.show.calibration import Calibration, measured_profile
 from gateway.cli.units.active_calibration import ask_actively, parse_registers
 from gateway.cli.units.unit import DaemonUnit
 from gateway.config.values.duration import parse_duration, show_duration
-from gateway.errors import GatewayError
+from gateway.errors import DaemonError, GatewayError
 from gateway.operator.answers.measured import Measured
 from gateway.operator.asked import OneUnit
 from gateway.operator.operations import TIMES
@@ -82,7 +82,9 @@ def _run(args: argparse.Namespace) -> int:
         raise WrongUsageError("--write is for --active", "add --active, or leave out --write")
     with Conversation(which_gateway(args)) as daemon:
         unit = DaemonUnit(daemon, args.device)
-        source = Source(daemon, unit.wanted)
+        if args.active and unit.kind == "heard":
+            raise DaemonError(f"others ask {unit.name}, and the gateway only listens there: leave out --active")
+        source = Source(daemon, unit.wanted, is_heard=unit.kind == "heard")
         if args.active or args.seconds is not None:
             source.forget()
         if args.write:
@@ -109,10 +111,11 @@ def _ask(source: "Source", unit: DaemonUnit, args: argparse.Namespace) -> None:
 def _show(source: "Source", args: argparse.Namespace) -> int:
     rows = source.rows()
     if not rows:
-        advice = "" if args.active else "; --for 10min waits for traffic, --active reads it"
+        active = "" if source.is_heard else ", --active reads it"
+        advice = "" if args.active else f"; --for 10min waits for traffic{active}"
         print(f"{source.about.name}: no normal response{advice}", file=sys.stderr)
         return PROBLEM_FOUND
-    more = "a longer --for" if args.active else "--active"
+    more = "a longer --for" if args.active or source.is_heard else "--active"
     table = Calibration(source.about, rows, more)
     if args.write_profile:
         _write_new(args.write_profile, measured_profile(table))
@@ -132,9 +135,13 @@ class _Gathered:
 
 
 class Source:
-    """The times that the gateway keeps, gathered: it keeps the last ones only. `about` says what they are of."""
+    """The times that the gateway keeps, gathered: it keeps the last ones only. `about` says what they are of.
 
-    def __init__(self, daemon: Conversation, unit: int | str) -> None:
+    If the unit `is_heard`, only others ask it.
+    """
+
+    def __init__(self, daemon: Conversation, unit: int | str, *, is_heard: bool) -> None:
+        self.is_heard = is_heard
         self._daemon = daemon
         self._unit = unit
         self._gathered: dict[tuple[int, int], _Gathered] = {}

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 from gateway.devices.device import key_of
 from gateway.modbus.codes import Area
@@ -9,13 +10,17 @@ from gateway.profiles.point import Point
 from gateway.profiles.profile import Range
 from gateway.profiles.read_rules import ReadRules
 
+#: The kinds of units that are devices.
+DEVICES: Final = ("device", "upstream", "heard")
+
 
 @dataclass(frozen=True, slots=True)
 class UnitHead:
     """A unit as clients see it: what answers for it, and what it accepts.
 
     `unit` is None for a device that they ask by its name, or by a listener for its line or upstream. `kind` is device
-    (on a line), upstream (a device behind another server), image, mirror, virtual or gateway. `functions` is None if it
+    (on a line), upstream (a device behind another server), heard (a device on a line that only listens, where nothing
+    can be asked), image, mirror, virtual or gateway. `functions` is None if it
     accepts all. `limits` are the most items by function. `areas` are the first and last address of each range that
     exists, by area; an area that is missing exists in full. Points are read together over gaps of at most `max_gap`
     addresses. Registers in `wide` have four bytes. A response takes at most `longest_wait_ms`; 0 for a unit that the
@@ -32,6 +37,11 @@ class UnitHead:
     longest_wait_ms: float
     max_gap: int = field(default=0, kw_only=True)
     wide: Mapping[str, tuple[Range, ...]] = field(default_factory=dict, kw_only=True)
+
+    @property
+    def is_device(self) -> bool:
+        """Whether it is a device, and not an image of any kind."""
+        return self.kind in DEVICES
 
     @property
     def key(self) -> int:

@@ -41,7 +41,7 @@ class ShownPoint:
 
 def points_shown(operator: Operator, rights: WriteRights, unit: UnitPicture, request: web.Request) -> dict[str, Any]:
     """Collect what the template `points.html` shows."""
-    asker, is_device = asker_of(request), unit.kind in ("device", "upstream")
+    asker, is_device = asker_of(request), unit.is_device
     last = last_read(operator, unit, asker) if is_device else None
     return {
         "points": _heard(operator, unit, asker, last) if is_device else _held(operator, unit, asker),

@@ -68,7 +68,7 @@ class UnitPage:
             WrongQuestion: there is none of this name.
         """
         unit, visitor = unit_in(request, self._operator), request[VISITOR]
-        if unit.kind not in ("device", "upstream"):
+        if not unit.is_device:
             return see_other(path_of("images", unit))
         try:
             failed, why = failures(self._operator.running, unit.name, visitor.host), ""

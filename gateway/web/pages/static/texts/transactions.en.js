@@ -8,7 +8,7 @@ export const TEXTS = {
     noise: "noise", refused: "not sent", port: "port", answered: "answered", silent: "not answered",
   },
   results: {
-    resting: "the unit rests", overdue: "a late response is awaited", queue_full: "queue full", expired: "waited too long", line_down: "line down", no_route: "no such unit",
+    resting: "the unit rests", overdue: "a late response is awaited", queue_full: "queue full", expired: "waited too long", line_down: "line down", no_route: "no such unit", only_heard: "only heard",
     denied: "no right", unwanted: "the client has left", refused: "refused", timeout: "no time left to send it again", line_lost: "port lost",
   },
   owners: {

@@ -8,7 +8,7 @@ export const TEXTS = {
     noise: "干扰", refused: "未发送", port: "串口", answered: "已响应", silent: "未响应",
   },
   results: {
-    resting: "暂停请求该单元", overdue: "等待迟到的响应", queue_full: "队列已满", expired: "排队过久", line_down: "线路断开", no_route: "无此单元",
+    resting: "暂停请求该单元", overdue: "等待迟到的响应", queue_full: "队列已满", expired: "排队过久", line_down: "线路断开", no_route: "无此单元", only_heard: "仅监听，不询问",
     denied: "无权限", unwanted: "客户端已离开", refused: "被拒绝", timeout: "没有时间重发", line_lost: "线路丢失",
   },
   owners: {
