@@ -14,6 +14,7 @@ GatewayError
 │   │   └── Unwanted             06  a write of a client that sends no more; any request of a client that has left
 │   ├── PathUnavailable          0A  nothing was sent
 │   │   ├── NoRoute              0A  unit not configured
+│   │   ├── OnlyHeard            0A  others ask the unit, and the gateway only listens on its line
 │   │   └── LineDown             0A  the port or upstream of the unit is down
 │   └── TargetFailedToRespond    0B  the device may have acted
 │       ├── ResponseTimeout      0B  nothing came within the limit

@@ -18,6 +18,7 @@ CODES = {
     "Unwanted": 0x06,
     "PathUnavailable": 0x0A,
     "NoRoute": 0x0A,
+    "OnlyHeard": 0x0A,
     "LineDown": 0x0A,
     "TargetFailedToRespond": 0x0B,
     "ResponseTimeout": 0x0B,

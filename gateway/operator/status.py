@@ -18,6 +18,7 @@ from gateway.lines.breaker import Breaker
 from gateway.lines.counts import total, total_of_units
 from gateway.operator.answers.status import (
     ClientStatus,
+    HeardCounts,
     ImageStatus,
     LeaseStatus,
     LineStatus,
@@ -288,13 +289,15 @@ def _monitor(parts: GatewayMonitor, recent: Recent, now: float) -> MonitorStatus
         heard_ms=_since(parts.heard_at, now),
         busy_share=rate and round(rate.busy, 3),
         requests_per_s=rate and round(rate.per_second, 1),
-        requests=counts.requests,
-        answers=counts.answers,
-        sure=counts.sure,
-        unanswered=counts.unanswered,
-        strays=counts.strays,
-        both_ways=counts.both_ways,
-        noise=counts.stretches,
+        counts=HeardCounts(
+            counts.requests,
+            counts.answers,
+            counts.sure,
+            counts.unanswered,
+            counts.strays,
+            counts.both_ways,
+            counts.stretches,
+        ),
         unknown_units=tuple(UnknownUnitStatus(*each) for each in parts.unknown_units()),
         users=tuple(_users(parts, recent.users(parts, now)[:MOST_USERS])),
     )

@@ -124,7 +124,7 @@ def _for_upstream(upstream: UpstreamStatus) -> Iterator[str]:
 def _for_monitor(monitor: MonitorStatus) -> Iterator[str]:
     """Give the notes about a line that only listens."""
     yield from _for_part(monitor)
-    if monitor.state == "up" and not monitor.requests:
+    if monitor.state == "up" and not monitor.counts.requests:
         yield f"nothing is heard that is Modbus: modbus-gateway doctor {monitor.name} looks for the reason"
 
 

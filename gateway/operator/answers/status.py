@@ -166,13 +166,28 @@ class UnknownUnitStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class HeardCounts:
+    """What was heard on a line: `requests`, and `answers` to them; the values of `sure` ones were taken.
+
+    `unanswered` requests had none within their late windows. `strays` are responses to no request that was heard, and
+    requests that violate the specification; `both_ways` are frames that may be a request or a response; `noise` are
+    stretches of bytes that are no frames.
+    """
+
+    requests: int
+    answers: int
+    sure: int
+    unanswered: int
+    strays: int
+    both_ways: int
+    noise: int
+
+
+@dataclass(frozen=True, slots=True)
 class MonitorStatus:
     """A line on which others ask, and the gateway only listens. `reason` says why it is down.
 
-    Of the `requests` that were heard, the last one `heard_ms` ago, `answers` were heard too; the values of `sure` ones
-    were taken. `unanswered` requests had none within their late windows. `strays` are responses to no request that was
-    heard, and requests that violate the specification; `both_ways` are frames that may be a request or a response;
-    `noise` are stretches of bytes that are no frames. `unknown_units` are those that are not among its devices.
+    The last request was heard `heard_ms` ago, None if none was. `unknown_units` are asked, and not among its devices.
 
     `busy_share` and `requests_per_s` are of the last minute; None in the first second. `users` are the largest users of
     its time in the last minute.
@@ -190,13 +205,7 @@ class MonitorStatus:
     heard_ms: float | None
     busy_share: float | None
     requests_per_s: float | None
-    requests: int
-    answers: int
-    sure: int
-    unanswered: int
-    strays: int
-    both_ways: int
-    noise: int
+    counts: HeardCounts
     unknown_units: tuple[UnknownUnitStatus, ...]
     users: tuple[LineUserStatus, ...]
 

@@ -16,7 +16,9 @@ from gateway.operator.answers.status import (
     ImageStatus,
     LineStatus,
     MirrorStatus,
+    MonitorStatus,
     ServerStatus,
+    UnknownUnitStatus,
     UpstreamStatus,
     VirtualStatus,
 )
@@ -38,6 +40,8 @@ _NAMES: Final[Mapping[type, str]] = {
     UpstreamStatus: "Upstream",
     ImageStatus: "Image",
     MirrorStatus: "Mirror",
+    MonitorStatus: "Monitor",
+    UnknownUnitStatus: "UnknownUnit",
     VirtualStatus: "VirtualUnit",
     UnitHead: "Unit",
     Reloaded: "Reload",

@@ -4,14 +4,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from gateway.operator.answers.status import LineStatus, ServerStatus, Status
+from gateway.operator.answers.status import LineStatus, MonitorStatus, ServerStatus, Status
 
 
 @dataclass(frozen=True, slots=True)
 class ShownLine:
     """A line or upstream as a page shows it. `units` are numbers and names; an upstream has no `baud`.
 
-    On a line that `is_asked`, an outside client asks the gateway.
+    On a line that `is_asked`, an outside client asks the gateway; on one that `is_heard`, it only listens.
     """
 
     name: str
@@ -24,19 +24,23 @@ class ShownLine:
     units: tuple[tuple[int, str], ...]
     status: Any
     is_asked: bool = False
+    is_heard: bool = False
 
 
 def shown_lines(status: Status) -> Iterator[ShownLine]:
     """Yield all lines and upstreams, in the order of the config."""
     names = {each.unit: each.name for each in status.units}
-    lines: tuple[LineStatus | ServerStatus, ...] = (*status.lines, *status.servers)
+    lines: tuple[LineStatus | ServerStatus | MonitorStatus, ...] = (*status.lines, *status.servers, *status.monitors)
     for each in lines:
         settings = f"{each.mode.upper()} {each.baud} {each.format}"
         busy = getattr(each, "busy_share", None)
         serves = getattr(each, "serves", None)
         units = _units_on(status, each.name) if serves is None else tuple((it, names.get(it, "")) for it in serves)
         is_asked = serves is not None
-        yield ShownLine(each.name, each.mode, each.baud, each.format, each.port, settings, busy, units, each, is_asked)
+        is_heard = isinstance(each, MonitorStatus)
+        yield ShownLine(
+            each.name, each.mode, each.baud, each.format, each.port, settings, busy, units, each, is_asked, is_heard
+        )
     for upstream in status.upstreams:
         spoken = "NATS" if upstream.to.startswith("fleet://") else "Modbus TCP"
         yield ShownLine(
