@@ -55,7 +55,7 @@ class Register:
 
 GATEWAY: Final = (
     Register(0, "layout", "uint16", f"{LAYOUT}: this map"),
-    Register(1, "trouble", "uint16", "1 while a line, server line or upstream is down or a unit does not answer"),
+    Register(1, "trouble", "uint16", "1 while a line of any role or an upstream is down or a unit does not answer"),
     Register(2, "uptime", "uint32", "Time since the gateway was started", "s"),
     Register(4, "lines", "uint16", "Lines on which the gateway is the client"),
     Register(5, "lines-down", "uint16", "Those of them that are down"),

@@ -18,6 +18,7 @@ from gateway.operator.mapped import source_states
 from gateway.operator.status import oldest
 from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
+from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
 from gateway.timing.histogram import Histogram
@@ -31,6 +32,12 @@ _ALWAYS: Final = frozenset({"ok", "exception", "timeout", "bad_frame"})
 #: What was received on a line besides responses.
 _ERRORS: Final = ("late_responses", "early_responses", "foreign_frames", "noise", "echoes")
 _ERRORS_OF: Final = attrgetter(*_ERRORS)
+
+#: What is counted on a line that only listens, by the word for it.
+_HEARD: Final = {
+    **{each: each for each in ("requests", "answers", "sure", "unanswered", "strays", "both_ways")},
+    "noise": "stretches",
+}
 
 _UNIT: Final = ("line", "unit", "function")
 
@@ -51,6 +58,7 @@ async def read(running: Running) -> list[Family]:
         *_clients(running),
         *images.families,
         _upstreams(gateway.upstreams),
+        *_monitors(gateway.monitors),
         _certificates(running.contexts),
         *(family for each in running.add_ons for family in each.metrics()),
         *_process(running),
@@ -161,7 +169,8 @@ class _Units:
             is_up = owner.reconnector.error is None
             is_up = is_up and not device.breaker.failures and not device.breaker.is_resting(now())
             self._up.add(is_up, owner.name, unit)
-            self._limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
+            if not isinstance(owner, GatewayMonitor):
+                self._limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
             yield
 
 
@@ -211,6 +220,17 @@ def _upstreams(upstreams: Iterable[GatewayUpstream]) -> Family:
     for upstream in upstreams:
         up.add(upstream.reconnector.is_open, upstream.name)
     return up
+
+
+def _monitors(monitors: Iterable[GatewayMonitor]) -> Iterable[Family]:
+    """Count what is heard on lines where the gateway only listens, if there are any."""
+    up = Family("gauge", "monitor_up", "Whether the port of a line that only listens is open.", ("line",))
+    heard = Family("counter", "heard", "What was heard on a line that only listens, by kind.", ("line", "kind"))
+    for monitor in monitors:
+        up.add(monitor.reconnector.is_open, monitor.name)
+        for kind, attribute in _HEARD.items():
+            heard.add(getattr(monitor.driver.monitor.counts, attribute), monitor.name, kind)
+    return (up, heard) if up.values else ()
 
 
 def _certificates(contexts: TlsStore) -> Family:

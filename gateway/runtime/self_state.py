@@ -45,9 +45,10 @@ def shown(running: Watched, now: float) -> Shown:
     counts = total(total_of_units(owner.counts) for owner in gateway.owners)
     failing = {unit for owner in gateway.owners for unit in _failing(owner, now)}
     down = [sum(part["state"] == _DOWN for part in parts) for parts in (lines, servers, upstreams)]
+    is_deaf = any(_state(monitor.reconnector) == _DOWN for monitor in gateway.monitors)
     values: Values = {
         "layout": LAYOUT,
-        "trouble": int(any(down) or bool(failing)),
+        "trouble": int(any(down) or is_deaf or bool(failing)),
         "uptime": int(now - running.started),
         "lines": len(lines),
         "lines-down": down[0],

@@ -125,6 +125,10 @@ def _milliseconds(value: float | None) -> str:
     return _NOTHING if value is None else f"{value:.1f}" if value < 10 else f"{value:.0f}"
 
 
+def _longest_wait(milliseconds: float) -> str:
+    return show_duration(ceil(milliseconds / 10) / 100) if milliseconds else _NOTHING
+
+
 def _share(share: float | None) -> str:
     return _NOTHING if share is None else f"{100 * share:.0f} %"
 
@@ -179,7 +183,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "P99": lambda unit: _milliseconds(unit.times.answer_p99_ms),
             "LIMIT": lambda unit: _milliseconds(unit.times.limit_ms),
             "ANSWERED": _answered,
-            "MAX-WAIT": lambda unit: show_duration(ceil(unit.longest_wait_ms / 10) / 100),
+            "MAX-WAIT": lambda unit: _longest_wait(unit.longest_wait_ms),
         },
     ),
     Table[Status, CertificateStatus](

@@ -139,7 +139,7 @@ class AddLinePage:
     async def name(self, request: web.Request) -> web.Response:
         """Show the form with units that the address names, without a scan."""
         query = request.query
-        settings = {key: query.get(key, "") for key in ("port", "line", "mode", "baud", "format")}
+        settings = {key: query.get(key, "") for key in ("port", "line", "mode", "baud", "format", "role")}
         if settings["port"]:
             _timing(settings)
         units = _units(query.get("units", ""))
@@ -188,7 +188,8 @@ class AddLinePage:
             commands = commands_to_edit(file, is_service=reloader.is_service)
         else:
             timing, name = _timing(form), form.get("name", "").strip()
-            added = line_text(name, form.get("port", ""), timing.mode, timing.baud, str(timing.format), devices)
+            port, only_listens = form.get("port", ""), form.get("role") == "monitor"
+            added = line_text(name, port, timing, devices, only_listens=only_listens)
             new = with_line(reloader.text, added)
             commands = commands_to_append(file, added, is_service=reloader.is_service)
         is_there = asker_of(request).is_there

@@ -14,6 +14,7 @@ from gateway.config.reading.toml_text import Row, Rows, TableText, Value, value_
 from gateway.modbus.codes import LAST_UNIT, Area
 from gateway.operator.answers.scan import Found
 from gateway.profiles import is_file_name, shipped_names, shipped_text
+from gateway.timing.characters import LineTiming
 from gateway.tools.signs import OTHERS
 
 #: The most devices of a form, and points that are shown of a profile.
@@ -50,10 +51,14 @@ class Proposal:
     others: tuple[str, ...] = ()
 
 
-def line_text(name: str, port: str, mode: str, baud: int, format_: str, devices: Sequence[NewDevice]) -> str:
+def line_text(
+    name: str, port: str, timing: LineTiming, devices: Sequence[NewDevice], *, only_listens: bool = False
+) -> str:
     """Write the table of a new line."""
+    mode, baud, format_ = timing.mode, timing.baud, str(timing.format)
     keys: dict[str, Value | Rows] = {"name": name} if name else {}
     keys |= {"port": port} | ({"mode": mode} if mode != "rtu" else {}) | {"baud": baud, "format": format_}
+    keys |= {"role": "monitor"} if only_listens else {}
     return f"{TableText('[[line]]', {**keys, 'devices': Rows(tuple(Row(each.row) for each in devices))})}\n"
 
 
