@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from gateway.config.checks.own_listeners import numbers_on
-from gateway.config.checks.units import not_configured, served_units
+from gateway.config.checks.units import ONLY_HEARD, heard_units, not_configured, served_units
 from gateway.config.plan.access import access_row, networks_of, sites_of
 from gateway.config.plan.names import owners, rows_of
-from gateway.config.plan.reach import client_lines, is_apart, monitor_lines, only_part
+from gateway.config.plan.reach import client_lines, is_apart, only_part
 from gateway.config.plan.settings import DEFAULT_LISTENER
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema.access import Access
@@ -179,21 +179,13 @@ def _check_units(row: Access, config: Config) -> Iterator[Problem]:
     elif row.listen is None and (nameless := _without_numbers(config) & set(row.units) - answered):
         what = f"devices at {show_units(nameless)} have no unit ID for clients, so the row does not count for them"
         yield warning(path, what, "write a row with listen for each line or upstream; units are its own there")
-    elif heard := _only_heard(config) & set(row.units):
-        what = f"unit {show_units(heard)} is on a line that only listens: every request is answered with 0A"
-        if row.allow or row.functions:
-            yield warning(path, what, "give the right to a mirror of it")
+    elif heard_units(config).issuperset(row.units) and (row.allow or row.functions):
+        yield warning(path, ONLY_HEARD.format(show_units(row.units)), "give the right to a mirror of it")
     elif not answered & set(row.units):
         remedy = ""
         if not _by_own_numbers(config).isdisjoint(row.listen or ()):
             remedy = f"through a listener for one line, units are addresses on its wire: {show_units(answered)}"
         yield warning(path, f"{not_configured(row.units)}, so the row never matches", remedy)
-
-
-def _only_heard(config: Config) -> frozenset[int]:
-    """Find the unit IDs of devices that only others ask."""
-    rows = (row for line in monitor_lines(config) for row in rows_of(line))
-    return frozenset(unit for row in rows for unit in row.client_units)
 
 
 def _without_numbers(config: Config) -> frozenset[int]:

@@ -27,7 +27,6 @@ _NOT_TO_LISTEN: Final[Mapping[str, str]] = {
     **dict.fromkeys(_ASKING_KEYS, _NOTHING_IS_ASKED),
     **dict.fromkeys(("turnaround", "broadcast", "gap"), _NOTHING_IS_SENT),
     "echo": f"{_NOTHING_IS_SENT}, so nothing can come back",
-    "rs485_delay": f"{_NOTHING_IS_SENT}, so no driver is switched",
     **dict.fromkeys(_CONNECTION_KEYS, "others may ask at any time, so its connection is kept"),
     "lease": f"{_NOTHING_IS_ASKED}, so several gateways may listen at once",
     **dict.fromkeys(_SERVER_KEYS, "nothing is answered on it"),

@@ -7,7 +7,15 @@ from typing import Final
 
 from gateway.config.plan.lines import ASKED_AT_ZERO
 from gateway.config.plan.names import Owner, all_device_names, device_names, owners, rows_of
-from gateway.config.plan.reach import client_lines, is_apart, leads_everywhere, listeners_for, only_part, passing_units
+from gateway.config.plan.reach import (
+    client_lines,
+    is_apart,
+    leads_everywhere,
+    listeners_for,
+    monitor_lines,
+    only_part,
+    passing_units,
+)
 from gateway.config.problem import Path, Problem, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.device import Device
@@ -33,6 +41,8 @@ class Claim:
     or_none: str = ""
 
 
+#: What is wrong where a client is led to a device that only others ask.
+ONLY_HEARD: Final = "unit {} is on a line that only listens: every request is answered with 0A"
 #: So many devices are named in an advice.
 _MOST_TOLD: Final = 5
 
@@ -76,6 +86,12 @@ def not_configured(units: Iterable[int]) -> str:
     """Say that these units are not in the config."""
     text = show_units(units)
     return f"unit {text} is not configured" if text.isdecimal() else f"units {text} are not configured"
+
+
+def heard_units(config: Config) -> frozenset[int]:
+    """Find the unit IDs of devices that only others ask."""
+    rows = (row for line in monitor_lines(config) for row in rows_of(line))
+    return frozenset(unit for row in rows for unit in row.client_units)
 
 
 def served_units(config: Config) -> frozenset[int]:
@@ -171,6 +187,9 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
         unknown = set(line.serves or ()) - served
         if unknown:
             yield error((*line.path, "serves"), not_configured(unknown), _called(config, unknown))
+        heard = heard_units(config).intersection(line.serves or ())
+        if heard:
+            yield warning((*line.path, "serves"), ONLY_HEARD.format(show_units(heard)), "serve a mirror of it")
 
 
 def _called(config: Config, addresses: set[int]) -> str:
