@@ -102,7 +102,7 @@ def test_noise_between_frames():
 def test_a_bus_that_has_fallen_silent():
     (note,) = found(line(ago=3600.0))
     assert note[0] == "note"
-    assert note[1].endswith("; the last one 1 h ago")
+    assert note[1].endswith("; the last one 60 min ago")
 
 
 @pytest.mark.parametrize("ago", [None, 3600.0])
