@@ -52,9 +52,7 @@ def _listed(names: Sequence[str]) -> str:
 
 def _why(source: SourceEvidence) -> str:
     if source.is_heard:
-        return (
-            f"modbus-gateway trace {quote(source.line)} shows what others read of it, and how often"
-        )
+        return f"modbus-gateway trace {quote(source.line)} shows what others read of it, and how often"
     remedy = f"modbus-gateway trace --why {quote(source.name)} tells what became of its polls"
     return f"{remedy}; see the rows about {source.line}" if source.line else remedy
 

@@ -86,7 +86,7 @@ class GatewayMonitor:
 
     def _heard(self, transaction: HeardTransaction, now: float) -> None:
         """Pass what was heard to its device, a broadcast to all of them."""
-        self.heard_at = now
+        self.heard_at = max(self.heard_at, transaction.asked_at)
         for device in self.devices.values():  # several may be one unit on the wire, under several names
             if transaction.unit in (device.unit, BROADCAST_UNIT):
                 device.heard(transaction, now)

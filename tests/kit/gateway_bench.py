@@ -15,6 +15,7 @@ from gateway.images.drivers.store import Store
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.frame import Frame
+from gateway.ports.listening import open_to_listen
 from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
 from gateway.request import Caller
 from gateway.runtime.gateway import Gateway
@@ -206,7 +207,8 @@ class GatewayBench:
         name = settings.port.removeprefix("/dev/")
         self.opened[name] = settings
         has_arrived = (lambda: name not in self.holding_back) if isinstance(settings, TcpSettings) else None
-        return self.lines.setdefault(name, MemoryLine(settings.port, latency, has_arrived=has_arrived)).open_port
+        line = self.lines.setdefault(name, MemoryLine(settings.port, latency, has_arrived=has_arrived))
+        return open_to_listen(line.open_port) if settings.listens else line.open_port
 
 
 @asynccontextmanager

@@ -44,8 +44,17 @@ async def stage():
         assert bench.lines["plc"].written == b""
 
 
+async def status_of(bench):
+    return (await ask(bench.running, "status"))["status"]
+
+
 async def told(bench):
-    return (await ask(bench.running, "status"))["monitors"][0]
+    (line,) = (await status_of(bench)).monitors
+    return line
+
+
+async def units(bench):
+    return [unit for unit in (await status_of(bench)).units if unit.line == "old-plc"]
 
 
 async def doctor(bench, **request):
@@ -72,7 +81,7 @@ async def test_status_counts_what_is_heard_and_who_uses_the_line():
 async def test_units_are_fine_or_were_not_asked_and_have_the_times_of_their_answers():
     async with stage() as (bench, others):
         await others.ask(3, READ)
-        boiler, pump = [unit for unit in (await ask(bench.running, "status"))["units"] if unit.line == "old-plc"]
+        boiler, pump = await units(bench)
         assert (boiler.state, boiler.counts.ok, boiler.counts.sent) == ("fine", 1, 1)
         assert boiler.times.answer_p50_ms is not None
         assert boiler.last_answer_ms is not None
@@ -82,7 +91,7 @@ async def test_units_are_fine_or_were_not_asked_and_have_the_times_of_their_answ
 async def test_a_broadcast_is_no_time_out_of_anybody():
     async with stage() as (bench, others):
         await others.ask(0, "06 0000 0001")
-        boiler, pump = [unit for unit in (await ask(bench.running, "status"))["units"] if unit.line == "old-plc"]
+        boiler, pump = await units(bench)
         for unit in (boiler, pump):
             assert (unit.counts.broadcast, unit.counts.timeout) == (1, 0)
 
@@ -112,9 +121,9 @@ async def test_calibrate_has_the_times_that_were_heard():
     async with stage() as (bench, others):
         for _ in range(5):
             await others.ask(3, READ)
-        answer = await ask(bench.running, "times", unit="boiler")
-        assert (answer["mode"], answer["baud"]) == ("rtu", 9600)
-        (row,) = answer["rows"]
+        measured = (await ask(bench.running, "times", unit="boiler"))["times"]
+        assert (measured.mode, measured.baud) == ("rtu", 9600)
+        (row,) = measured.rows
         assert (row.function, row.items, row.count) == (3, 2, 5)
 
 
@@ -154,11 +163,11 @@ async def test_doctor_finds_a_wrong_rate():
 
 async def test_a_line_that_is_lost_is_down_and_comes_back():
     async with stage() as (bench, others):
-        bench.unplug("plc")
+        bench.lines["plc"].pull()
         await asyncio.sleep(0.5)
         assert (await told(bench)).state == "down"
-        assert [event.line for event in bench.events("line_lost")] == ["old-plc"]
-        bench.plug("plc")
+        assert [event.line for event in bench.events if event.name == "line_lost"] == ["old-plc"]
+        bench.lines["plc"].plug()
         await asyncio.sleep(8.0)
         await others.ask(3, READ)
         assert (await told(bench)).state == "up"
